@@ -1,0 +1,41 @@
+# holdfast: `make demo` and `make test` need only python3 (>= 3.11), its venv module and make.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+export OMP_NUM_THREADS := 1
+export OPENBLAS_NUM_THREADS := 1
+
+.PHONY: demo test bars lint counts clean
+
+demo: $(VENV)/.plot
+	$(BIN)/holdfast simulate examples/two_pandas.toml --out results/two_pandas --overwrite
+
+test: lint
+	$(BIN)/python -m pytest -n 2 -m "not long"
+
+# The issue's full-size checks: thousands of random systems, multiprecision sweeps.
+bars: $(VENV)/.dev
+	$(BIN)/python -m pytest -n 2 -m long -s
+
+lint: $(VENV)/.dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+
+# Operation counts of every algorithm, into docs/operation_counts.md.
+counts: $(VENV)/.dev
+	$(BIN)/python benchmarks/operation_counts.py --write docs/operation_counts.md
+
+$(VENV)/.plot: pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable ".[plot]"
+	touch $@
+
+$(VENV)/.dev: pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable ".[plot,dev]"
+	touch $@ $(VENV)/.plot
+
+clean:
+	rm -rf $(VENV) results

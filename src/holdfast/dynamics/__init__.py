@@ -1,0 +1,1 @@
+"""The algorithms: open chain (`arm`), closed chain (`closed`), and what is asked of them."""

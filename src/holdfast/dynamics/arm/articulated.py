@@ -1,0 +1,107 @@
+"""The Kalman filter of one arm: factorisation, whitening and smoothing (paper, Sec. 5).
+
+    M = (I + H Phi L) D (I + H Phi L)^T,   (I + H Phi L)^-1 = I - H Psi L    (5.2), (5.3)
+
+The gain here is G(k) = P(k) H^T(k) / D(k); the paper's is L(k) = phi(k+1, k) G(k).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.arm.joint_map import column, expand, project
+from holdfast.dynamics.arm.posture import Posture
+from holdfast.model.arm import Arm
+from holdfast.spatial.scalar import Array, array
+from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench, unrotate
+from holdfast.spatial.symmetric import zero6
+
+
+class Filter(NamedTuple):
+    """The factorisation of one arm's mass matrix.
+
+    Attributes:
+        D: (N,) articulated inertia about each joint axis, > 0.
+        G: per link, (6,) gain P H^T / D, link axes.
+    """
+
+    D: Array
+    G: tuple[Array, ...]
+
+
+def articulated_filter(arm: Arm, at: Posture) -> Filter:
+    """Return D and G. One inward sweep, O(N).
+
+    P(k) = phi P_plus phi^T + M(k);  D = H P H^T + armature;  G = P H^T / D;
+    P_plus = P - G H P.
+    """
+    D, G = [], []
+    carried = zero6()  # nothing beyond the last link
+    for joint, link, E, l in reversed(list(zip(arm.joints, arm.links, at.E, at.l, strict=True))):
+        P = link.spatial_inertia.symmetric().plus(carried)
+        PH = column(joint, P)
+        d = project(joint, PH) + joint.armature
+        gain = PH / d
+        D.insert(0, d)
+        G.insert(0, gain)
+        carried = P.plus_outer(-gain, PH).rotated(E).inertia_shifted(l)
+    return Filter(array(D), tuple(G))
+
+
+def whiten(
+    arm: Arm,
+    at: Posture,
+    filter: Filter,
+    torque: Array | None,
+    wrenches: tuple[Array, ...] | None,
+    tip_wrench: Array | None,
+) -> tuple[Array, Array]:
+    """Return eps = T - H psi (S L T + p + B f) and the wrench left at the base.
+
+    With p = None and f = None this is (I - H Psi L) T (5.9a); with p = M zeta + b it is
+    (5.14b); with f it is the curly bracket of (6.17). One inward sweep, O(N).
+
+    Args:
+        arm: the arm.
+        at: its posture.
+        filter: its factorisation.
+        torque: (N,) joint torques T, or None for zero.
+        wrenches: per link, bias wrenches p in link axes, or None for zero.
+        tip_wrench: (6,) f of the arm on the object about the tip point, in the axes of
+            the last link, or None for zero.
+
+    Returns:
+        (N,) residuals eps, and (6,) wrench of the base on the arm, about the base
+        origin, base axes.
+    """
+    N = arm.joint_count
+    z = np.zeros(6) if tip_wrench is None else shift_wrench(arm.tip.p, tip_wrench)
+    eps: list[object] = [0.0] * N
+    for k in reversed(range(N)):
+        if wrenches is not None:
+            z = z + wrenches[k]
+        share = project(arm.joints[k], z)
+        eps[k] = -share if torque is None else torque[k] - share
+        z = shift_wrench(at.l[k], rotate(at.E[k], z + filter.G[k] * eps[k]))
+    return array(eps), z
+
+
+def smooth(arm: Arm, at: Posture, filter: Filter, nu: Array) -> tuple[Array, Array]:
+    """Return (I - H Psi L)^T nu and the tip acceleration J times it.
+
+    lambda(k) = psi^T lambda(k+1) + H^T nu(k);  out(k) = nu(k) - L^T lambda(k+1)
+    (5.10e-g); the tip is B^T psi^T H^T nu. One outward sweep, O(N).
+
+    Returns:
+        (N,) joint accelerations, and (6,) tip acceleration, in the axes of the last link.
+    """
+    lam = np.zeros(6)
+    out = []
+    for joint, E, l, G, nu_k in zip(arm.joints, at.E, at.l, filter.G, nu, strict=True):
+        x = unrotate(E, shift_twist(l, lam))
+        out_k = nu_k - G @ x
+        lam = x + expand(joint, out_k)
+        out.append(out_k)
+    return array(out), shift_twist(arm.tip.p, lam)

@@ -1,0 +1,104 @@
+"""What is left when the joints do not accelerate: bias accelerations, wrenches and torques.
+
+    zeta = phi^T a         accelerations at qdd = 0, base motion and gravity included
+    p    = M zeta + b      wrenches that these accelerations need
+    C    = H phi p         bias torques                               (5.1c)
+    Jdot qd = phi^T(1, 0) zeta(1) + a(0)                              (5.1d)
+
+Gravity enters as a pseudo acceleration -g of the base (operators.md 3): it is in zeta,
+C and Jdot qd; accelerations at the tip are then true minus [0; g].
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.arm.joint_map import project
+from holdfast.dynamics.arm.posture import Posture
+from holdfast.model.arm import Arm
+from holdfast.spatial.scalar import Array, array, concatenate
+from holdfast.spatial.spatial_vector import centripetal, rotate, shift_twist, shift_wrench, unrotate
+from holdfast.spatial.vector import cross
+
+
+class Bias(NamedTuple):
+    """The bias quantities of one arm.
+
+    Attributes:
+        wrenches: per link, p(k) about O_k in link axes, external wrenches taken off.
+        tip_acceleration: (6,) Jdot qd of the tip point, world axes.
+    """
+
+    wrenches: tuple[Array, ...]
+    tip_acceleration: Array
+
+
+def bias_accelerations(
+    arm: Arm, at: Posture, twists: tuple[Array, ...], qd: Array, base_twist: Array, base_acceleration: Array
+) -> tuple[Array, ...]:
+    """Return zeta(k) = phi^T(k+1, k) zeta(k+1) + a(k), link axes, base to tip.
+
+    a(k) = [w' x h qd; w' x (w' x l)] revolute, [0; w' x (w' x l) + 2 w' x h qd] prismatic,
+    w' the parent's angular velocity (operators.md 2).
+    """
+    zeta = unrotate(arm.base.R, base_acceleration)
+    w_parent = base_twist[:3] @ arm.base.R
+    result = []
+    for joint, E, l, V, rate in zip(arm.joints, at.E, at.l, twists, qd, strict=True):
+        carried = shift_twist(l, zeta) + concatenate([np.zeros(3), centripetal(w_parent, l)])
+        coriolis = cross(V[:3], rate * joint.axis)  # w x h qd = w' x h qd
+        extra = [coriolis, np.zeros(3)] if joint.kind == "revolute" else [np.zeros(3), 2.0 * coriolis]
+        zeta = unrotate(E, carried) + concatenate(extra)
+        w_parent = V[:3]
+        result.append(zeta)
+    return tuple(result)
+
+
+def bias(
+    arm: Arm,
+    at: Posture,
+    twists: tuple[Array, ...],
+    qd: Array,
+    base_twist: Array,
+    base_acceleration: Array,
+    link_wrenches: Array | None = None,
+) -> Bias:
+    """Return the wrenches and the tip acceleration at qdd = 0. One outward sweep, O(N).
+
+    Args:
+        arm: the arm.
+        at: its posture.
+        twists: its link twists.
+        qd: (N,) joint rates.
+        base_twist: (6,) of the base origin, world axes.
+        base_acceleration: (6,) of the base origin minus [0; g], world axes.
+        link_wrenches: (N, 6) external wrenches about the link origins, world axes.
+    """
+    zetas = bias_accelerations(arm, at, twists, qd, base_twist, base_acceleration)
+    wrenches = [
+        link.spatial_inertia.apply(zeta) + link.spatial_inertia.gyroscopic(V[:3])
+        for link, zeta, V in zip(arm.links, zetas, twists, strict=True)
+    ]
+    if link_wrenches is not None:
+        wrenches = [p - unrotate(R, f) for p, R, f in zip(wrenches, at.R, link_wrenches, strict=True)]
+    tip = shift_twist(arm.tip.p, zetas[-1])
+    a0 = concatenate([np.zeros(3), centripetal(twists[-1][:3], arm.tip.p)])
+    return Bias(tuple(wrenches), rotate(at.R[-1], tip + a0))
+
+
+def bias_torque(arm: Arm, at: Posture, wrenches: tuple[Array, ...]) -> tuple[Array, Array]:
+    """Return C = H phi p and the wrench at the base. One inward sweep, O(N).
+
+    Returns:
+        (N,) bias torques, and (6,) wrench of the base on the arm at qdd = 0, about the
+        base origin, base axes.
+    """
+    F = np.zeros(6)
+    torques = []
+    for joint, E, l, p in reversed(list(zip(arm.joints, at.E, at.l, wrenches, strict=True))):
+        F = F + p
+        torques.insert(0, project(joint, F))
+        F = shift_wrench(l, rotate(E, F))
+    return array(torques), F

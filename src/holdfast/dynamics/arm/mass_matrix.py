@@ -1,0 +1,37 @@
+"""The joint mass matrix by composite bodies: M = H phi M phi^T H^T + armature (5.1a)."""
+
+from __future__ import annotations
+
+from holdfast.dynamics.arm.joint_map import expand, project
+from holdfast.dynamics.arm.posture import Posture
+from holdfast.model.arm import Arm
+from holdfast.spatial.inertia import NO_INERTIA
+from holdfast.spatial.scalar import Array, array
+from holdfast.spatial.spatial_vector import rotate, shift_wrench
+
+
+def mass_matrix(arm: Arm, at: Posture) -> tuple[Array, Array]:
+    """Return the mass matrix and the base wrenches of unit joint accelerations.
+
+    Column k is the wrench that accelerates everything beyond joint k by 1, seen at the
+    joints before it. Cost O(N^2).
+
+    Returns:
+        (N, N) symmetric [kg m^2, kg m, kg], and (6, N): column k is the wrench of the base
+        on the arm for qdd_k = 1, about the base origin, base axes.
+    """
+    N = arm.joint_count
+    entries: list[list[object]] = [[0.0] * N for _ in range(N)]
+    at_base = []
+    composite = NO_INERTIA
+    for k in reversed(range(N)):
+        joint = arm.joints[k]
+        composite = arm.links[k].spatial_inertia.plus(composite)
+        F = composite.apply(expand(joint, 1.0))
+        entries[k][k] = project(joint, F) + joint.armature
+        for j in reversed(range(k)):
+            F = shift_wrench(at.l[j + 1], rotate(at.E[j + 1], F))
+            entries[j][k] = entries[k][j] = project(arm.joints[j], F)
+        at_base.insert(0, shift_wrench(at.l[0], rotate(at.E[0], F)))
+        composite = composite.moved(at.E[k], at.l[k])
+    return array(entries), array(at_base).T

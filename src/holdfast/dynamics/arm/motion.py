@@ -1,0 +1,71 @@
+"""Everything about one arm that does not depend on the grasp forces or on a method."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from holdfast.dynamics.arm import bias as bias_sweep
+from holdfast.dynamics.arm.bias import Bias
+from holdfast.dynamics.arm.posture import Posture, posture
+from holdfast.dynamics.arm.velocity import link_twists, tip_twist
+from holdfast.model.arm import Arm
+from holdfast.spatial.scalar import Array
+
+
+@dataclass(frozen=True, eq=False)
+class ArmInputs:
+    """What one arm is given.
+
+    Attributes:
+        arm: the arm.
+        q, qd: (N,) joint positions and rates.
+        tau: (N,) joint torques.
+        base_twist: (6,) of the base origin, world axes.
+        base_acceleration: (6,) of the base origin minus [0; g], world axes.
+        link_wrenches: (N, 6) external wrenches about the link origins, world axes, or None.
+    """
+
+    arm: Arm
+    q: Array
+    qd: Array
+    tau: Array
+    base_twist: Array
+    base_acceleration: Array
+    link_wrenches: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ArmMotion:
+    """An arm in motion, ready for any forward dynamics algorithm.
+
+    Attributes:
+        arm: the arm.
+        at: its posture.
+        tip_twist: (6,) V(0) of the tip point, world axes.
+        bias: wrenches and tip acceleration at qdd = 0.
+        torque: (N,) T: tau less the viscous damping.
+    """
+
+    arm: Arm
+    at: Posture
+    tip_twist: Array
+    bias: Bias
+    torque: Array
+
+
+def arm_motion(given: ArmInputs) -> ArmMotion:
+    """Return posture, twists and bias of one arm. Outward sweeps, O(N)."""
+    arm = given.arm
+    at = posture(arm, given.q)
+    twists = link_twists(arm, at, given.qd, given.base_twist)
+    b = bias_sweep.bias(arm, at, twists, given.qd, given.base_twist, given.base_acceleration, given.link_wrenches)
+    return ArmMotion(arm, at, tip_twist(arm, at, twists), b, given.tau - arm.damping * given.qd)
+
+
+def at_rest(motion: ArmMotion) -> ArmMotion:
+    """Return the same posture without torque, motion, gravity or external wrenches."""
+    none = np.zeros(6)
+    wrenches = tuple(none for _ in motion.bias.wrenches)
+    return replace(motion, tip_twist=none, bias=Bias(wrenches, none), torque=np.zeros(motion.arm.joint_count))

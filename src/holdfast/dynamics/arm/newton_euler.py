@@ -1,0 +1,41 @@
+"""Inverse dynamics of one arm by the Newton-Euler recursion: an outward and an inward sweep."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from holdfast.dynamics.arm.joint_map import expand, project
+from holdfast.dynamics.arm.motion import ArmMotion
+from holdfast.spatial.scalar import Array, array
+from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench, unrotate
+
+
+def newton_euler(motion: ArmMotion, qdd: Array, tip_wrench: Array) -> tuple[Array, Array]:
+    """Return the torques T of given accelerations and tip wrench, and the base wrench.
+
+    T = M qdd + C + J^T f (2.1a), link by link: F(k) = phi F(k-1) + M(k) alpha(k) + b(k).
+    Damping is not in T; add `arm.damping * qd` for the drive's torque. O(N).
+
+    Args:
+        motion: the arm in motion (its bias wrenches hold M zeta + b).
+        qdd: (N,) joint accelerations.
+        tip_wrench: (6,) f of the arm on the object about the tip point, world axes.
+
+    Returns:
+        (N,) torques, and (6,) wrench of the base on the arm about the base origin, world axes.
+    """
+    arm, at = motion.arm, motion.at
+    alpha = np.zeros(6)
+    forces = []
+    for joint, link, E, l, rate, p in zip(arm.joints, arm.links, at.E, at.l, qdd, motion.bias.wrenches, strict=True):
+        alpha = unrotate(E, shift_twist(l, alpha)) + expand(joint, rate)
+        forces.append(link.spatial_inertia.apply(alpha) + p)
+
+    F = shift_wrench(arm.tip.p, unrotate(at.R[-1], tip_wrench))
+    torques = []
+    for joint, E, l, force in reversed(list(zip(arm.joints, at.E, at.l, forces, strict=True))):
+        F = F + force
+        torques.insert(0, project(joint, F))
+        F = shift_wrench(l, rotate(E, F))
+    # the drive's own inertia turns with the joint and loads only its drive
+    return array(torques) + arm.armature * qdd, rotate(arm.base.R, F)

@@ -1,0 +1,31 @@
+"""Twists of the links: V(k) = phi^T(k+1, k) V(k+1) + H^T(k) qd(k) (paper, Sec. 5)."""
+
+from __future__ import annotations
+
+from holdfast.dynamics.arm.joint_map import expand
+from holdfast.dynamics.arm.posture import Posture
+from holdfast.model.arm import Arm
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import rotate, shift_twist, unrotate
+
+
+def link_twists(arm: Arm, at: Posture, qd: Array, base_twist: Array) -> tuple[Array, ...]:
+    """Return the twist of every link about its origin, link axes, base to tip.
+
+    Args:
+        arm: the arm.
+        at: its posture.
+        qd: (N,) joint rates [rad/s or m/s].
+        base_twist: (6,) of the base origin, world axes.
+    """
+    V = unrotate(arm.base.R, base_twist)
+    twists = []
+    for joint, E, l, rate in zip(arm.joints, at.E, at.l, qd, strict=True):
+        V = unrotate(E, shift_twist(l, V)) + expand(joint, rate)
+        twists.append(V)
+    return tuple(twists)
+
+
+def tip_twist(arm: Arm, at: Posture, twists: tuple[Array, ...]) -> Array:
+    """Return V(0) = phi^T(1, 0) V(1): the twist of the tip point, world axes, (6,)."""
+    return rotate(at.R[-1], shift_twist(arm.tip.p, twists[-1]))

@@ -1,0 +1,96 @@
+"""The whole chain in motion: what every closed-chain algorithm starts from and returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from holdfast.dynamics.arm.motion import ArmInputs, ArmMotion, arm_motion
+from holdfast.dynamics.closed.contact import Contact, contact
+from holdfast.dynamics.closed.object_motion import ObjectMotion, object_motion
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array, Scalar, concatenate
+from holdfast.state import Inputs, State
+
+
+@dataclass(frozen=True, eq=False)
+class ChainMotion:
+    """A closed chain at one instant under given torques.
+
+    Attributes:
+        chain: the chain.
+        arms: every arm in motion, by name.
+        contacts: the grasps in motion, in the order of the arms that have one.
+        body: the object in motion.
+    """
+
+    chain: ClosedChain
+    arms: dict[str, ArmMotion]
+    contacts: list[Contact]
+    body: ObjectMotion
+
+    @property
+    def holding(self) -> list[ArmMotion]:
+        """The arms that have a grasp, in order."""
+        return [self.arms[name] for name in self.chain.grasps]
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What a closed-chain algorithm finds, for the arms that hold, world axes.
+
+    Attributes:
+        qdd: per arm, (N,) joint accelerations.
+        wrenches: per arm, (6,) f of the arm on the object, about the contact point.
+        object_acceleration: (6,) alpha(C), less [0; g].
+        contact_acceleration: W_dot, flat, where the algorithm solves for it.
+        base_wrenches: per arm, (6,) of the base on the arm, where it falls out.
+        rank: independent rows of the grasp constraint, where it is found.
+        weakest_pivot: the smallest relative pivot met.
+    """
+
+    qdd: list[Array]
+    wrenches: list[Array]
+    object_acceleration: Array
+    contact_acceleration: Array | None = None
+    base_wrenches: list[Array] | None = None
+    rank: Scalar = None
+    weakest_pivot: Scalar = 1.0
+
+
+def pseudo_gravity(chain: ClosedChain) -> Array:
+    """Return [0; g], (6,): what true accelerations have more than those used inside."""
+    return concatenate([np.zeros(3), chain.gravity])
+
+
+def chain_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -> ChainMotion:
+    """Return every arm, grasp and the object in motion. O(n) + O(l).
+
+    Args:
+        chain: the chain.
+        state: positions and velocities, taken as they are (no consistency check).
+        tau: (n,) joint torques.
+        inputs: shaped inputs (`Inputs.shaped`).
+    """
+    assert inputs.base_twists is not None and inputs.base_accelerations is not None
+    assert inputs.object_wrench is not None
+    gravity = pseudo_gravity(chain)
+    arms = {}
+    for i, (name, arm) in enumerate(chain.arms.items()):
+        part = chain.joints[name]
+        arms[name] = arm_motion(
+            ArmInputs(
+                arm,
+                state.q[part],
+                state.qd[part],
+                tau[part],
+                inputs.base_twists[i],
+                inputs.base_accelerations[i] - gravity,
+                None if inputs.link_wrenches is None else inputs.link_wrenches[part],
+            )
+        )
+    frame = state.object_frame
+    contacts = [contact(grasp, frame, state.object_twist, arms[name].tip_twist) for name, grasp in chain.grasps.items()]
+    body = object_motion(chain.held_object, frame, state.object_twist, inputs.object_wrench)
+    return ChainMotion(chain, arms, contacts, body)

@@ -1,0 +1,54 @@
+"""The general four-step algorithm (4.9), over any open-chain forward dynamics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from holdfast.dynamics.arm.free_dynamics import tip_acceleration
+from holdfast.dynamics.arm.motion import ArmMotion, at_rest
+from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
+from holdfast.dynamics.closed.omega import Omega
+from holdfast.dynamics.closed.stacked import Stacked, block_diagonal
+from holdfast.spatial.scalar import Array, array, concatenate
+
+# (arm in motion, torques T (N,), tip wrench f (6,) of the arm on the object) -> qdd (N,)
+FreeDynamics = Callable[[ArmMotion, Array, Array], Array]
+
+
+def general(motion: ChainMotion, free_dynamics: FreeDynamics) -> Solution:
+    """Return the closed-chain solution with nothing but an open-chain solver, rigid grasps.
+
+    1. M qdd_f + C = T,  alpha_f = J qdd_f + Jdot qd                 (4.9a, b)
+    2. Omega f = alpha_f + A M(C)^-1 b(C) - a(C)                     (4.9c, d)
+    3. M dqdd + J^T f = 0                                            (4.9e)
+    4. qdd = qdd_f + dqdd                                            (4.9g)
+
+    J M^-1 J^T is found from the same solver, by six unit wrenches at the tip of each arm
+    taken at rest.
+
+    Args:
+        motion: the chain in motion.
+        free_dynamics: any open-chain forward dynamics.
+
+    Raises:
+        MethodNotApplicable: if Omega is singular or has lost its digits.
+    """
+    s = Stacked(motion)
+    arms = motion.holding
+    free = [free_dynamics(arm, arm.torque, np.zeros(6)) for arm in arms]
+    alpha_f = [tip_acceleration(arm, qdd) for arm, qdd in zip(arms, free, strict=True)]
+
+    resting = [at_rest(arm) for arm in arms]
+
+    def change(arm: ArmMotion, f: Array) -> Array:
+        return free_dynamics(arm, arm.torque, f)
+
+    mobilities = [
+        array([-J @ change(arm, unit) for unit in np.eye(6)]).T for arm, J in zip(resting, s.J_blocks, strict=True)
+    ]
+    omega = Omega(block_diagonal(mobilities) + s.A @ s.M_C_inverse @ s.A.T)
+    f = omega.solve(concatenate(alpha_f) - s.A @ motion.body.free_acceleration - s.a)
+    qdd = [qdd_f + change(arm, f[6 * i : 6 * i + 6]) for i, (arm, qdd_f) in enumerate(zip(resting, free, strict=True))]
+    return s.solution(concatenate(qdd), f)

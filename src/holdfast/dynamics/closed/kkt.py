@@ -1,0 +1,45 @@
+"""The dense system (2.11), with the contact freedoms of (b.1): everything at once, O(n^3)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
+from holdfast.dynamics.closed.stacked import Stacked
+from holdfast.errors import MethodNotApplicable
+from holdfast.spatial.gauss import gauss_solve
+
+
+def kkt(motion: ChainMotion) -> Solution:
+    """Return the solution of the aggregate equations by Gauss elimination with pivoting.
+
+        [ 0     J    -A     H^T ] [ f       ]   [ a(C) - g - Jdot qd ]
+        [ J^T   M     0     0   ] [ qdd     ] = [ T - C              ]
+        [-A^T   0     M(C)  0   ] [ alpha_C ]   [ -b(C)              ]
+        [ H     0     0     0   ] [ W_dot   ]   [ 0                  ]
+
+    (2.11) corrected (errata A) where H is empty. Regular exactly when f is unique.
+
+    Raises:
+        MethodNotApplicable: if the matrix is singular.
+    """
+    s = Stacked(motion)
+    l6, n, w = len(s.a), len(s.T_free), s.HT.shape[1]
+    zeros = np.zeros
+    matrix = np.block(
+        [
+            [zeros((l6, l6)), s.J, -s.A, s.HT],
+            [s.J.T, s.M, zeros((n, 6)), zeros((n, w))],
+            [-s.A.T, zeros((6, n)), s.M_C, zeros((6, w))],
+            [s.HT.T, zeros((w, n)), zeros((w, 6)), zeros((w, w))],
+        ]
+    )
+    rhs = np.concatenate([s.a - s.g - s.Jdot_qd, s.T_free, -s.b, zeros(w)])
+    x, nullity = gauss_solve(matrix, rhs)
+    if nullity:
+        raise MethodNotApplicable(
+            f"needs the KKT matrix regular (grasp forces unique), but its nullity is {nullity} of {len(rhs)};"
+            " try method='sequential'"
+        )
+    f, qdd, alpha_C, W_dot = np.split(x, np.cumsum([l6, n, 6]))
+    return s.solution(qdd, f, W_dot, alpha_C)

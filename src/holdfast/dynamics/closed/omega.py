@@ -1,0 +1,57 @@
+"""Omega = J M^-1 J^T + A M(C)^-1 A^T (3.1), and solving with it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from holdfast.dynamics.arm.articulated import Filter
+from holdfast.dynamics.arm.tip_mobility import tip_mobility
+from holdfast.dynamics.closed.chain_motion import ChainMotion
+from holdfast.dynamics.closed.stacked import Stacked, block_diagonal
+from holdfast.errors import MethodNotApplicable
+from holdfast.spatial.linalg import MaskedLDL, ldl, ldl_solve
+from holdfast.spatial.scalar import Array
+
+# Omega adds the arms' mobility to the object's. Where its scaled pivots fall below this, the
+# smaller of the two has lost so many digits in the sum that 1e-9 can no longer be promised.
+WEAKEST_PIVOT = 1e-8
+
+
+class Omega:
+    """Omega factorised: `solve(b)` returns Omega^-1 b.
+
+    Raises:
+        MethodNotApplicable: if Omega is singular, or so near it that digits are lost.
+    """
+
+    def __init__(self, matrix: Array) -> None:
+        self.matrix = matrix
+        self._factors: MaskedLDL = ldl(matrix, np.diag(matrix))
+        size, kept = len(matrix), self._factors.kept
+        if kept < size:
+            raise MethodNotApplicable(
+                f"needs Omega regular, but its nullity is {size - kept} of {size}; try method='sequential'"
+            )
+        if self._factors.weakest < WEAKEST_PIVOT:
+            raise MethodNotApplicable(
+                f"Omega's smallest scaled pivot is {float(self._factors.weakest):.1e}: object and arms differ so"
+                " much in mobility that their sum loses the digits; try method='sequential'"
+            )
+
+    def solve(self, b: Array) -> Array:
+        """Return Omega^-1 b, b (6l,) or (6l, m)."""
+        return ldl_solve(self._factors, b)
+
+
+def omega_from_matrices(s: Stacked) -> Omega:
+    """Return Omega from mass matrices and Jacobians (4.9c)."""
+    return Omega(s.J @ s.mass_solve(s.J.T) + s.A @ s.M_C_inverse @ s.A.T)
+
+
+def omega_recursive(motion: ChainMotion, s: Stacked, filters: list[Filter]) -> Omega:
+    """Return Omega from the recursion (6.10) for each arm (6.11d, e)."""
+    mobilities = [
+        tip_mobility(arm.arm, arm.at, filter).rotated(arm.at.R[-1]).dense()
+        for arm, filter in zip(motion.holding, filters, strict=True)
+    ]
+    return Omega(block_diagonal(mobilities) + s.A @ s.M_C_inverse @ s.A.T)

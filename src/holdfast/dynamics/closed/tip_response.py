@@ -1,0 +1,91 @@
+"""The two stages of one arm around the object: outward to its tip, and back from the grasp force.
+
+    outward:            Lambda = J M^-1 J^T  and  alpha_f = J M^-1 T' + Jdot qd   (4.1), (6.8)
+    back-substitution:  qdd = M^-1 (T' - J^T f)                                   (6.14)
+
+Two routes give the same numbers: `recursive`, O(N), and `mass_matrix`, O(N^3) but with
+fewer operations on short arms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.arm.articulated import articulated_filter, smooth, whiten
+from holdfast.dynamics.arm.bias import bias_torque
+from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.mass_matrix import mass_matrix
+from holdfast.dynamics.arm.motion import ArmMotion
+from holdfast.dynamics.arm.tip_mobility import tip_mobility
+from holdfast.spatial.linalg import back_substitution, cholesky, forward_substitution
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import rotate, shift_wrench, unrotate
+from holdfast.spatial.symmetric import Symmetric6, symmetric6
+
+Route = Literal["recursive", "mass_matrix", "auto"]
+
+# `holdfast bench operations` counts both routes: the recursion is cheaper from here on.
+RECURSION_PAYS_FROM = 14
+
+
+class TipResponse(NamedTuple):
+    """How one arm answers at its tip, world axes about the tip point.
+
+    Attributes:
+        mobility: Lambda(0).
+        free_acceleration: (6,) alpha_f(0), less [0; g].
+        pivots: (N,) positive for a proper arm: D, or the squared Cholesky diagonal.
+        back: f (6,) -> (qdd (N,), base wrench (6,) about the base origin, world axes).
+    """
+
+    mobility: Symmetric6
+    free_acceleration: Array
+    pivots: Array
+    back: Callable[[Array], tuple[Array, Array]]
+
+
+def tip_response(motion: ArmMotion, route: Route) -> TipResponse:
+    """Return the arm's answer at its tip by the chosen route."""
+    if route == "auto":
+        route = "recursive" if motion.arm.joint_count >= RECURSION_PAYS_FROM else "mass_matrix"
+    return recursive(motion) if route == "recursive" else by_mass_matrix(motion)
+
+
+def recursive(motion: ArmMotion) -> TipResponse:
+    """Return the answer by filtering and smoothing: (5.14), (6.10), then (6.17). O(N)."""
+    arm, at = motion.arm, motion.at
+    filter = articulated_filter(arm, at)
+    eps, at_base = whiten(arm, at, filter, motion.torque, motion.bias.wrenches, None)
+    _, tip = smooth(arm, at, filter, eps / filter.D)
+    R = at.R[-1]
+
+    def back(f: Array) -> tuple[Array, Array]:
+        share, base_share = whiten(arm, at, filter, None, None, unrotate(R, f))
+        qdd, _ = smooth(arm, at, filter, (eps + share) / filter.D)
+        return qdd, rotate(arm.base.R, at_base + base_share)
+
+    mobility = tip_mobility(arm, at, filter).rotated(R)
+    return TipResponse(mobility, rotate(R, tip) + motion.bias.tip_acceleration, filter.D, back)
+
+
+def by_mass_matrix(motion: ArmMotion) -> TipResponse:
+    """Return the answer with M = L L^T, X = L^-1 J^T: Lambda = X^T X. O(N^3)."""
+    arm, at = motion.arm, motion.at
+    J = jacobian(arm, at)
+    C, bias_at_base = bias_torque(arm, at, motion.bias.wrenches)
+    M, unit_at_base = mass_matrix(arm, at)
+    L = cholesky(M)
+    X = forward_substitution(L, J.T)
+    x = forward_substitution(L, motion.torque - C)
+
+    def back(f: Array) -> tuple[Array, Array]:
+        qdd = back_substitution(L, x - X @ f)
+        base = rotate(arm.base.R, bias_at_base + unit_at_base @ qdd)
+        to_tip = arm.base.R @ at.l[0] + at.reach[0]
+        return qdd, base + shift_wrench(to_tip, f)
+
+    pivots = np.diag(L) ** 2
+    return TipResponse(symmetric6(X.T @ X), x @ X + motion.bias.tip_acceleration, pivots, back)

@@ -1,0 +1,127 @@
+"""Does a state satisfy its grasps? Position and velocity residuals, grasp by grasp.
+
+Closed means: rigid: tip frame = contact frame; hinge: origins and x axes agree; soft
+finger and ball: origins agree. Rows, position / velocity: rigid 6/6, hinge 5/5, soft
+finger 3/4 (its no-spin condition does not integrate), ball 3/3.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
+from holdfast.dynamics.closed.contact import Contact
+from holdfast.errors import StateError
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial import rotation
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import unrotate
+from holdfast.state import Inputs, State
+
+POSITION_TOLERANCE = 1e-6  # m and rad
+VELOCITY_TOLERANCE = 1e-6  # relative to max(1, |qd|)
+RATE_TOLERANCE = 1e-8  # rad/s, relative to max(1, |W|)
+
+
+class GraspResidual(NamedTuple):
+    """How far one grasp is from holding.
+
+    Attributes:
+        position: position rows, contact axes: angles [rad] first, then lengths [m].
+        velocity: (6 - n_g,) velocity rows K (A V(C) - V+) [rad/s, m/s].
+    """
+
+    position: Array
+    velocity: Array
+
+
+def position_gap(c: Contact, contact_point: Array, tip: Pose) -> Array:
+    """Return [turn; shift] that would bring the tip to the contact, (6,) world axes.
+
+    The turn is the rotation vector from tip frame to contact frame for a rigid grasp, the
+    shortest one between the x axes for a hinge, and 0 where attitudes are free.
+
+    Args:
+        c: the grasp in motion.
+        contact_point: (3,) on the object, world axes.
+        tip: the arm's tip frame in the world.
+    """
+    turn = np.zeros(3)
+    if c.grasp.kind == "rigid":
+        turn = tip.R @ rotation.log(tip.R.T @ c.R)
+    elif c.grasp.kind == "hinge":
+        turn = rotation.align(tip.R[:, 0], c.R[:, 0])
+    return np.concatenate([turn, contact_point - tip.p])
+
+
+def position_residual(c: Contact, contact_point: Array, tip: Pose) -> Array:
+    """Return the position rows of one grasp, contact axes: angles [rad], then lengths [m]."""
+    rows = {"rigid": range(6), "hinge": range(1, 6)}.get(c.grasp.kind, range(3, 6))
+    return unrotate(c.R, position_gap(c, contact_point, tip))[list(rows)]
+
+
+def residuals(motion: ChainMotion, state: State) -> dict[str, GraspResidual]:
+    """Return position and velocity residuals of every grasp, by arm name."""
+    origin = state.object_frame.p
+    return {
+        name: GraspResidual(position_residual(c, origin + c.offset, motion.arms[name].at.tip), c.velocity_gap)
+        for name, c in zip(motion.chain.grasps, motion.contacts, strict=True)
+    }
+
+
+def closure(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> dict[str, GraspResidual]:
+    """Return how far each grasp is from holding, by arm name.
+
+    Args:
+        chain: the chain.
+        state: any state, consistent or not.
+        inputs: base motion, if the bases move.
+    """
+    state.fits(chain)
+    motion = chain_motion(chain, state, np.zeros(chain.joint_count), (inputs or Inputs()).shaped(chain))
+    return residuals(motion, state)
+
+
+def require_closed(
+    motion: ChainMotion,
+    state: State,
+    position_tolerance: float = POSITION_TOLERANCE,
+    velocity_tolerance: float = VELOCITY_TOLERANCE,
+) -> None:
+    """Refuse a state that breaks a grasp.
+
+    Raises:
+        StateError: naming the gap of every grasp that is open.
+    """
+    limit = velocity_tolerance * max(1.0, float(np.linalg.norm(state.qd)))
+    open_grasps = []
+    for name, gap in residuals(motion, state).items():
+        x, v = float(np.abs(gap.position).max()), float(np.abs(gap.velocity).max())
+        if not (x <= position_tolerance and v <= limit):
+            open_grasps.append(f"arm '{name}': position gap {x:.3g} (m, rad), velocity gap {v:.3g} (m/s, rad/s)")
+    if open_grasps:
+        raise StateError(
+            f"the state does not satisfy the grasps: {'; '.join(open_grasps)}. Expected <= {position_tolerance:g} and"
+            f" <= {limit:.3g}; try holdfast.close(chain, state)"
+        )
+
+
+def require_rates(motion: ChainMotion, rates: Array, tolerance: float = RATE_TOLERANCE) -> None:
+    """Refuse given relative rates W that are not those the velocities imply.
+
+    Raises:
+        StateError: naming the gap of every grasp.
+    """
+    gaps = []
+    for (name, part), c in zip(motion.chain.contact_freedoms.items(), motion.contacts, strict=True):
+        gap = float(np.abs(rates[part] - c.W).max(initial=0.0))
+        if not gap <= tolerance * max(1.0, float(np.abs(c.W).max(initial=0.0))):
+            gaps.append(f"arm '{name}': gap {gap:.3g} rad/s")
+    if gaps:
+        raise StateError(
+            f"W is not what the velocities imply, omega_object - omega_tip = h W: {'; '.join(gaps)}. Expected <="
+            f" {tolerance:g}; try leaving W out"
+        )

@@ -1,0 +1,48 @@
+"""The grasp constraint on velocities: K_i J_i qd_i = K_i A_i V(C), arm by arm.
+
+With the relative rates W as unknowns it reads [J, -A, H^T] (qd, V(C), W) = base motion, six
+rows a grasp; K takes W out. rank[J, -A, H^T] = rank K[J, -A] + sum n_g.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.closed.chain_motion import ChainMotion
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import shift_twist
+
+
+class ConstraintRows(NamedTuple):
+    """Rows of K [J, -A] over all joints and V(C), one block a grasp, in order.
+
+    Attributes:
+        joints: (rows, n).
+        object: (rows, 6).
+        slices: per grasp, where its rows lie.
+    """
+
+    joints: Array
+    object: Array
+    slices: list[slice]
+
+
+def constraint_rows(motion: ChainMotion) -> ConstraintRows:
+    """Return K J and -K A of all grasps (velocity rows)."""
+    chain = motion.chain
+    joint_rows, object_rows, slices, start = [], [], [], 0
+    for name, c in zip(chain.grasps, motion.contacts, strict=True):
+        arm = motion.arms[name]
+        rows = np.zeros((len(c.K), chain.joint_count))
+        rows[:, chain.joints[name]] = c.K @ jacobian(arm.arm, arm.at)
+        A = np.array([shift_twist(c.offset, unit) for unit in np.eye(6)]).T
+        joint_rows.append(rows)
+        object_rows.append(-c.K @ A)
+        slices.append(slice(start, start + len(rows)))
+        start += len(rows)
+    if not slices:
+        return ConstraintRows(np.zeros((0, chain.joint_count)), np.zeros((0, 6)), [])
+    return ConstraintRows(np.concatenate(joint_rows), np.concatenate(object_rows), slices)

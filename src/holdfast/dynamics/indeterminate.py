@@ -1,0 +1,51 @@
+"""The smallest of many grasp forces, where the constraint leaves them indeterminate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
+from holdfast.dynamics.closed.stacked import block_diagonal
+from holdfast.dynamics.constraint import constraint_rows
+from holdfast.dynamics.split import length_scale
+from holdfast.spatial.scalar import Array
+
+NULL_SINGULAR_VALUE = 1e-9
+
+
+def free_wrenches(motion: ChainMotion, length: float) -> Array:
+    """Return a basis of grasp wrenches that no joint and no object motion feels.
+
+    ker (K Omega K^T) = {lambda: J^T K^T lambda = 0 and A^T K^T lambda = 0}, with moments
+    measured in newtons by `length` [m].
+
+    Returns:
+        (6l, k): stacked wrenches f = K^T lambda about the contact points, world axes;
+        orthonormal columns in the metric sum |moment / length|^2 + |force|^2.
+    """
+    rows = constraint_rows(motion)
+    K = block_diagonal([c.K for c in motion.contacts])
+    metric = np.tile(np.r_[np.full(3, 1 / length), np.ones(3)], len(motion.contacts))
+    # angular unknowns in units of 1/length, so that all entries are lengths
+    object_scale = np.r_[np.full(3, 1.0), np.full(3, length)]
+    matrix = np.hstack([rows.joints, rows.object * object_scale])
+    # each column (a joint) to unit length: what a joint feels has then no unit
+    matrix = (K.T @ matrix) / metric[:, None]  # wrenches in metric units against velocities
+    sizes = np.linalg.norm(matrix, axis=0)
+    matrix = matrix[:, sizes > 0] / sizes[sizes > 0]
+    basis, _ = np.linalg.qr((K * metric).T)  # transmitted wrenches, metric units
+    U, s, _ = np.linalg.svd(basis.T @ matrix)
+    rank = int((s > NULL_SINGULAR_VALUE * max(s.max(initial=0.0), 1e-300)).sum())
+    return (basis @ U[:, rank:]) / metric[:, None]
+
+
+def with_smallest_forces(motion: ChainMotion, found: Solution) -> Solution:
+    """Return the solution with the grasp forces of least norm, sum |moment/L|^2 + |force|^2."""
+    length = length_scale([c.offset for c in motion.contacts])
+    N = free_wrenches(motion, length)
+    metric = np.tile(np.r_[np.full(3, 1 / length), np.ones(3)], len(motion.contacts))
+    f = np.concatenate(found.wrenches)
+    smallest = f - N @ ((N * metric[:, None]).T @ (metric * f))
+    return replace(found, wrenches=list(smallest.reshape(-1, 6)))

@@ -1,0 +1,85 @@
+"""The table of forward dynamics algorithms (`method=`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from holdfast.dynamics.arm import free_dynamics
+from holdfast.dynamics.closed.analytic import analytic
+from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
+from holdfast.dynamics.closed.general import FreeDynamics, general
+from holdfast.dynamics.closed.kkt import kkt
+from holdfast.dynamics.closed.nonrigid import nonrigid
+from holdfast.dynamics.closed.rccfd1 import rccfd1
+from holdfast.dynamics.closed.rccfd2 import rccfd2
+from holdfast.dynamics.closed.rccfd3 import rccfd3
+from holdfast.dynamics.closed.reduced_kkt import reduced_kkt
+from holdfast.dynamics.closed.sequential import sequential
+from holdfast.errors import MethodNotApplicable
+from holdfast.model import checks
+
+RIGID_REGULAR = "rigid grasps, Omega regular"
+
+
+@dataclass(frozen=True)
+class Method:
+    """One algorithm.
+
+    Attributes:
+        name: as given to `method=`.
+        equation: where it stands in the paper.
+        cost: operations in joints n and arms l.
+        applies: to which chains.
+        rigid_only: whether every grasp must be rigid.
+        solve: the algorithm.
+    """
+
+    name: str
+    equation: str
+    cost: str
+    applies: str
+    rigid_only: bool
+    solve: Callable[[ChainMotion], Solution]
+
+
+def _general(name: str, source: str, cost: str, solver: FreeDynamics) -> Method:
+    return Method(
+        f"general:{name}", f"(4.9) with {source}", cost, RIGID_REGULAR, True, partial(general, free_dynamics=solver)
+    )
+
+
+_LINEAR = "O(n) + O(l^3)"
+_CUBIC = "O(n^3)"
+METHODS: dict[str, Method] = {
+    m.name: m
+    for m in (
+        Method("sequential", "filter across arms, after (6.18)", "O(n) + O(l)", "every chain", False, sequential),
+        Method("kkt", "(2.11), (b.1)", _CUBIC, "all grasps, f unique", False, kkt),
+        Method("reduced_kkt", "(2.14)", _CUBIC, RIGID_REGULAR, True, reduced_kkt),
+        Method("analytic", "(3.6)", _CUBIC, RIGID_REGULAR, True, analytic),
+        _general("composite", "the mass matrix", "O(n N^2) + O(l^3)", free_dynamics.composite),
+        _general("newton_euler", "unit accelerations", "O(n N^2) + O(l^3)", free_dynamics.newton_euler_columns),
+        _general("articulated", "(5.8)-(5.10)", _LINEAR, free_dynamics.articulated),
+        _general("three_sweep", "(5.14)", _LINEAR, free_dynamics.three_sweep),
+        Method("rccfd1", "(6.11)", _LINEAR, RIGID_REGULAR, True, rccfd1),
+        Method("rccfd2", "(6.18)", _LINEAR, RIGID_REGULAR, True, rccfd2),
+        Method("rccfd3", "(6.22)", _LINEAR, RIGID_REGULAR, True, rccfd3),
+        Method("nonrigid", "(b.9)", _LINEAR, "all grasps, Omega regular", False, nonrigid),
+    )
+}
+
+
+def method_named(name: object) -> Method:
+    """Return the method of a name, or wrap a user's own free dynamics in (4.9).
+
+    Raises:
+        MethodNotApplicable: if there is no such method.
+    """
+    if callable(name):
+        label = getattr(name, "__name__", "user")
+        return _general(label, "a user's solver", "any", name)
+    if name not in METHODS:
+        raise MethodNotApplicable(f"no method {name!r}.{checks.did_you_mean(str(name), METHODS)}")
+    return METHODS[str(name)]

@@ -1,0 +1,128 @@
+"""Back onto the constraint: the smallest change, in the kinetic metric, that closes the grasps.
+
+A velocity mismatch v_i = V+ - A V(C) at the grasps is removed by impulses p_i with
+
+    K Omega K^T p = K v,   dqd = -M^-1 J^T p,   dV(C) = M(C)^-1 A^T p
+
+which is forward dynamics at rest with v_i for the free tip accelerations (beyond.md 6): the
+same object filter, O(n) + O(l). A position mismatch is removed likewise, in a few rounds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from holdfast.dynamics.arm.motion import at_rest
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
+from holdfast.dynamics.closed.contact import Contact
+from holdfast.dynamics.closed.sequential import object_filter
+from holdfast.dynamics.closed.tip_response import tip_response
+from holdfast.dynamics.consistency import position_gap
+from holdfast.errors import ClosureError
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp import Grasp
+from holdfast.spatial import rotation
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import shift_twist
+from holdfast.state import Inputs, State
+
+CLOSED = 1e-14  # m and rad: no round beyond this
+ROUNDS = 8
+FARTHEST = 1e-2  # m and rad: a state further off was not produced by a sound step
+
+
+def constraint_impulses(
+    motion: ChainMotion, contacts: list[Contact], mismatch: list[Array]
+) -> tuple[Array, Array, list[Array]]:
+    """Return (dqd, dV(C), impulses) that remove a mismatch at the grasps.
+
+    Args:
+        motion: the chain at its configuration; its velocities do not enter.
+        contacts: the grasps whose transmitted directions are to agree.
+        mismatch: per grasp, (6,) tip side minus object side about the contact point,
+            world axes; only its transmitted part counts.
+
+    Returns:
+        (n,) change of joint rates, (6,) change of the object's twist, and per grasp the
+        impulse of the arm on the object.
+    """
+    none = np.zeros(6)
+    tips = [
+        tip_response(at_rest(arm), "auto")._replace(free_acceleration=v)
+        for arm, v in zip(motion.holding, mismatch, strict=True)
+    ]
+    still = [replace(c, a=none, g=none) for c in contacts]
+    found = object_filter(still, tips, replace(motion.body, free_acceleration=none))
+    dqd = np.zeros(motion.chain.joint_count)
+    for name, tip, impulse in zip(motion.chain.grasps, tips, found.wrenches, strict=True):
+        dqd[motion.chain.joints[name]] = tip.back(impulse)[0]
+    return dqd, found.object_acceleration, found.wrenches
+
+
+def project_velocities(motion: ChainMotion, state: State) -> State:
+    """Return the state with the velocities nearest in kinetic energy that keep the grasps."""
+    mismatch = [
+        arm.tip_twist - shift_twist(c.offset, state.object_twist)
+        for arm, c in zip(motion.holding, motion.contacts, strict=True)
+    ]
+    dqd, dV, _ = constraint_impulses(motion, motion.contacts, mismatch)
+    return State(state.q, state.qd + dqd, state.object_pose, state.object_twist + dV)
+
+
+def project(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> tuple[State, ChainMotion]:
+    """Return the state moved back onto position and velocity constraints, and its motion there.
+
+    Positions in a few Newton rounds on the position rows (a soft finger's spin is left
+    alone), then velocities once, both in the kinetic metric.
+
+    Args:
+        chain: the chain.
+        state: a state near the constraint, as an integrator's step leaves it.
+        inputs: what acts on the chain besides torques; base motion enters.
+
+    Raises:
+        ClosureError: if the state is too far off, or does not come closer.
+    """
+    given = (inputs or Inputs()).shaped(chain)
+    tau = np.zeros(chain.joint_count)
+    motion = chain_motion(chain, state, tau, given)
+    before = np.inf
+    for _ in range(ROUNDS):
+        gaps = position_mismatch(motion, state)
+        size = max((float(np.abs(gap).max()) for gap in gaps), default=0.0)
+        if size <= CLOSED or size >= 0.5 * before:
+            break
+        if size > FARTHEST:
+            raise ClosureError(
+                f"the grasps are open by {size:.3g} (m or rad), expected a step's rounding; try a smaller time step"
+            )
+        before = size
+        dq, dx, _ = constraint_impulses(motion, [_position_contact(c) for c in motion.contacts], gaps)
+        state = moved(state, dq, dx)
+        motion = chain_motion(chain, state, tau, given)
+    state = project_velocities(motion, state)
+    return state, chain_motion(chain, state, tau, given)
+
+
+def position_mismatch(motion: ChainMotion, state: State) -> list[Array]:
+    """Return per grasp the small displacement tip minus object, (6,) world axes."""
+    origin = state.object_frame.p
+    return [
+        -position_gap(c, origin + c.offset, arm.at.tip) for c, arm in zip(motion.contacts, motion.holding, strict=True)
+    ]
+
+
+def moved(state: State, dq: Array, dx: Array) -> State:
+    """Return the state displaced by joint steps dq and an object displacement [turn; shift]."""
+    turn = rotation.quaternion_product(rotation.quaternion_exp(dx[:3]), state.object_pose[:4])
+    pose = np.concatenate([rotation.normalised(turn), state.object_pose[4:] + dx[3:]])
+    return State(state.q + dq, state.qd, pose, state.object_twist)
+
+
+def _position_contact(c: Contact) -> Contact:
+    """Return the contact with its position rows: a soft finger's attitude is free like a ball's."""
+    if c.grasp.kind != "softfinger":
+        return c
+    return replace(c, grasp=Grasp("ball", c.grasp.frame))

@@ -1,0 +1,79 @@
+"""What forward dynamics returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array
+
+
+class Status(Enum):
+    """How the answer is to be read."""
+
+    OK = "every quantity is unique"
+    INDETERMINATE_FORCES = (
+        "accelerations are unique; the grasp forces are not, and the smallest ones (in the metric of"
+        " the force split) are returned"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class ArmResult:
+    """One arm's part of a result; fields as in `ForwardResult`."""
+
+    qdd: Array
+    grasp_wrench: Array
+    contact_acceleration: Array
+    base_wrench: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ForwardResult:
+    """Accelerations and forces of a closed chain. SI units, world axes.
+
+    Attributes:
+        chain: the chain it belongs to.
+        qdd: (n,) joint accelerations, arms in order, base to tip [rad/s^2 or m/s^2].
+        grasp_wrench: (arms, 6) [moment; force] of each arm on the object, about the
+            contact point; zero for an arm without a grasp [N m, N].
+        object_acceleration: (6,) [omega_dot; v_dot of C], true (gravity in).
+        contact_acceleration: (sum n_g,) W_dot; hinge and soft finger along the contact
+            frame's axes, ball along world axes [rad/s^2].
+        base_wrench: (arms, 6) of the base on each arm about the base origin [N m, N].
+        rank: independent rows of the grasp constraint [J, -A, H^T], of 6 a grasp.
+        mobility: dimension of the velocities (qd, V(C), W) that the grasps allow.
+        status: whether the forces are unique.
+        condition: inverse of the smallest scaled pivot that was kept, without units.
+        method: the algorithm's name.
+    """
+
+    chain: ClosedChain
+    qdd: Array
+    grasp_wrench: Array
+    object_acceleration: Array
+    contact_acceleration: Array
+    base_wrench: Array
+    rank: int
+    mobility: int
+    status: Status
+    condition: float
+    method: str
+
+    def __getitem__(self, arm: str) -> ArmResult:
+        """Return one arm's part."""
+        names = self.chain.names
+        if arm not in names:
+            raise KeyError(f"no arm '{arm}'.{checks.did_you_mean(arm, names)}")
+        i = names.index(arm)
+        freedoms = self.chain.contact_freedoms.get(arm)
+        return ArmResult(
+            self.qdd[self.chain.joints[arm]],
+            self.grasp_wrench[i],
+            np.zeros(0) if freedoms is None else self.contact_acceleration[freedoms],
+            self.base_wrench[i],
+        )

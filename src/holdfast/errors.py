@@ -1,0 +1,37 @@
+"""The errors of holdfast: each message says what was expected, what came, and what to try."""
+
+
+class HoldfastError(Exception):
+    """Root of every error this library raises on purpose."""
+
+
+class ModelError(HoldfastError, ValueError):
+    """A part of the model (joint, link, arm, object, grasp) cannot exist."""
+
+
+class StateError(HoldfastError, ValueError):
+    """A state or an input has the wrong shape, is not finite, or breaks the grasps."""
+
+
+class ClosureError(HoldfastError):
+    """No joint positions within the limits close the chains on the object."""
+
+
+class SingularChainError(HoldfastError, ArithmeticError):
+    """The rank of the grasp constraint drops at this configuration."""
+
+
+class MethodNotApplicable(HoldfastError):
+    """The chosen algorithm does not cover this chain; the message names one that does."""
+
+
+class SceneError(HoldfastError, ValueError):
+    """A scene or case file is unreadable or says something impossible."""
+
+
+class ResultError(HoldfastError):
+    """A result folder cannot be written or read."""
+
+
+class MissingExtra(HoldfastError, ImportError):
+    """An optional package is needed; the message names the extra that brings it."""

@@ -1,0 +1,1 @@
+"""Files: problem cases, result folders."""

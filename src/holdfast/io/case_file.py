@@ -1,0 +1,210 @@
+"""Problem cases: closed-chain forward dynamics problems in JSON, with or without answers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.errors import HoldfastError, SceneError
+from holdfast.io import typed
+from holdfast.io.case_format import FREE_AXES, ArmData, CaseData, CaseFileData, ExpectedData, GraspData
+from holdfast.model import checks
+from holdfast.model.arm import Arm
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp import FREE, Grasp
+from holdfast.model.held_object import HeldObject
+from holdfast.model.joint import Joint
+from holdfast.model.link import Link
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.vector import cross
+from holdfast.state import Inputs, State
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A problem ready to solve.
+
+    Attributes:
+        name: its name.
+        chain: arms ('arm1', 'arm2', ...), object and grasps.
+        state: positions and velocities.
+        tau: (n,) joint torques.
+        inputs: base motion.
+        rates: W as the file gives it, flat; None if it does not.
+        expected: the answer, if the file has one.
+    """
+
+    name: str
+    chain: ClosedChain
+    state: State
+    tau: Array
+    inputs: Inputs
+    rates: Array | None
+    expected: ExpectedData | None
+
+
+class _Place:
+    """A place in the file; refusals raised under it carry its path."""
+
+    def __init__(self, source: str, path: str) -> None:
+        self.source, self.path = source, path
+
+    def __truediv__(self, key: str | int) -> _Place:
+        return _Place(self.source, f"{self.path}[{key}]" if isinstance(key, int) else f"{self.path}.{key}")
+
+    def refuse(self, problem: str) -> SceneError:
+        return SceneError(f"{self.source}: {self.path}: {problem}")
+
+    @contextmanager
+    def __call__(self) -> Iterator[None]:
+        """Turn a model's refusal 'link: mass: expected ...' into '$.path.mass: expected ...'."""
+        try:
+            yield
+        except SceneError:
+            raise
+        except HoldfastError as cause:
+            _, _, problem = str(cause).partition(": ")
+            key, separator, rest = problem.partition(": ")
+            text = f".{key}: {rest}" if separator and key.isidentifier() else f": {problem or cause}"
+            raise SceneError(f"{self.source}: {self.path}{text}") from cause
+
+
+def load_cases(path: str | Path) -> list[Case]:
+    """Return the problems of a JSON file: one case, a list, or an object with `cases`.
+
+    Raises:
+        SceneError: unreadable or invalid, with the JSON path of the first fault.
+    """
+    source = str(path)
+    data = typed.parse_json(typed.read_bytes(Path(path)), source)
+    if isinstance(data, dict) and "cases" in data:
+        items = typed.convert(data, CaseFileData, source).cases
+        listed = [(f"$.cases[{i}]", item) for i, item in enumerate(items)]
+    elif isinstance(data, list):
+        listed = [(f"$[{i}]", item) for i, item in enumerate(data)]
+    else:
+        listed = [("$", data)]
+    if not listed:
+        raise SceneError(f"{source}: $: expected at least one case, got none")
+    cases = []
+    first: dict[str, str] = {}
+    for root, item in listed:
+        case = build_case(typed.convert(item, CaseData, source, root), source, root)
+        if case.name in first:
+            raise SceneError(f"{source}: {root}.name: duplicate name '{case.name}', first used at {first[case.name]}")
+        first[case.name] = root
+        cases.append(case)
+    return cases
+
+
+def build_case(data: CaseData, source: str = "case", root: str = "$") -> Case:
+    """Return a case from its typed data.
+
+    The format gives no attitude to a tip: each tip frame is taken to agree with its
+    contact frame at the case's state.
+
+    Raises:
+        SceneError: with the JSON path of the first fault.
+    """
+    at = _Place(source, root)
+    if not data.arms:
+        raise (at / "arms").refuse("expected at least one arm, got none")
+    arms, grasps = {}, {}
+    for i, arm in enumerate(data.arms):
+        arms[f"arm{i + 1}"], grasps[f"arm{i + 1}"] = _arm(arm, at / "arms" / i)
+    body = data.object
+    with (at / "object")():
+        frame = Pose(checks.rotation_matrix(body.R, "object: R"), checks.numbers(body.p, (3,), "object: p"))
+        held = HeldObject(body.mass, np.array(body.inertia), np.array(body.com))
+    with at():
+        chain = ClosedChain(arms, held, grasps, np.array(data.gravity))
+        q, qd, tau = (np.concatenate([getattr(arm, key) for arm in data.arms]) for key in ("q", "qd", "tau"))
+        state = State(q, qd, frame.wxyz_xyz, np.array([*body.omega, *body.v]))
+    inputs = Inputs(
+        base_twists=np.array([[*a.base.omega, *a.base.v] for a in data.arms]),
+        base_accelerations=np.array([[*a.base.omega_dot, *a.base.v_dot] for a in data.arms]),
+    )
+    chain = _with_tip_attitudes(chain, state, inputs)
+    given = [arm.grasp.W for arm in data.arms]
+    rates = None if None in given else np.concatenate([w for w in given if w is not None])
+    _check_expected(data, at / "expected")
+    return Case(data.name, chain, state, tau, inputs, rates, data.expected)
+
+
+def _arm(data: ArmData, at: _Place) -> tuple[Arm, Grasp]:
+    joints, links = [], []
+    for k, joint in enumerate(data.joints):
+        with (at / "joints" / k)():
+            placement = Pose(checks.rotation_matrix(joint.R0, "joint: R0"), np.array(joint.p0))
+            joints.append(Joint(joint.type, np.array(joint.axis), placement))
+    for k, link in enumerate(data.links):
+        with (at / "links" / k)():
+            links.append(Link(link.mass, np.array(link.com), np.array(link.inertia)))
+    for key in ("links", "q", "qd", "tau"):
+        if len(getattr(data, key)) != len(joints):
+            raise (at / key).refuse(f"expected {len(joints)} entries, one per joint, got {len(getattr(data, key))}")
+    with (at / "base")():
+        base = Pose(checks.rotation_matrix(data.base.R, "base: R"), np.array(data.base.p))
+    with at():
+        arm = Arm(joints, links, Pose(np.eye(3), np.array(data.tip)), base)
+    return arm, _grasp(data.grasp, at / "grasp")
+
+
+def _grasp(data: GraspData, at: _Place) -> Grasp:
+    """Return the grasp with its contact frame: hinge axis along x, soft finger's tangents x, y."""
+    if len(data.h_object) != FREE_AXES[data.type]:
+        raise (at / "h_object").refuse(
+            f"expected {FREE_AXES[data.type]} unit vectors for a {data.type}, got {len(data.h_object)}"
+        )
+    freedoms = len(FREE[data.type])
+    if data.W is not None and len(data.W) != freedoms:
+        raise (at / "W").refuse(f"expected {freedoms} relative rates for a {data.type}, got {len(data.W)}")
+    R = np.eye(3)
+    if data.h_object:
+        with at():
+            axes = [checks.unit_vector(h, f"grasp: h_object[{i}]") for i, h in enumerate(data.h_object)]
+        x = axes[0]
+        y = axes[1] if len(axes) == 2 else _perpendicular(x)
+        if abs(x @ y) > checks.ROTATION_TOLERANCE:
+            raise (at / "h_object").refuse(f"expected perpendicular tangents, got h1.h2 = {x @ y:.3g}")
+        R = np.column_stack([x, y, cross(x, y)])
+    with at():
+        return Grasp(data.type, Pose(R, np.array(data.point_object)))
+
+
+def _perpendicular(x: Array) -> Array:
+    other = cross(x, np.eye(3)[int(np.argmin(np.abs(x)))])
+    return other / np.linalg.norm(other)
+
+
+def _with_tip_attitudes(chain: ClosedChain, state: State, inputs: Inputs) -> ClosedChain:
+    """Return the chain with every tip frame turned to its contact frame."""
+    motion = chain_motion(chain, state, np.zeros(chain.joint_count), inputs.shaped(chain))
+    arms = {
+        name: arm.with_tip(Pose(motion.arms[name].at.R[-1].T @ c.R, arm.tip.p))
+        for (name, arm), c in zip(chain.arms.items(), motion.contacts, strict=True)
+    }
+    return replace(chain, arms=arms)
+
+
+def _check_expected(data: CaseData, at: _Place) -> None:
+    """Refuse an answer whose shape is not the problem's."""
+    if data.expected is None:
+        return
+    shapes = {
+        "qdd": [len(arm.joints) for arm in data.arms],
+        "f": [6] * len(data.arms),
+        "W_dot": [len(FREE[arm.grasp.type]) for arm in data.arms],
+    }
+    for key, lengths in shapes.items():
+        got = [len(part) for part in getattr(data.expected, key)]
+        if got != lengths:
+            raise (at / key).refuse(f"expected lists of lengths {lengths}, got {got}")
+    if len(data.expected.alpha_C) != 6:
+        raise (at / "alpha_C").refuse(f"expected 6 numbers, got {len(data.expected.alpha_C)}")

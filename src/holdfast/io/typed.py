@@ -1,0 +1,126 @@
+"""Typed reading of JSON and TOML: every refusal names the place as a path `$.a[0].b`."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+import typing
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+from holdfast.errors import SceneError
+from holdfast.model import checks
+
+T = TypeVar("T")
+
+
+def read_bytes(path: Path) -> bytes:
+    """Return a file's bytes.
+
+    Raises:
+        SceneError: if it cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as cause:
+        raise SceneError(f"{path}: cannot be read: {cause.strerror or cause}") from cause
+
+
+def parse_json(text: bytes, source: str) -> Any:
+    """Return plain data from JSON text.
+
+    Raises:
+        SceneError: if it is not valid JSON (NaN and infinities are not).
+    """
+    try:
+        return msgspec.json.decode(text)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as cause:
+        raise SceneError(f"{source}: not valid JSON: {cause}") from cause
+
+
+def parse_toml(text: bytes, source: str) -> Any:
+    """Return plain data from TOML text.
+
+    Raises:
+        SceneError: if it is not valid TOML, with line and column.
+    """
+    try:
+        return tomllib.loads(text.decode("utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as cause:
+        raise SceneError(f"{source}: not valid TOML: {cause}") from cause
+
+
+def convert(data: Any, kind: type[T], source: str, root: str = "$") -> T:
+    """Return plain data as a typed structure, nothing unknown, nothing missing.
+
+    Args:
+        data: dicts, lists, numbers and strings.
+        kind: a msgspec Struct type.
+        source: the file's name, for messages.
+        root: the path of `data` inside the file.
+
+    Raises:
+        SceneError: `source: $.path: what is wrong`, with a hint for a misspelt name.
+    """
+    try:
+        return msgspec.convert(data, kind, strict=True)
+    except (msgspec.ValidationError, RecursionError) as cause:
+        text = str(cause)
+        found = re.search(r" - at `(?:key in )?(\$[^`]*)`", text)
+        path = found[1] if found else "$"
+        problem = re.sub(r" - at `[^`]*`", "", text)
+        raise SceneError(f"{source}: {root}{path[1:]}: {problem}{_hint(kind, path, problem)}") from cause
+
+
+def _structs(kind: Any) -> typing.Iterator[type[msgspec.Struct]]:
+    """Yield the Struct classes inside a type such as `list[Arm]` or `Fixed | Moving`."""
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        yield kind
+    for argument in typing.get_args(kind):
+        yield from _structs(argument)
+
+
+def _types_at(kind: Any, path: str) -> list[Any]:
+    """Return the declared types at a path such as `$.arms[0].grasp`."""
+    current = [kind]
+    for key in re.findall(r"\.(\w+)", path):
+        current = [
+            field.type
+            for t in current
+            for struct in _structs(t)
+            for field in msgspec.structs.fields(struct)
+            if field.encode_name == key
+        ] or [value for t in current if typing.get_origin(t) is dict for value in typing.get_args(t)[1:]]
+    return current
+
+
+def _hint(kind: Any, path: str, problem: str) -> str:
+    """Return ' Did you mean ...?' for an unknown field or value, or nothing."""
+    if found := re.search(r"unknown field `([^`]*)`", problem):
+        pool = [
+            field.encode_name
+            for t in _types_at(kind, path)
+            for struct in _structs(t)
+            for field in msgspec.structs.fields(struct)
+        ]
+    elif found := re.search(r"[Ii]nvalid (?:enum )?value '([^']*)'", problem):
+        parent, _, leaf = path.rpartition(".")
+        pool = [v for t in _types_at(kind, path) for v in _literals(t)]
+        pool += [
+            str(struct.__struct_config__.tag)
+            for t in _types_at(kind, parent)
+            for struct in _structs(t)
+            if struct.__struct_config__.tag_field == leaf
+        ]
+    else:
+        return ""
+    return "." + checks.did_you_mean(found[1], pool) if pool else ""
+
+
+def _literals(kind: Any) -> list[str]:
+    """Return the values of every Literal inside a type."""
+    if typing.get_origin(kind) is typing.Literal:
+        return [str(v) for v in typing.get_args(kind)]
+    return [v for argument in typing.get_args(kind) for v in _literals(argument)]

@@ -1,0 +1,92 @@
+"""Serial arms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from holdfast.errors import ModelError
+from holdfast.model import checks
+from holdfast.model.joint import Joint
+from holdfast.model.link import Link
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """A serial chain of joints and links, ordered base to tip.
+
+    Attributes:
+        joints: N >= 1 joints; joint k moves link k.
+        links: N links.
+        tip: pose of the tip frame in the last link's axes; where the arm touches.
+        base: pose of the base frame in the world.
+        name: for messages.
+    """
+
+    joints: Sequence[Joint]
+    links: Sequence[Link]
+    tip: Pose = field(default_factory=Pose.identity)
+    base: Pose = field(default_factory=Pose.identity)
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        label = f"arm '{self.name}'" if self.name else "arm"
+        put = object.__setattr__
+        put(self, "joints", tuple(self.joints))
+        put(self, "links", tuple(self.links))
+        for part, kind, members in (("joints", Joint, self.joints), ("links", Link, self.links)):
+            for k, member in enumerate(members):
+                if not isinstance(member, kind):
+                    raise ModelError(f"{label}, {part}[{k}]: expected a {kind.__name__}, got {type(member).__name__}")
+        if not self.joints:
+            raise ModelError(f"{label}: expected at least one joint, got none")
+        if len(self.joints) != len(self.links):
+            raise ModelError(
+                f"{label}: expected one link per joint, got {len(self.joints)} joints and {len(self.links)} links"
+            )
+        put(self, "tip", checks.pose(self.tip, f"{label}: tip"))
+        put(self, "base", checks.pose(self.base, f"{label}: base"))
+
+    @property
+    def joint_count(self) -> int:
+        """N."""
+        return len(self.joints)
+
+    def at(self, base: Any) -> Arm:
+        """Return the same arm mounted at a world pose (a Pose or wxyz_xyz)."""
+        return replace(self, base=checks.pose(base, "base"))
+
+    def with_tip(self, tip: Any) -> Arm:
+        """Return the same arm with another tip pose in the last link's axes (a tool)."""
+        return replace(self, tip=checks.pose(tip, "tip"))
+
+    @cached_property
+    def position_limits(self) -> Array:
+        """(N, 2) lowest and highest joint positions [rad or m]."""
+        return np.array([j.position_limits for j in self.joints])
+
+    @cached_property
+    def armature(self) -> Array:
+        """(N,) drive inertia felt at the joints [kg m^2 or kg]."""
+        return np.array([j.armature for j in self.joints])
+
+    @cached_property
+    def damping(self) -> Array:
+        """(N,) viscous damping [N m s/rad or N s/m]."""
+        return np.array([j.damping for j in self.joints])
+
+    @cached_property
+    def may_lack_inertia(self) -> bool:
+        """Whether some link has no inertia of its own along its joint: D > 0 is then not given."""
+        for joint, link in zip(self.joints, self.links, strict=True):
+            M, h = link.spatial_inertia, joint.axis
+            own = M.m if joint.kind == "prismatic" else h @ M.I @ h
+            if not own + joint.armature > 1e-12 * (M.m + np.trace(M.I)):
+                return True
+        return False

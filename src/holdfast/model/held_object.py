@@ -1,0 +1,50 @@
+"""The object that the arms hold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from holdfast.model import checks
+from holdfast.spatial import inertia as spatial_inertia
+from holdfast.spatial.inertia import RigidInertia
+from holdfast.spatial.scalar import Array
+
+
+@dataclass(frozen=True, eq=False)
+class HeldObject:
+    """A rigid body with origin C, which need not be its mass centre.
+
+    Attributes:
+        mass: > 0 [kg].
+        com: (3,) mass centre from C, object axes [m].
+        inertia: (3, 3) about the mass centre, object axes, positive definite [kg m^2].
+        physical: False accepts principal moments that no mass distribution has.
+    """
+
+    mass: float
+    inertia: Array
+    com: Array = field(default_factory=lambda: np.zeros(3))
+    physical: bool = True
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "mass", checks.number(self.mass, "object: mass", above=0.0))
+        put(self, "com", checks.numbers(self.com, (3,), "object: com"))
+        put(
+            self,
+            "inertia",
+            checks.rotational_inertia(self.inertia, "object: inertia", definite=True, physical=self.physical),
+        )
+
+    @staticmethod
+    def box(mass: float, x: float, y: float, z: float) -> HeldObject:
+        """Return a solid box of uniform density with C at its centre; edges in metres."""
+        return HeldObject(mass, mass / 12 * np.diag([y * y + z * z, x * x + z * z, x * x + y * y]))
+
+    @cached_property
+    def spatial_inertia(self) -> RigidInertia:
+        """M(C): the inertia about C, object axes."""
+        return spatial_inertia.about_origin(self.mass, self.com, self.inertia)

@@ -1,0 +1,49 @@
+"""Rigid links."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from holdfast.errors import ModelError
+from holdfast.model import checks
+from holdfast.spatial import inertia as spatial_inertia
+from holdfast.spatial.inertia import RigidInertia
+from holdfast.spatial.scalar import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """A rigid body moved by one joint; its frame's origin lies on that joint.
+
+    Attributes:
+        mass: >= 0 [kg].
+        com: (3,) mass centre in link axes [m].
+        inertia: (3, 3) about the mass centre, link axes [kg m^2]; semidefinite is allowed.
+        name: for messages.
+        physical: False accepts principal moments that no mass distribution has
+            (identified parameters sometimes violate the triangle inequality).
+    """
+
+    mass: float
+    com: Array = field(default_factory=lambda: np.zeros(3))
+    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    name: str = ""
+    physical: bool = True
+
+    def __post_init__(self) -> None:
+        label = f"link '{self.name}'" if self.name else "link"
+        put = object.__setattr__
+        put(self, "mass", checks.number(self.mass, f"{label}: mass"))
+        if not self.mass >= 0:
+            raise ModelError(f"{label}: mass: expected > 0, got {self.mass!r} (0 is allowed for a massless link)")
+        put(self, "com", checks.numbers(self.com, (3,), f"{label}: com"))
+        what = f"{label}: inertia"
+        put(self, "inertia", checks.rotational_inertia(self.inertia, what, physical=self.physical))
+
+    @cached_property
+    def spatial_inertia(self) -> RigidInertia:
+        """M(k): the inertia about the link's origin, link axes."""
+        return spatial_inertia.about_origin(self.mass, self.com, self.inertia)

@@ -1,0 +1,1 @@
+"""Rotation, pose, twist, wrench, inertia and small linear algebra on any scalar."""

@@ -1,0 +1,60 @@
+"""The inertia of a rigid body about a point, by its ten parameters."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.spatial.scalar import Array, Scalar, concatenate
+from holdfast.spatial.symmetric import Symmetric6, mirrored
+from holdfast.spatial.vector import cross, outer, skew
+
+
+class RigidInertia(NamedTuple):
+    """M = [I, h~; -h~, m 1] about a point O, all in one set of axes (operators.md 1).
+
+    Attributes:
+        m: mass [kg].
+        h: (3,) first moment, m times the vector from O to the mass centre [kg m].
+        I: (3, 3) rotational inertia about O [kg m^2].
+    """
+
+    m: Scalar
+    h: Array
+    I: Array
+
+    def apply(self, a: Array) -> Array:
+        """Return M a for a 6-vector a."""
+        return concatenate([self.I @ a[:3] + cross(self.h, a[3:]), self.m * a[3:] - cross(self.h, a[:3])])
+
+    def gyroscopic(self, w: Array) -> Array:
+        """Return b = [w x I w; w x (w x h)], the force of turning at w [rad/s]."""
+        return concatenate([cross(w, self.I @ w), cross(w, cross(w, self.h))])
+
+    def plus(self, other: RigidInertia) -> RigidInertia:
+        """Return the inertia of two bodies welded together, same point and axes."""
+        return RigidInertia(self.m + other.m, self.h + other.h, self.I + other.I)
+
+    def moved(self, R: Array, l: Array) -> RigidInertia:
+        """Return the inertia in axes turned by R about the point at -l (new axes).
+
+        phi M phi^T after the rotation: I' = I - l h^T - h l^T + 2 (h.l) 1 + m (l.l 1 - l l^T).
+        """
+        h = R @ self.h
+        first = h + self.m * l  # first moment about the new point
+        I = R @ self.I @ R.T - outer(l, h) - outer(first, l)
+        return RigidInertia(self.m, first, mirrored(I + (l @ h + first @ l) * np.eye(3)))
+
+    def symmetric(self) -> Symmetric6:
+        """Return the (6, 6) matrix as blocks."""
+        return Symmetric6(self.I, skew(self.h), self.m * np.eye(3))
+
+
+NO_INERTIA = RigidInertia(0.0, np.zeros(3), np.zeros((3, 3)))
+
+
+def about_origin(mass: Scalar, com: Array, inertia: Array) -> RigidInertia:
+    """Return the inertia about the body's origin from mass, mass centre and inertia about it."""
+    h = mass * com
+    return RigidInertia(mass, h, inertia + (com @ h) * np.eye(3) - outer(com, h))

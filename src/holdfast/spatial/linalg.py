@@ -1,0 +1,97 @@
+"""Small dense factorisations that run on any scalar: no pivoting on values, no NumPy solver."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, sqrt, where
+from holdfast.spatial.vector import outer
+
+RANK_TOLERANCE = 1e-12
+
+
+class MaskedLDL(NamedTuple):
+    """S = L diag(d) L^T with the pivots below a tolerance taken as absent.
+
+    Attributes:
+        L: (n, n) unit lower triangular.
+        inverse_pivots: (n,) 1/d, and 0 where the pivot was dropped.
+        kept: how many pivots were kept: the rank.
+        weakest: the smallest kept pivot, relative to its scale (1 if none).
+    """
+
+    L: Array
+    inverse_pivots: Array
+    kept: Scalar
+    weakest: Scalar
+
+
+def ldl(S: Array, scale: Array, tolerance: float = RANK_TOLERANCE) -> MaskedLDL:
+    """Factorise a positive semidefinite matrix without pivoting, dropping null pivots.
+
+    A pivot d_j <= tolerance * scale_j is a rounding residue of zero: 1/d_j := 0. The
+    solution is then one of the solutions whenever there is one (beyond.md 1, "Rank").
+
+    Args:
+        S: (n, n) symmetric.
+        scale: (n,) size of each diagonal entry before anything was subtracted from it.
+        tolerance: relative size of a pivot that counts as zero.
+
+    Returns:
+        The factors and the rank. Cost n^3/3 + O(n^2).
+    """
+    n = len(S)
+    rest, columns, inverse = S, [], []
+    kept, weakest = 0, 1.0
+    for j in range(n):
+        pivot, size = rest[0, 0], scale[j]
+        alive = pivot > tolerance * size
+        inv = where(alive, 1.0 / where(alive, pivot, 1.0), 0.0)
+        ratio = where(alive, pivot / where(alive, size, 1.0), 1.0)
+        weakest = where(ratio < weakest, ratio, weakest)
+        kept = kept + where(alive, 1, 0)
+        inverse.append(inv)
+        below = rest[1:, 0] * inv
+        columns.append(concatenate([np.zeros(j), [1.0], below]))
+        rest = rest[1:, 1:] - outer(below, rest[1:, 0])
+    return MaskedLDL(array(columns).T, array(inverse), kept, weakest)
+
+
+def ldl_solve(factors: MaskedLDL, b: Array) -> Array:
+    """Return S^-1 b (a solution of S x = b where pivots were dropped); b is (n,) or (n, m)."""
+    y = forward_substitution(factors.L, b)
+    z = (y.T * factors.inverse_pivots).T
+    return back_substitution(factors.L, z)
+
+
+def cholesky(S: Array) -> Array:
+    """Return the lower triangular C with C C^T = S, S positive definite (not checked)."""
+    n = len(S)
+    rest, columns = S, []
+    for j in range(n):
+        diagonal = sqrt(rest[0, 0])
+        below = rest[1:, 0] / diagonal
+        columns.append(concatenate([np.zeros(j), [diagonal], below]))
+        rest = rest[1:, 1:] - outer(below, below)
+    return array(columns).T
+
+
+def forward_substitution(L: Array, b: Array) -> Array:
+    """Return L^-1 b for a lower triangular L; b is (n,) or (n, m)."""
+    rows = []
+    for j in range(len(L)):
+        known = sum((L[j, i] * rows[i] for i in range(j)), start=0.0 * b[j])
+        rows.append((b[j] - known) / L[j, j])
+    return array(rows)
+
+
+def back_substitution(L: Array, b: Array) -> Array:
+    """Return L^-T b for a lower triangular L; b is (n,) or (n, m)."""
+    n = len(L)
+    rows: list[Array] = [b[0]] * n
+    for j in reversed(range(n)):
+        known = sum((L[i, j] * rows[i] for i in range(j + 1, n)), start=0.0 * b[j])
+        rows[j] = (b[j] - known) / L[j, j]
+    return array(rows)

@@ -1,0 +1,131 @@
+"""Rotations: matrices, unit quaternions (w, x, y, z), rotation vectors, Euler angles.
+
+A matrix R maps the coordinates of a vector from the rotated frame to the reference frame.
+"""
+
+import math
+
+import numpy as np
+
+from holdfast.spatial.scalar import Array, array, sqrt
+from holdfast.spatial.vector import cross
+
+
+def from_quaternion(wxyz: Array) -> Array:
+    """Return the rotation matrix of a unit quaternion.
+
+    R = (w^2 - v.v) I + 2 v v^T + 2 w v~.
+
+    Args:
+        wxyz: (4,) scalar first, unit length (not checked here).
+
+    Returns:
+        (3, 3).
+    """
+    w, x, y, z = wxyz
+    return array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def to_quaternion(R: Array) -> Array:
+    """Return the unit quaternion with w >= 0 of a rotation matrix, floats only.
+
+    The largest of the four components is found first, so no digits cancel.
+    """
+    trace = R[0, 0] + R[1, 1] + R[2, 2]
+    squares = array([trace, R[0, 0], R[1, 1], R[2, 2]])
+    k = int(np.argmax(squares))
+    if k == 0:
+        q = array([1 + trace, R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    else:
+        i = k - 1
+        j, m = (i + 1) % 3, (i + 2) % 3
+        q = np.zeros(4)
+        q[0] = R[m, j] - R[j, m]
+        q[1 + i] = 1 + R[i, i] - R[j, j] - R[m, m]
+        q[1 + j] = R[j, i] + R[i, j]
+        q[1 + m] = R[m, i] + R[i, m]
+    q = q / math.sqrt(q @ q)
+    return -q if q[0] < 0 else q
+
+
+def exp(rotation_vector: Array) -> Array:
+    """Return the rotation by |r| radians about r / |r| (Rodrigues), floats only."""
+    return from_quaternion(quaternion_exp(rotation_vector))
+
+
+def quaternion_exp(rotation_vector: Array) -> Array:
+    """Return the unit quaternion of a rotation vector [rad], floats only."""
+    half = 0.5 * math.sqrt(rotation_vector @ rotation_vector)
+    # sin(half)/(2 half): the series is exact to the last digit below 1e-4
+    ratio = 0.5 * (1 - half * half / 6) if half < 1e-4 else 0.5 * math.sin(half) / half
+    return np.concatenate([[math.cos(half)], ratio * rotation_vector])
+
+
+def log(R: Array) -> Array:
+    """Return the rotation vector [rad], of length <= pi, of a rotation matrix, floats only."""
+    q = to_quaternion(R)
+    sine = math.sqrt(q[1:] @ q[1:])
+    if sine < 1e-9:  # angle = 2 sine (1 + sine^2/6 ...)
+        return 2 * q[1:]
+    return 2 * math.atan2(sine, q[0]) / sine * q[1:]
+
+
+def quaternion_product(p: Array, q: Array) -> Array:
+    """Return the quaternion of the rotation q followed by p."""
+    vector = p[0] * q[1:] + q[0] * p[1:] + cross(p[1:], q[1:])
+    return array([p[0] * q[0] - p[1:] @ q[1:], *vector])
+
+
+def normalised(wxyz: Array) -> Array:
+    """Return the quaternion scaled to unit length."""
+    return wxyz / sqrt(wxyz @ wxyz)
+
+
+def from_euler_zyx(yaw: float, pitch: float, roll: float) -> Array:
+    """Return R = Rz(yaw) Ry(pitch) Rx(roll), floats only; URDF's `rpy` read backwards."""
+    z, y, x = np.eye(3)[::-1]
+    return exp(yaw * z) @ exp(pitch * y) @ exp(roll * x)
+
+
+def to_euler_zyx(R: Array) -> Array:
+    """Return (yaw, pitch, roll) [rad] with R = Rz Ry Rx and |pitch| <= pi/2, floats only.
+
+    At |pitch| = pi/2 only yaw -+ roll is defined; roll = 0 is returned there.
+    """
+    pitch = math.atan2(-R[2, 0], math.hypot(R[2, 1], R[2, 2]))
+    if math.hypot(R[2, 1], R[2, 2]) < 1e-12:
+        return array([math.atan2(-R[0, 1], R[1, 1]), pitch, 0.0])
+    return array([math.atan2(R[1, 0], R[0, 0]), pitch, math.atan2(R[2, 1], R[2, 2])])
+
+
+def is_rotation(R: Array, tolerance: float) -> bool:
+    """Return whether R^T R = I and det R = +1 within the tolerance."""
+    return bool(np.abs(R.T @ R - np.eye(3)).max() <= tolerance and np.linalg.det(R) > 0)
+
+
+def nearest(R: Array) -> Array:
+    """Return the rotation nearest to a nearly orthogonal matrix (polar factor)."""
+    U, _, Vt = np.linalg.svd(R)
+    return U @ Vt
+
+
+def align(a: Array, b: Array) -> Array:
+    """Return the shortest rotation vector [rad] that turns unit vector a to unit vector b.
+
+    Floats only; where a = -b any perpendicular axis serves and one is chosen.
+    """
+    axis = cross(a, b)
+    sine = math.sqrt(axis @ axis)
+    angle = math.atan2(sine, a @ b)
+    if sine > 1e-12:
+        return angle / sine * axis
+    if a @ b > 0:
+        return axis
+    other = cross(a, np.eye(3)[int(np.argmin(np.abs(a)))])
+    return math.pi / math.sqrt(other @ other) * other

@@ -1,0 +1,33 @@
+"""Twists [omega; v] and wrenches [moment; force]: 6-vectors, angular part first.
+
+phi(a, b) = [I, l~; 0, I] with l = b - a moves a wrench from point b to point a;
+phi^T(a, b) moves a twist from point a to point b (operators.md 1; paper after (2.5)).
+"""
+
+from holdfast.spatial.scalar import Array, concatenate
+from holdfast.spatial.vector import cross
+
+
+def shift_wrench(l: Array, f: Array) -> Array:
+    """Return phi f = [n + l x F; F]: the wrench at b seen at a, l from a to b [m]."""
+    return concatenate([f[:3] + cross(l, f[3:]), f[3:]])
+
+
+def shift_twist(l: Array, V: Array) -> Array:
+    """Return phi^T V = [w; v + w x l]: the twist at a seen at b, l from a to b [m]."""
+    return concatenate([V[:3], V[3:] + cross(V[:3], l)])
+
+
+def rotate(R: Array, x: Array) -> Array:
+    """Return the 6-vector with both halves multiplied by R (new axes, same point)."""
+    return concatenate([R @ x[:3], R @ x[3:]])
+
+
+def unrotate(R: Array, x: Array) -> Array:
+    """Return the 6-vector with both halves multiplied by R^T."""
+    return concatenate([x[:3] @ R, x[3:] @ R])
+
+
+def centripetal(w: Array, l: Array) -> Array:
+    """Return w x (w x l) [m/s^2]: the acceleration at the end of a turning vector l."""
+    return cross(w, cross(w, l))

@@ -1,0 +1,96 @@
+"""The state of a closed chain, and what acts on it besides the joint torques."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from holdfast.errors import StateError
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Positions and velocities of the whole chain.
+
+    Attributes:
+        q: (n,) joint positions, arms in the chain's order, base to tip [rad or m].
+        qd: (n,) joint rates [rad/s or m/s].
+        object_pose: (7,) wxyz_xyz of the object frame (origin C) in the world.
+        object_twist: (6,) [omega; v of C], world axes [rad/s, m/s].
+    """
+
+    q: Array
+    qd: Array
+    object_pose: Array
+    object_twist: Array = field(default_factory=lambda: np.zeros(6))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        n = np.size(self.q)
+        put(self, "q", checks.numbers(self.q, (n,), "state: q", StateError))
+        put(self, "qd", checks.numbers(self.qd, (n,), "state: qd", StateError))
+        pose = self.object_pose.wxyz_xyz if isinstance(self.object_pose, Pose) else self.object_pose
+        pose = checks.numbers(pose, (7,), "state: object_pose", StateError)
+        if pose.dtype != object:
+            length = float(np.sqrt(pose[:4] @ pose[:4]))
+            if abs(length - 1) > checks.ROTATION_TOLERANCE:
+                raise StateError(
+                    f"state: object_pose: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}"
+                )
+            pose = np.concatenate([pose[:4] / length, pose[4:]])
+        put(self, "object_pose", pose)
+        put(self, "object_twist", checks.numbers(self.object_twist, (6,), "state: object_twist", StateError))
+
+    @cached_property
+    def object_frame(self) -> Pose:
+        """The object's pose as rotation and origin."""
+        return Pose.from_wxyz_xyz(self.object_pose)
+
+    def fits(self, chain: ClosedChain) -> None:
+        """Refuse the state if its length is not the chain's.
+
+        Raises:
+            StateError: naming both lengths.
+        """
+        if len(self.q) != chain.joint_count:
+            raise StateError(
+                f"state: q: expected {chain.joint_count} joint positions"
+                f" ({', '.join(f'{n}: {a.joint_count}' for n, a in chain.arms.items())}), got {len(self.q)}"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """What acts on the chain besides the joint torques; everything is zero by default.
+
+    Attributes:
+        object_wrench: (6,) external wrench on the object about C, world axes [N m, N].
+        link_wrenches: (n, 6) external wrench on each link about its frame's origin, world axes.
+        base_twists: (arms, 6) prescribed velocity of each base's origin, world axes.
+        base_accelerations: (arms, 6) its plain derivative [omega_dot; v_dot].
+    """
+
+    object_wrench: Array | None = None
+    link_wrenches: Array | None = None
+    base_twists: Array | None = None
+    base_accelerations: Array | None = None
+
+    def shaped(self, chain: ClosedChain) -> Inputs:
+        """Return the inputs as checked arrays of the chain's shapes; only link wrenches stay None."""
+        l, n = len(chain.arms), chain.joint_count
+
+        def arr(value: Array | None, shape: tuple[int, ...], what: str) -> Array:
+            return np.zeros(shape) if value is None else checks.numbers(value, shape, what, StateError)
+
+        return Inputs(
+            arr(self.object_wrench, (6,), "inputs: object_wrench"),
+            None if self.link_wrenches is None else arr(self.link_wrenches, (n, 6), "inputs: link_wrenches"),
+            arr(self.base_twists, (l, 6), "inputs: base_twists"),
+            arr(self.base_accelerations, (l, 6), "inputs: base_accelerations"),
+        )

@@ -1,0 +1,1 @@
+"""Independent truths that share no code with the library."""

@@ -1,0 +1,119 @@
+"""Two number systems for one oracle text: float64 and many decimal digits.
+
+The oracle is written on small NumPy arrays.  With many digits the arrays hold
+``mpmath.mpf`` objects, so the same lines of text run in either arithmetic.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Arithmetic:
+    """Hold what differs between float64 and many-digit scalars.
+
+    Attributes:
+        array: turns nested numbers into an array of this arithmetic's scalars.
+        sin: sine of one scalar [rad].
+        cos: cosine of one scalar [rad].
+        solve: solves a square dense system ``A x = b``.
+    """
+
+    array: Callable
+    sin: Callable
+    cos: Callable
+    solve: Callable
+
+
+def arithmetic(digits: int | None) -> Arithmetic:
+    """Return float64 arithmetic (``digits=None``) or one of that many digits."""
+    if digits is None:
+        return Arithmetic(_float_array, math.sin, math.cos, np.linalg.solve)
+    # A context of its own: the precision travels with the numbers and the
+    # process-wide mpmath setting stays as it was.
+    import mpmath
+
+    context = mpmath.mp.clone()
+    context.dps = digits
+    return Arithmetic(
+        lambda values: _object_array(values, context.mpf),
+        context.sin,
+        context.cos,
+        solve_by_elimination,
+    )
+
+
+def _float_array(values) -> np.ndarray:
+    """Return the values as a float64 array."""
+    return np.array(values, dtype=float)
+
+
+def _object_array(values, scalar: Callable) -> np.ndarray:
+    """Return the values as an object array; float64 inputs are taken as exact."""
+    floats = np.array(values, dtype=float)
+    numbers = np.empty(floats.shape, dtype=object)
+    for index in np.ndindex(*floats.shape):
+        numbers[index] = scalar(float(floats[index]))
+    return numbers
+
+
+def solve_by_elimination(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:
+    """Solve ``matrix x = rhs`` by Gaussian elimination with partial pivoting.
+
+    Plain lists are several times faster than array indexing for big scalars, and
+    skipping zero multipliers pays because a KKT matrix is mostly zero.
+
+    Args:
+        matrix: (n, n) scalars of any kind that has + - * / and abs.
+        rhs: (n,) scalars.
+
+    Returns:
+        (n,) object array.
+
+    Raises:
+        ZeroDivisionError: the matrix is exactly singular.
+    """
+    rows = [list(row) + [value] for row, value in zip(matrix, rhs, strict=True)]
+    size = len(rows)
+    for column in range(size):
+        _bring_up_pivot(rows, column)
+        _eliminate_below(rows, column)
+    return _substitute_back(rows)
+
+
+def _bring_up_pivot(rows: list, column: int) -> None:
+    """Swap the row with the largest entry of this column into place."""
+    best = max(range(column, len(rows)), key=lambda i: abs(rows[i][column]))
+    if rows[best][column] == 0:
+        raise ZeroDivisionError(f"column {column} of {len(rows)} has no pivot")
+    rows[column], rows[best] = rows[best], rows[column]
+
+
+def _eliminate_below(rows: list, column: int) -> None:
+    """Clear this column below the diagonal."""
+    pivot_row = rows[column]
+    pivot = pivot_row[column]
+    # Only the non-zero entries of the pivot row can change anything.
+    active = [(j, pivot_row[j]) for j in range(column + 1, len(pivot_row)) if pivot_row[j] != 0]
+    for row in rows[column + 1 :]:
+        if row[column] == 0:
+            continue
+        factor = row[column] / pivot
+        for j, value in active:
+            row[j] = row[j] - factor * value
+
+
+def _substitute_back(rows: list) -> np.ndarray:
+    """Return the solution of an upper triangular system with its right side appended."""
+    size = len(rows)
+    solution = np.empty(size, dtype=object)
+    for i in reversed(range(size)):
+        total = rows[i][size]
+        for j in range(i + 1, size):
+            if rows[i][j] != 0:
+                total = total - rows[i][j] * solution[j]
+        solution[i] = total / rows[i][i]
+    return solution
