@@ -54,7 +54,7 @@ def constraint_impulses(
         for arm, v in zip(motion.holding, mismatch, strict=True)
     ]
     still = [replace(c, a=none, g=none) for c in contacts]
-    found = object_filter(still, tips, replace(motion.body, free_acceleration=none))
+    found = object_filter(still, tips, replace(motion.body, free_acceleration=none, wrench=none))
     dqd = np.zeros(motion.chain.joint_count)
     for name, tip, impulse in zip(motion.chain.grasps, tips, found.wrenches, strict=True):
         dqd[motion.chain.joints[name]] = tip.back(impulse)[0]

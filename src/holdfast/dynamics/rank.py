@@ -7,12 +7,16 @@ configuration is singular, and the pointwise answer is not the trajectory's.
 
 from __future__ import annotations
 
+from typing import Literal, NamedTuple
+
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.sequential import object_filter
 from holdfast.dynamics.closed.tip_response import tip_response
 from holdfast.dynamics.closing import close
+from holdfast.dynamics.object_level import motion_basis
+from holdfast.dynamics.projection import moved
 from holdfast.dynamics.result import Status
 from holdfast.errors import ClosureError, SingularChainError
 from holdfast.model.closed_chain import ClosedChain
@@ -21,6 +25,21 @@ from holdfast.state import Inputs, State
 
 NEIGHBOURS = 8
 NEIGHBOUR_DISTANCE = 0.1  # rad; metres for a prismatic joint and for the object
+TANGENT_STEP = 0.05  # rad, m
+
+
+class Regularity(NamedTuple):
+    """How a configuration stands to its neighbours.
+
+    Attributes:
+        kind: "regular" (full rank), "indeterminate" (rank constantly low) or "singular".
+        generic_rank: the rank nearby.
+        why: for a singular one, what gives it away.
+    """
+
+    kind: Literal["regular", "indeterminate", "singular"]
+    generic_rank: int
+    why: str
 
 
 def constraint_rank(chain: ClosedChain, state: State) -> int:
@@ -39,16 +58,10 @@ def generic_constraint_rank(chain: ClosedChain, state: State) -> int:
     best = constraint_rank(chain, state)
     for seed in range(NEIGHBOURS):
         random = np.random.default_rng(seed)
-        q = state.q + NEIGHBOUR_DISTANCE * random.uniform(-1, 1, len(state.q))
-        turn, shift = NEIGHBOUR_DISTANCE * random.uniform(-1, 1, (2, 3))
-        pose = np.concatenate(
-            [
-                rotation.quaternion_product(rotation.quaternion_exp(turn), state.object_pose[:4]),
-                state.object_pose[4:] + shift,
-            ]
-        )
+        step = NEIGHBOUR_DISTANCE * random.uniform(-1, 1, len(state.q) + 6)
+        there = moved(State(state.q, 0.0 * state.qd, state.object_pose), *np.split(step, [len(state.q)]))
         try:
-            neighbour = close(chain, State(q, 0.0 * q, pose), limits=False)
+            neighbour = close(chain, there, limits=False)
         except ClosureError:
             continue
         best = max(best, constraint_rank(chain, neighbour))
@@ -57,20 +70,64 @@ def generic_constraint_rank(chain: ClosedChain, state: State) -> int:
     return best
 
 
+def velocities_are_motions(chain: ClosedChain, state: State) -> bool:
+    """Return whether every velocity that the grasps allow begins a motion.
+
+    Steps along each allowed velocity and closes the chain again: at a regular point the
+    step survives; where the rank is low only to first order (two arms stretched against
+    each other) it is taken back.
+    """
+    basis = motion_basis(chain, state)
+    if not basis.shape[1]:
+        return True  # a locked structure has no velocities to test
+    kept = []
+    for direction in TANGENT_STEP * basis.T:
+        there = moved(State(state.q, 0.0 * state.qd, state.object_pose), *np.split(direction, [chain.joint_count]))
+        try:
+            closed = close(chain, there, limits=False)
+        except ClosureError:
+            return False
+        turn = rotation.log(closed.object_frame.R @ state.object_frame.R.T)
+        shift = closed.object_pose[4:] - state.object_pose[4:]
+        kept.append(basis.T @ np.concatenate([closed.q - state.q, turn, shift]) / TANGENT_STEP)
+    return bool(np.linalg.svd(np.array(kept), compute_uv=False)[-1] > 0.5)
+
+
+def regularity(chain: ClosedChain, state: State, rank: int, generic: int | None = None) -> Regularity:
+    """Return how a configuration of the given rank stands to its neighbours.
+
+    Args:
+        chain: the chain.
+        state: a closed state.
+        rank: its rank.
+        generic: the generic rank, if known; a rank equal to it is then trusted.
+    """
+    rows = chain.constraint_row_count
+    if rank == rows:
+        return Regularity("regular", rank, "")
+    if generic is not None:
+        if rank < generic:
+            return Regularity("singular", generic, f"but {generic} in general")
+        return Regularity("indeterminate", generic, "")
+    generic = generic_constraint_rank(chain, state)
+    if rank < generic:
+        return Regularity("singular", generic, f"but {generic} nearby")
+    if not velocities_are_motions(chain, state):
+        return Regularity("singular", generic, "and some velocities it allows begin no motion")
+    return Regularity("indeterminate", generic, "")
+
+
 def verdict(chain: ClosedChain, state: State, rank: int, generic: int | None = None) -> Status:
     """Return whether forces are unique at a configuration of the given rank.
 
     Raises:
-        SingularChainError: the rank is below the generic rank.
+        SingularChainError: the configuration is singular.
     """
-    rows = chain.constraint_row_count
-    if rank == rows:
-        return Status.OK
-    generic = generic_constraint_rank(chain, state) if generic is None else generic
-    if rank < generic:
+    found = regularity(chain, state, rank, generic)
+    if found.kind == "singular":
         raise SingularChainError(
-            f"the grasp constraint has rank {rank} of {rows} here but {generic} nearby: a singular configuration, where"
-            " forces and accelerations are not those of any trajectory. holdfast.diagnose names the lost directions;"
-            " try another posture or another grasp"
+            f"the grasp constraint has rank {rank} of {chain.constraint_row_count} here, {found.why}: a singular"
+            " configuration, where forces and accelerations are not those of any trajectory. holdfast.diagnose names"
+            " the lost directions; try another posture or another grasp"
         )
-    return Status.INDETERMINATE_FORCES
+    return Status.OK if found.kind == "regular" else Status.INDETERMINATE_FORCES

@@ -2,11 +2,89 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
+from holdfast.errors import StateError
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import rotate, shift_wrench
+from holdfast.state import State
 
-SMALLEST_LENGTH = 1e-3  # m
+SMALLEST_LENGTH = 1e-3  # m: contacts closer together than this set no scale
+SMALLEST_FORCE = 1e-9  # of the sum of the grasp forces: below it no share is defined
+
+
+class Split(NamedTuple):
+    """Grasp wrenches in two parts; rows are the chain's arms, world axes, about the contacts.
+
+    Attributes:
+        motion: (arms, 6) the smallest wrenches with the same effect on the object, in the
+            metric sum |moment / length|^2 + |force|^2.
+        internal: (arms, 6) the rest: A^T f_internal = 0.
+        load_share: (arms,) part of the net force that each arm's motion force carries
+            (sums to 1); None where the net force vanishes.
+        length: L of the metric [m].
+    """
+
+    motion: Array
+    internal: Array
+    load_share: Array | None
+    length: float
+
+
+def split(chain: ClosedChain, state: State, grasp_wrench: Array, length: float | None = None) -> Split:
+    """Return the motion and internal parts of grasp wrenches. Both can be transmitted.
+
+    Args:
+        chain: the chain.
+        state: where the object is.
+        grasp_wrench: (arms, 6) as in `ForwardResult`.
+        length: L of the metric [m]; default the contacts' rms distance from their centroid.
+
+    Raises:
+        StateError: wrong shape.
+    """
+    f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
+    R = state.object_frame.R
+    offsets = [R @ grasp.frame.p for grasp in chain.grasps.values()]
+    L = length_scale(offsets) if length is None else checks.number(length, "length", above=0.0)
+    rows = [chain.names.index(name) for name in chain.grasps]
+    motion, internal = np.zeros_like(f), np.zeros_like(f)
+    if rows:
+        net = sum((shift_wrench(o, f[i]) for i, o in zip(rows, offsets, strict=True)), start=np.zeros(6))
+        motion[rows] = motion_wrenches(chain, R, offsets, net, L)
+        internal[rows] = f[rows] - motion[rows]
+    return Split(motion, internal, _load_share(motion[:, 3:]), L)
+
+
+def motion_wrenches(chain: ClosedChain, R: Array, offsets: list[Array], net: Array, length: float) -> Array:
+    """Return the smallest transmissible wrenches with a given sum at C, (grasps, 6).
+
+    min sum |moment / L|^2 + |force|^2 over f = K^T lambda with A^T f = net: lambda =
+    W^-1 K A y, where W is diagonal because each row of K is a pure moment or force.
+
+    Args:
+        chain: the chain.
+        R: (3, 3) object axes to world axes.
+        offsets: per grasp, C to contact point, world axes [m].
+        net: (6,) wrench on the object about C, world axes.
+        length: L [m].
+    """
+    columns, weights = [], []
+    for grasp, offset in zip(chain.grasps.values(), offsets, strict=True):
+        axes = R @ grasp.frame.R
+        K = np.array([rotate(axes, row) for row in grasp.transmission])
+        columns.append((K, np.array([shift_wrench(offset, row) for row in K])))
+        weights.extend(length**2 if i < 3 else 1.0 for i in grasp.transmitted)
+    to_C = np.concatenate([at_C for _, at_C in columns]).T  # A^T K^T, (6, rows)
+    unit = np.r_[np.full(3, 1 / length), np.ones(3)]  # moments in newtons
+    root = np.sqrt(weights)
+    lam = root * np.linalg.lstsq(unit[:, None] * to_C * root, unit * net, rcond=1e-12)[0]
+    ends = np.cumsum([len(K) for K, _ in columns])[:-1]
+    return np.array([K.T @ part for (K, _), part in zip(columns, np.split(lam, ends), strict=True)])
 
 
 def length_scale(offsets: list[Array]) -> float:
@@ -19,3 +97,12 @@ def length_scale(offsets: list[Array]) -> float:
     points = np.array(offsets)
     L = float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
     return L if L > SMALLEST_LENGTH else 1.0
+
+
+def _load_share(forces: Array) -> Array | None:
+    """Return s_i = F_i . F / |F|^2 of the motion forces."""
+    net = forces.sum(axis=0)
+    size = float(np.abs(forces).sum())
+    if float(np.linalg.norm(net)) <= SMALLEST_FORCE * max(size, 1.0):
+        return None
+    return forces @ net / (net @ net)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from holdfast.dynamics.closed.chain_motion import chain_motion
-from holdfast.errors import HoldfastError, SceneError
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.io import typed
 from holdfast.io.case_format import FREE_AXES, ArmData, CaseData, CaseFileData, ExpectedData, GraspData
+from holdfast.io.place import Place
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
@@ -49,32 +47,6 @@ class Case:
     expected: ExpectedData | None
 
 
-class _Place:
-    """A place in the file; refusals raised under it carry its path."""
-
-    def __init__(self, source: str, path: str) -> None:
-        self.source, self.path = source, path
-
-    def __truediv__(self, key: str | int) -> _Place:
-        return _Place(self.source, f"{self.path}[{key}]" if isinstance(key, int) else f"{self.path}.{key}")
-
-    def refuse(self, problem: str) -> SceneError:
-        return SceneError(f"{self.source}: {self.path}: {problem}")
-
-    @contextmanager
-    def __call__(self) -> Iterator[None]:
-        """Turn a model's refusal 'link: mass: expected ...' into '$.path.mass: expected ...'."""
-        try:
-            yield
-        except SceneError:
-            raise
-        except HoldfastError as cause:
-            _, _, problem = str(cause).partition(": ")
-            key, separator, rest = problem.partition(": ")
-            text = f".{key}: {rest}" if separator and key.isidentifier() else f": {problem or cause}"
-            raise SceneError(f"{self.source}: {self.path}{text}") from cause
-
-
 def load_cases(path: str | Path) -> list[Case]:
     """Return the problems of a JSON file: one case, a list, or an object with `cases`.
 
@@ -83,7 +55,7 @@ def load_cases(path: str | Path) -> list[Case]:
     """
     source = str(path)
     data = typed.parse_json(typed.read_bytes(Path(path)), source)
-    if isinstance(data, dict) and "cases" in data:
+    if isinstance(data, dict) and ("cases" in data or not data.keys() & {"name", "object", "arms"}):
         items = typed.convert(data, CaseFileData, source).cases
         listed = [(f"$.cases[{i}]", item) for i, item in enumerate(items)]
     elif isinstance(data, list):
@@ -91,13 +63,15 @@ def load_cases(path: str | Path) -> list[Case]:
     else:
         listed = [("$", data)]
     if not listed:
-        raise SceneError(f"{source}: $: expected at least one case, got none")
+        raise Place(source).refuse("expected at least one case, got none")
     cases = []
     first: dict[str, str] = {}
     for root, item in listed:
         case = build_case(typed.convert(item, CaseData, source, root), source, root)
         if case.name in first:
-            raise SceneError(f"{source}: {root}.name: duplicate name '{case.name}', first used at {first[case.name]}")
+            raise Place(source, root + ".name").refuse(
+                f"duplicate name {case.name!r}, first used at {first[case.name]}"
+            )
         first[case.name] = root
         cases.append(case)
     return cases
@@ -112,17 +86,22 @@ def build_case(data: CaseData, source: str = "case", root: str = "$") -> Case:
     Raises:
         SceneError: with the JSON path of the first fault.
     """
-    at = _Place(source, root)
+    # numbers near the end of float64's range overflow below: what comes of it is refused, not warned of
+    with np.errstate(all="ignore"):
+        return _build(data, Place(source, root))
+
+
+def _build(data: CaseData, at: Place) -> Case:
     if not data.arms:
         raise (at / "arms").refuse("expected at least one arm, got none")
     arms, grasps = {}, {}
     for i, arm in enumerate(data.arms):
         arms[f"arm{i + 1}"], grasps[f"arm{i + 1}"] = _arm(arm, at / "arms" / i)
     body = data.object
-    with (at / "object")():
+    with (at / "object").refusals():
         frame = Pose(checks.rotation_matrix(body.R, "object: R"), checks.numbers(body.p, (3,), "object: p"))
         held = HeldObject(body.mass, np.array(body.inertia), np.array(body.com))
-    with at():
+    with at.refusals():
         chain = ClosedChain(arms, held, grasps, np.array(data.gravity))
         q, qd, tau = (np.concatenate([getattr(arm, key) for arm in data.arms]) for key in ("q", "qd", "tau"))
         state = State(q, qd, frame.wxyz_xyz, np.array([*body.omega, *body.v]))
@@ -130,33 +109,39 @@ def build_case(data: CaseData, source: str = "case", root: str = "$") -> Case:
         base_twists=np.array([[*a.base.omega, *a.base.v] for a in data.arms]),
         base_accelerations=np.array([[*a.base.omega_dot, *a.base.v_dot] for a in data.arms]),
     )
-    chain = _with_tip_attitudes(chain, state, inputs)
-    given = [arm.grasp.W for arm in data.arms]
-    rates = None if None in given else np.concatenate([w for w in given if w is not None])
+    motion = chain_motion(chain, state, np.zeros(chain.joint_count), inputs.shaped(chain))
+    with at.refusals():
+        chain = _with_tip_attitudes(motion)
+    rates = None
+    if any(arm.grasp.W for arm in data.arms):  # a W left out is the one the velocities imply
+        given = [arm.grasp.W for arm in data.arms]
+        rates = np.concatenate([c.W if W is None else W for W, c in zip(given, motion.contacts, strict=True)])
     _check_expected(data, at / "expected")
     return Case(data.name, chain, state, tau, inputs, rates, data.expected)
 
 
-def _arm(data: ArmData, at: _Place) -> tuple[Arm, Grasp]:
+def _arm(data: ArmData, at: Place) -> tuple[Arm, Grasp]:
     joints, links = [], []
     for k, joint in enumerate(data.joints):
-        with (at / "joints" / k)():
+        with (at / "joints" / k).refusals():
             placement = Pose(checks.rotation_matrix(joint.R0, "joint: R0"), np.array(joint.p0))
             joints.append(Joint(joint.type, np.array(joint.axis), placement))
     for k, link in enumerate(data.links):
-        with (at / "links" / k)():
+        with (at / "links" / k).refusals():
             links.append(Link(link.mass, np.array(link.com), np.array(link.inertia)))
+    if not joints:
+        raise (at / "joints").refuse("expected at least one joint, got none")
     for key in ("links", "q", "qd", "tau"):
         if len(getattr(data, key)) != len(joints):
             raise (at / key).refuse(f"expected {len(joints)} entries, one per joint, got {len(getattr(data, key))}")
-    with (at / "base")():
+    with (at / "base").refusals():
         base = Pose(checks.rotation_matrix(data.base.R, "base: R"), np.array(data.base.p))
-    with at():
+    with at.refusals():
         arm = Arm(joints, links, Pose(np.eye(3), np.array(data.tip)), base)
     return arm, _grasp(data.grasp, at / "grasp")
 
 
-def _grasp(data: GraspData, at: _Place) -> Grasp:
+def _grasp(data: GraspData, at: Place) -> Grasp:
     """Return the grasp with its contact frame: hinge axis along x, soft finger's tangents x, y."""
     if len(data.h_object) != FREE_AXES[data.type]:
         raise (at / "h_object").refuse(
@@ -166,15 +151,17 @@ def _grasp(data: GraspData, at: _Place) -> Grasp:
     if data.W is not None and len(data.W) != freedoms:
         raise (at / "W").refuse(f"expected {freedoms} relative rates for a {data.type}, got {len(data.W)}")
     R = np.eye(3)
-    if data.h_object:
-        with at():
-            axes = [checks.unit_vector(h, f"grasp: h_object[{i}]") for i, h in enumerate(data.h_object)]
+    axes = []
+    for i, h in enumerate(data.h_object):
+        with (at / "h_object" / i).refusals():
+            axes.append(checks.unit_vector(h, "axis"))
+    if axes:
         x = axes[0]
         y = axes[1] if len(axes) == 2 else _perpendicular(x)
         if abs(x @ y) > checks.ROTATION_TOLERANCE:
             raise (at / "h_object").refuse(f"expected perpendicular tangents, got h1.h2 = {x @ y:.3g}")
         R = np.column_stack([x, y, cross(x, y)])
-    with at():
+    with at.refusals():
         return Grasp(data.type, Pose(R, np.array(data.point_object)))
 
 
@@ -183,17 +170,16 @@ def _perpendicular(x: Array) -> Array:
     return other / np.linalg.norm(other)
 
 
-def _with_tip_attitudes(chain: ClosedChain, state: State, inputs: Inputs) -> ClosedChain:
+def _with_tip_attitudes(motion: ChainMotion) -> ClosedChain:
     """Return the chain with every tip frame turned to its contact frame."""
-    motion = chain_motion(chain, state, np.zeros(chain.joint_count), inputs.shaped(chain))
     arms = {
         name: arm.with_tip(Pose(motion.arms[name].at.R[-1].T @ c.R, arm.tip.p))
-        for (name, arm), c in zip(chain.arms.items(), motion.contacts, strict=True)
+        for (name, arm), c in zip(motion.chain.arms.items(), motion.contacts, strict=True)
     }
-    return replace(chain, arms=arms)
+    return replace(motion.chain, arms=arms)
 
 
-def _check_expected(data: CaseData, at: _Place) -> None:
+def _check_expected(data: CaseData, at: Place) -> None:
     """Refuse an answer whose shape is not the problem's."""
     if data.expected is None:
         return

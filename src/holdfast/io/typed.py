@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import json
+import math
 import re
 import tomllib
 import typing
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
 from holdfast.errors import SceneError
+from holdfast.io.place import Place
 from holdfast.model import checks
 
 T = TypeVar("T")
@@ -26,18 +30,48 @@ def read_bytes(path: Path) -> bytes:
         return path.read_bytes()
     except OSError as cause:
         raise SceneError(f"{path}: cannot be read: {cause.strerror or cause}") from cause
+    except ValueError as cause:  # a path that no file system takes
+        raise SceneError(f"{str(path)!r}: cannot be read: {cause}") from cause
 
 
 def parse_json(text: bytes, source: str) -> Any:
     """Return plain data from JSON text.
 
     Raises:
-        SceneError: if it is not valid JSON (NaN and infinities are not).
+        SceneError: if it is not valid JSON; NaN and infinities are not, by their path.
     """
     try:
         return msgspec.json.decode(text)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as cause:
-        raise SceneError(f"{source}: not valid JSON: {cause}") from cause
+        raise SceneError(f"{source}: {_json_fault(text) or f'not valid JSON: {cause}'}") from cause
+
+
+def _json_fault(text: bytes) -> str:
+    """Return what the standard library's more talkative reader finds wrong, or nothing."""
+    try:
+        data = json.loads(text)  # takes NaN, infinities and 1e999
+    except json.JSONDecodeError as fault:
+        return (
+            f"not valid JSON: {fault.msg} (line {fault.lineno}, column {fault.colno})" if text.strip() else "is empty"
+        )
+    except (ValueError, RecursionError):
+        return ""
+    for path, value in _leaves(data, "$"):
+        if isinstance(value, float) and not math.isfinite(value):
+            return f"{path}: expected a finite number, got {value!r}"
+    return ""
+
+
+def _leaves(data: Any, path: str) -> Iterator[tuple[str, Any]]:
+    """Yield path and value of everything that is neither a list nor an object."""
+    if isinstance(data, dict):
+        for key, value in data.items():
+            yield from _leaves(value, f"{path}.{key}")
+    elif isinstance(data, list):
+        for i, value in enumerate(data):
+            yield from _leaves(value, f"{path}[{i}]")
+    else:
+        yield path, data
 
 
 def parse_toml(text: bytes, source: str) -> Any:
@@ -48,7 +82,7 @@ def parse_toml(text: bytes, source: str) -> Any:
     """
     try:
         return tomllib.loads(text.decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as cause:
+    except (ValueError, RecursionError) as cause:  # a ValueError: bad TOML, bad UTF-8, an endless integer
         raise SceneError(f"{source}: not valid TOML: {cause}") from cause
 
 
@@ -71,7 +105,7 @@ def convert(data: Any, kind: type[T], source: str, root: str = "$") -> T:
         found = re.search(r" - at `(?:key in )?(\$[^`]*)`", text)
         path = found[1] if found else "$"
         problem = re.sub(r" - at `[^`]*`", "", text)
-        raise SceneError(f"{source}: {root}{path[1:]}: {problem}{_hint(kind, path, problem)}") from cause
+        raise Place(source, root + path[1:]).refuse(problem + _hint(kind, path, problem)) from cause
 
 
 def _structs(kind: Any) -> typing.Iterator[type[msgspec.Struct]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -21,16 +22,22 @@ def numbers(value: Any, shape: tuple[int, ...], what: str, error: type[HoldfastE
     """Return a read-only finite array of the shape, floats unless it holds traced scalars."""
     try:
         a = np.array(value)
-        if a.dtype != object or not all(hasattr(x, "where") for x in a.flat if not isinstance(x, (int, float))):
-            a = np.array(value, dtype=float)
-    except (TypeError, ValueError) as cause:
-        raise error(f"{what}: expected numbers of shape {shape}, got {_short(value)}") from cause
+        if a.dtype.kind in "cSUmM":  # complex numbers, texts and dates would be converted silently
+            raise TypeError(f"{a.dtype} is no real number")
+        if a.dtype != object or not any(hasattr(x, "where") for x in a.flat):
+            a = a.astype(float)
+    except (TypeError, ValueError, OverflowError) as cause:
+        raise error(f"{what}: expected {_numbers_of(shape)}, got {_short(value)}") from cause
     if a.shape != shape:
         raise error(f"{what}: expected shape {shape}, got shape {a.shape}")
     if a.dtype != object and not np.isfinite(a).all():
         raise error(f"{what}: expected finite numbers, got {_short(value)}")
     a.flags.writeable = False
     return a
+
+
+def _numbers_of(shape: tuple[int, ...]) -> str:
+    return f"numbers of shape {shape}" if shape else "a number"
 
 
 def number(value: Any, what: str, *, at_least: float | None = None, above: float | None = None) -> Any:
@@ -48,17 +55,17 @@ def number(value: Any, what: str, *, at_least: float | None = None, above: float
 def unit_vector(value: Any, what: str) -> Array:
     """Return a unit 3-vector; one that is off by more than 1e-6 is refused."""
     a = numbers(value, (3,), what)
-    length = float(np.sqrt(a @ a))
+    length = math.hypot(*a)
     if abs(length - 1) > ROTATION_TOLERANCE:
         raise ModelError(f"{what}: expected a unit vector, got length {length:.9g}; try dividing by it")
-    return a if abs(length - 1) < 1e-15 else a / length
+    return a if abs(length - 1) < 1e-15 else _frozen(a / length)
 
 
 def pose(value: Any, what: str) -> Pose:
     """Return a pose from a Pose, or from unit quaternion + position (7,)."""
     if not isinstance(value, Pose):
         a = numbers(value, (7,), f"{what} (wxyz_xyz)")
-        length = float(np.sqrt(a[:4] @ a[:4]))
+        length = math.hypot(*a[:4])
         if abs(length - 1) > ROTATION_TOLERANCE:
             raise ModelError(
                 f"{what}: expected a unit quaternion (w, x, y, z), got length {length:.9g}; try dividing by it"
@@ -74,13 +81,14 @@ def pose(value: Any, what: str) -> Pose:
 def rotation_matrix(value: Any, what: str) -> Array:
     """Return a rotation matrix; one that is off by more than 1e-6 is refused, less is mended."""
     R = numbers(value, (3, 3), what)
-    if not rotation.is_rotation(R, ROTATION_TOLERANCE):
-        defect = float(np.abs(R.T @ R - np.eye(3)).max())
-        raise ModelError(
-            f"{what}: expected a rotation matrix (R^T R = 1, det R = +1), got |R^T R - 1| = {defect:.3g},"
-            f" det R = {np.linalg.det(R):.9g}"
-        )
-    return R if rotation.is_rotation(R, 1e-14) else rotation.nearest(R)
+    with np.errstate(all="ignore"):  # entries like 1e200
+        if not rotation.is_rotation(R, ROTATION_TOLERANCE):
+            defect, det = float(np.abs(R.T @ R - np.eye(3)).max()), float(np.linalg.det(R))
+            raise ModelError(
+                f"{what}: expected a rotation matrix (R^T R = 1, det R = +1), got |R^T R - 1| = {defect:.3g},"
+                f" det R = {det:.9g}"
+            )
+    return R if rotation.is_rotation(R, 1e-14) else _frozen(rotation.nearest(R))
 
 
 def rotational_inertia(value: Any, what: str, *, definite: bool = False, physical: bool = True) -> Array:
@@ -92,7 +100,7 @@ def rotational_inertia(value: Any, what: str, *, definite: bool = False, physica
     J = symmetric_matrix(value, what)
     if J.dtype == object:
         return J
-    a, b, c = np.linalg.eigvalsh(J)
+    a, b, c = np.linalg.eigvalsh(J).tolist()
     if a < -INERTIA_TOLERANCE * max(c, 0.0) or c < 0:
         raise ModelError(f"{what}: expected principal moments >= 0, got {a:.6g}, {b:.6g}, {c:.6g}")
     if definite and a <= 1e-14 * c:
@@ -100,7 +108,7 @@ def rotational_inertia(value: Any, what: str, *, definite: bool = False, physica
     if physical and a + b < c * (1 - INERTIA_TOLERANCE):
         raise ModelError(
             f"{what}: no mass distribution has principal moments {a:.6g}, {b:.6g}, {c:.6g} (the two smaller must"
-            f" sum to at least the largest); pass physical=False to accept it as it is"
+            f" sum to at least the largest); try physical=False (Link, HeldObject) to accept it as it is"
         )
     return J
 
@@ -110,12 +118,11 @@ def symmetric_matrix(value: Any, what: str) -> Array:
     J = numbers(value, (3, 3), what)
     if J.dtype == object:
         return J
-    asymmetry = float(np.abs(J - J.T).max())
+    with np.errstate(over="ignore"):
+        asymmetry = float(np.abs(J - J.T).max())
     if asymmetry > 1e-9 * float(np.abs(J).max()):
         raise ModelError(f"{what}: expected a symmetric matrix, got asymmetry {asymmetry:.3g}")
-    J = 0.5 * (J + J.T)
-    J.flags.writeable = False
-    return J
+    return _frozen(0.5 * J + 0.5 * J.T)
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
@@ -123,6 +130,11 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     known = list(known)
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     return f" Did you mean '{near[0]}'?" if near else f" Known: {', '.join(known) or 'none'}."
+
+
+def _frozen(a: Array) -> Array:
+    a.flags.writeable = False
+    return a
 
 
 def _short(value: Any) -> str:

@@ -50,8 +50,6 @@ def gauss_solve(matrix: Array, rhs: Array) -> tuple[Array, int]:
 
 def _values(entries: Array) -> Array:
     """Return the entries as floats; a counting scalar carries its value."""
-    if getattr(entries, "dtype", None) != object and not hasattr(entries, "value"):
-        return entries
     return np.vectorize(lambda x: float(getattr(x, "value", x)), otypes=[float])(entries)
 
 

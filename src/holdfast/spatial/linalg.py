@@ -17,12 +17,14 @@ class MaskedLDL(NamedTuple):
 
     Attributes:
         L: (n, n) unit lower triangular.
+        pivots: (n,) d, and 0 where the pivot was dropped.
         inverse_pivots: (n,) 1/d, and 0 where the pivot was dropped.
         kept: how many pivots were kept: the rank.
         weakest: the smallest kept pivot, relative to its scale (1 if none).
     """
 
     L: Array
+    pivots: Array
     inverse_pivots: Array
     kept: Scalar
     weakest: Scalar
@@ -43,7 +45,7 @@ def ldl(S: Array, scale: Array, tolerance: float = RANK_TOLERANCE) -> MaskedLDL:
         The factors and the rank. Cost n^3/3 + O(n^2).
     """
     n = len(S)
-    rest, columns, inverse = S, [], []
+    rest, columns, pivots, inverse = S, [], [], []
     kept, weakest = 0, 1.0
     for j in range(n):
         pivot, size = rest[0, 0], scale[j]
@@ -52,11 +54,12 @@ def ldl(S: Array, scale: Array, tolerance: float = RANK_TOLERANCE) -> MaskedLDL:
         ratio = where(alive, pivot / where(alive, size, 1.0), 1.0)
         weakest = where(ratio < weakest, ratio, weakest)
         kept = kept + where(alive, 1, 0)
+        pivots.append(where(alive, pivot, 0.0))
         inverse.append(inv)
         below = rest[1:, 0] * inv
         columns.append(concatenate([np.zeros(j), [1.0], below]))
         rest = rest[1:, 1:] - outer(below, rest[1:, 0])
-    return MaskedLDL(array(columns).T, array(inverse), kept, weakest)
+    return MaskedLDL(array(columns).T, array(pivots), array(inverse), kept, weakest)
 
 
 def ldl_solve(factors: MaskedLDL, b: Array) -> Array:

@@ -49,6 +49,6 @@ def general(motion: ChainMotion, free_dynamics: FreeDynamics) -> Solution:
         array([-J @ change(arm, unit) for unit in np.eye(6)]).T for arm, J in zip(resting, s.J_blocks, strict=True)
     ]
     omega = Omega(block_diagonal(mobilities) + s.A @ s.M_C_inverse @ s.A.T)
-    f = omega.solve(concatenate(alpha_f) - s.A @ motion.body.free_acceleration - s.a)
+    f = omega.solve(concatenate(alpha_f) - s.A @ s.object_free - s.a)
     qdd = [qdd_f + change(arm, f[6 * i : 6 * i + 6]) for i, (arm, qdd_f) in enumerate(zip(resting, free, strict=True))]
     return s.solution(concatenate(qdd), f)

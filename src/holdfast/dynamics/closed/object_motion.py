@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from holdfast.model.held_object import HeldObject
+from holdfast.spatial.linalg import forward_substitution, ldl
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, array, concatenate
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate
 from holdfast.spatial.spatial_vector import centripetal, shift_twist, shift_wrench
 from holdfast.spatial.symmetric import Symmetric6
 from holdfast.spatial.vector import cross
@@ -21,14 +22,19 @@ class ObjectMotion:
     Attributes:
         inertia: M(C).
         mobility: M(C)^-1.
-        bias: (6,) b(C) less the external wrench.
-        free_acceleration: (6,) -M(C)^-1 b(C), less [0; g].
+        mobility_factors: the same as six factors D > 0 and six columns w, sum D w w^T.
+        bias: (6,) b(C).
+        free_acceleration: (6,) -M(C)^-1 b(C): alone and unloaded, less [0; g].
+        wrench: (6,) external wrench. It is kept apart from `free_acceleration`, because a
+            light object's M(C)^-1 would make it huge before the arms take it back.
     """
 
     inertia: Symmetric6
     mobility: Symmetric6
+    mobility_factors: tuple[list[Scalar], list[Array]]
     bias: Array
     free_acceleration: Array
+    wrench: Array
 
 
 def object_motion(body: HeldObject, frame: Pose, twist: Array, wrench: Array) -> ObjectMotion:
@@ -48,15 +54,27 @@ def object_motion(body: HeldObject, frame: Pose, twist: Array, wrench: Array) ->
     I, inverse = R @ body.inertia @ R.T, R @ symmetric_inverse(body.inertia) @ R.T
     none, unit = np.zeros((3, 3)), np.eye(3)
     spin = cross(w, I @ w)
-    at_com = shift_wrench(-p, wrench)
-    free = concatenate([inverse @ (at_com[:3] - spin), at_com[3:] / body.mass])
-    back = centripetal(w, -p)
+    falling = concatenate([-(inverse @ spin), np.zeros(3)])  # the mass centre keeps its velocity
     return ObjectMotion(
         Symmetric6(I, none, body.mass * unit).inertia_shifted(p),
         Symmetric6(inverse, none, (1.0 / body.mass) * unit).mobility_shifted(-p),
-        shift_wrench(p, concatenate([spin, body.mass * centripetal(w, p)])) - wrench,
-        shift_twist(-p, free) + concatenate([np.zeros(3), back]),
+        _factors(body, R, p),
+        shift_wrench(p, concatenate([spin, body.mass * centripetal(w, p)])),
+        shift_twist(-p, falling) + concatenate([np.zeros(3), centripetal(w, -p)]),
+        wrench,
     )
+
+
+def _factors(body: HeldObject, R: Array, p: Array) -> tuple[list[Scalar], list[Array]]:
+    """Return D and w with M(C)^-1 = sum D w w^T: pushes of the mass centre, then turns about it.
+
+    I = L diag(d) L^T along object axes, so I^-1 is the sum of u u^T / d over the columns u of
+    L^-T; the object turning about its mass centre moves C by u x (-p).
+    """
+    factors = ldl(body.inertia, np.diag(body.inertia))
+    turns = [shift_twist(-p, concatenate([R @ u, np.zeros(3)])) for u in forward_substitution(factors.L, np.eye(3))]
+    pushes = [concatenate([np.zeros(3), axis]) for axis in np.eye(3)]
+    return [1.0 / body.mass] * 3 + [1.0 / d for d in factors.pivots], pushes + turns
 
 
 def symmetric_inverse(S: Array) -> Array:

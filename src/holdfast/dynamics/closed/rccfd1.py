@@ -35,7 +35,7 @@ def rccfd1(motion: ChainMotion) -> Solution:
         alpha_f.append(rotate(arm.at.R[-1], tip) + arm.bias.tip_acceleration)
 
     omega = omega_recursive(motion, s, filters)
-    f = omega.solve(concatenate(alpha_f) - s.A @ motion.body.free_acceleration - s.a)
+    f = omega.solve(concatenate(alpha_f) - s.A @ s.object_free - s.a)
 
     qdd = []
     for i, (arm, filter) in enumerate(zip(arms, filters, strict=True)):

@@ -98,12 +98,17 @@ class Stacked:
     @property
     def b(self) -> Array:
         """b(C) less the external wrench, (6,)."""
-        return self.motion.body.bias
+        return self.motion.body.bias - self.motion.body.wrench
+
+    @property
+    def object_free(self) -> Array:
+        """-M(C)^-1 b(C), the external wrench included, less [0; g], (6,)."""
+        return self.motion.body.free_acceleration + self.M_C_inverse @ self.motion.body.wrench
 
     @cached_property
     def a_prime(self) -> Array:
         """a'(C) = a(C) - A M(C)^-1 b(C) - Jdot thetadot (2.15b), (6l,)."""
-        return self.a + self.A @ self.motion.body.free_acceleration - self.Jdot_qd
+        return self.a + self.A @ self.object_free - self.Jdot_qd
 
     def mass_solve(self, b: Array) -> Array:
         """Return M^-1 b for b (n,) or (n, m), arm by arm."""
@@ -117,10 +122,10 @@ class Stacked:
     def solution(self, qdd: Array, f: Array, W_dot: Array | None = None, alpha_C: Array | None = None) -> Solution:
         """Return stacked results taken apart; alpha(C) = M(C)^-1 (A^T f - b(C)) unless given."""
         if alpha_C is None:
-            alpha_C = self.M_C_inverse @ (self.A.T @ f) + self.motion.body.free_acceleration
+            alpha_C = self.M_C_inverse @ (self.A.T @ f) + self.object_free
         ends = np.cumsum([arm.arm.joint_count for arm in self.motion.holding])
         return Solution(
-            [part for part in np.split(qdd, ends[:-1])] if len(ends) else [],
+            list(np.split(qdd, ends[:-1])) if len(ends) else [],
             [f[6 * i : 6 * i + 6] for i in range(len(ends))],
             alpha_C,
             W_dot,

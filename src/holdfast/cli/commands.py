@@ -1,0 +1,130 @@
+"""What the command line accepts; each command's work is in the file of its name."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import io
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from holdfast.cli import BAD_INPUT, complain
+from holdfast.errors import SceneError
+from holdfast.model import checks
+
+CaseFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
+SceneFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
+Folder = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
+Name = Annotated[str, tyro.conf.arg(metavar="NAME")]
+OptionalName = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
+Format = Literal["table", "json"]
+
+
+def solve(file: CaseFile, case: OptionalName = None, method: Name = "sequential", format: Format = "table") -> int:
+    """Solve forward dynamics problems: joint accelerations, grasp forces, object acceleration.
+
+    Args:
+        file: problem cases, JSON.
+        case: solve only this one.
+        method: an algorithm (`holdfast methods` lists them), or `all`.
+        format: table to read, or json to process.
+    """
+    from holdfast.cli import solve as command
+
+    return command.solve(file, case, method, format)
+
+
+def diagnose(file: CaseFile, case: OptionalName = None, format: Format = "table") -> int:
+    """Report mobility, rank, lost directions and indeterminate forces of problem cases.
+
+    Args:
+        file: problem cases, JSON.
+        case: diagnose only this one.
+        format: words to read (table), or json to process.
+    """
+    from holdfast.cli import diagnose as command
+
+    return command.diagnose(file, case, format)
+
+
+def simulate(scene: SceneFile, out: Folder = None, overwrite: bool = False) -> int:
+    """Simulate a scene and write a result folder.
+
+    Args:
+        scene: the scene, TOML.
+        out: the result folder to write.
+        overwrite: replace an existing result folder.
+    """
+    from holdfast.cli import simulate as command
+
+    return command.simulate(scene, out, overwrite)
+
+
+def methods() -> int:
+    """List the forward dynamics algorithms: equation, cost, where they apply."""
+    from holdfast.cli import methods as command
+
+    return command.methods()
+
+
+def doctor() -> int:
+    """Report versions, processor features and optional packages."""
+    from holdfast.cli import doctor as command
+
+    return command.doctor()
+
+
+COMMANDS: dict[str, Callable[..., int]] = {
+    command.__name__: command for command in (solve, diagnose, simulate, methods, doctor)
+}
+
+
+def run(arguments: list[str]) -> int:
+    """Parse the arguments, run the command, return its exit code.
+
+    Raises:
+        HoldfastError: what the command refuses.
+    """
+    if arguments == ["--version"]:
+        import holdfast
+
+        print(holdfast.__version__)
+        return 0
+    first = arguments[0] if arguments else "--help"
+    if not first.startswith("-") and first not in COMMANDS:
+        raise SceneError(f"no command {first!r}.{checks.did_you_mean(first, COMMANDS)}")
+    call = _parsed(arguments or ["--help"])
+    return call if isinstance(call, int) else call()
+
+
+def _parsed(arguments: list[str]) -> Callable[[], int] | int:
+    """Return the call that the arguments ask for, or an exit code if there is nothing to call."""
+    boxed = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(boxed):
+            return tyro.extras.subcommand_cli_from_dict(
+                {name: _later(command) for name, command in COMMANDS.items()},
+                prog="holdfast",
+                description="Exact dynamics for robot arms that hold one object together.",
+                args=arguments,
+            )
+    except SystemExit as finished:
+        if not finished.code:
+            return 0
+        message = re.sub(r"^╭.*$", "", boxed.getvalue(), flags=re.MULTILINE)  # tyro's box and its title
+        complain(re.sub(r"[─│╰╯]+", " ", message))
+        return BAD_INPUT
+
+
+def _later(command: Callable[..., int]) -> Callable[..., Callable[[], int]]:
+    """Return a function of the same signature that only prepares the call."""
+
+    @functools.wraps(command)
+    def prepared(*arguments: object, **options: object) -> Callable[[], int]:
+        return functools.partial(command, *arguments, **options)
+
+    return prepared

@@ -1,0 +1,27 @@
+"""Tables on stdout, progress on stderr."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator
+from typing import TypeVar
+
+from rich.console import Console
+from rich.progress import track
+
+T = TypeVar("T")
+
+PIPE_WIDTH = 120  # columns when no terminal tells its width
+
+
+def stdout() -> Console:
+    """Return a console that prints names and messages as they are."""
+    width = None if sys.stdout.isatty() else PIPE_WIDTH
+    return Console(width=width, markup=False, emoji=False, highlight=False)
+
+
+def with_progress(items: list[T], doing: str) -> Iterator[T] | Iterable[T]:
+    """Return the items, with a progress bar on stderr if there are many and someone looks."""
+    if len(items) < 2 or not sys.stderr.isatty():
+        return items
+    return track(items, description=doing, console=Console(stderr=True), transient=True)

@@ -1,0 +1,78 @@
+"""`holdfast diagnose`: what the configurations of problem cases allow."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from holdfast.cli import REFUSED
+from holdfast.cli.case_choice import chosen_cases, print_json
+from holdfast.cli.console import stdout, with_progress
+from holdfast.dynamics import consistency
+from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.diagnose import Diagnosis
+from holdfast.dynamics.diagnose import diagnose as diagnosis_of
+from holdfast.errors import StateError
+from holdfast.io.case_file import Case
+
+
+def diagnose(file: Path, case: str | None, format: str) -> int:
+    """Print the diagnosis of one or all cases; a singular one is a finding, not a failure.
+
+    Returns:
+        0 if anything was diagnosed, else 3.
+
+    Raises:
+        SceneError: a bad file or an unknown case.
+    """
+    found = [(problem, _diagnosis(problem)) for problem in with_progress(chosen_cases(file, case), "diagnosing")]
+    if format == "json":
+        print_json([_as_json(problem.name, outcome) for problem, outcome in found])
+    else:
+        console = stdout()
+        for problem, outcome in found:
+            text = outcome.report() if isinstance(outcome, Diagnosis) else f"refused: {outcome}"
+            console.print(f"{problem.name}: {text}", soft_wrap=True)
+    return 0 if any(isinstance(outcome, Diagnosis) for _, outcome in found) else REFUSED
+
+
+def _diagnosis(case: Case) -> Diagnosis | str:
+    """Return the diagnosis, or why the state is none of this chain."""
+    with np.errstate(all="ignore"):
+        try:
+            motion = chain_motion(case.chain, case.state, case.tau, case.inputs.shaped(case.chain))
+            consistency.require_closed(motion, case.state)
+        except StateError as cause:
+            return f"inconsistent: {cause}"
+        return diagnosis_of(case.chain, case.state)
+
+
+def _as_json(name: str, outcome: Diagnosis | str) -> dict[str, object]:
+    if isinstance(outcome, str):
+        return {"name": name, "status": "refused", "reason": outcome}
+    return {
+        "name": name,
+        "status": outcome.status,
+        "reason": None,
+        "mobility": outcome.mobility,
+        "rank": outcome.rank,
+        "generic_rank": outcome.generic_rank,
+        "rows": outcome.rows,
+        "condition": outcome.condition if math.isfinite(outcome.condition) else None,
+        "lost_directions": [
+            {
+                "arm": lost.arm,
+                "kind": lost.kind,
+                "axis": lost.axis.tolist(),
+                "point": lost.point.tolist(),
+                "strength": lost.strength,
+                "words": lost.words,
+            }
+            for lost in outcome.lost_directions
+        ],
+        "indeterminate_forces": [
+            {"words": force.words, "wrenches": force.wrenches.tolist()} for force in outcome.indeterminate_forces
+        ],
+    }

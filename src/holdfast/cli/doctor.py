@@ -1,0 +1,78 @@
+"""`holdfast doctor`: what this installation and this machine have."""
+
+from __future__ import annotations
+
+import platform
+import re
+import subprocess
+from importlib import metadata
+from pathlib import Path
+
+from rich.table import Table
+
+from holdfast.cli.console import stdout
+
+# as /proc/cpuinfo and sysctl spell them; asimd is ARM's name for NEON
+FEATURES = {"avx2": "avx2", "avx512": "avx512f", "fma": "fma", "neon": "asimd"}
+
+
+def doctor() -> int:
+    """Print versions, processor and optional packages."""
+    console = stdout()
+    table = Table("what", "found", show_header=False)
+    table.add_row("holdfast", metadata.version("holdfast"))
+    table.add_row("python", f"{platform.python_version()} ({platform.system()} {platform.machine()})")
+    extras = _requirements()
+    for package in extras.pop("", []):
+        table.add_row(package, _version(package) or "missing: pip install holdfast")
+    name, flags = processor()
+    table.add_row("processor", name)
+    table.add_row("features", ", ".join(f"{k} {'yes' if v in flags else 'no'}" for k, v in FEATURES.items()))
+    for extra, packages in extras.items():
+        missing = [package for package in packages if _version(package) is None]
+        found = f"missing {', '.join(missing)}: pip install 'holdfast[{extra}]'" if missing else "installed"
+        table.add_row(f"extra '{extra}'", found)
+    console.print(table)
+    return 0
+
+
+def _requirements() -> dict[str, list[str]]:
+    """Return the packages that holdfast needs (under '') and those of each extra."""
+    groups: dict[str, list[str]] = {"": []}
+    for requirement in metadata.requires("holdfast") or []:
+        package = re.match(r"[A-Za-z0-9._-]+", requirement)
+        extra = re.search(r"extra == ['\"]([^'\"]+)['\"]", requirement)
+        if package:
+            groups.setdefault(extra[1] if extra else "", []).append(package[0])
+    return groups
+
+
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def processor() -> tuple[str, set[str]]:
+    """Return the processor's name and its features, lower case; empty where unknown."""
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.exists():
+        fields: dict[str, str] = {}
+        for line in cpuinfo.read_text(errors="replace").splitlines():
+            key, _, value = line.partition(":")
+            fields.setdefault(key.strip().lower(), value.strip())
+        flags = fields.get("flags") or fields.get("features") or ""
+        return fields.get("model name") or platform.machine(), set(flags.lower().split())
+    if platform.system() == "Darwin":
+        name = _sysctl("machdep.cpu.brand_string")
+        flags = set(f"{_sysctl('machdep.cpu.features')} {_sysctl('machdep.cpu.leaf7_features')}".lower().split())
+        return name or platform.machine(), flags | ({"asimd"} if platform.machine() == "arm64" else set())
+    return platform.processor() or platform.machine(), set()
+
+
+def _sysctl(name: str) -> str:
+    try:
+        return subprocess.run(["sysctl", "-n", name], capture_output=True, text=True, timeout=5).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return ""

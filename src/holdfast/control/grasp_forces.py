@@ -1,0 +1,50 @@
+"""Which grasp forces to ask for: as little as the motion needs, and a squeeze."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from holdfast.dynamics.closed.chain_motion import pseudo_gravity
+from holdfast.dynamics.closed.object_motion import object_motion
+from holdfast.dynamics.split import length_scale, motion_wrenches
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import rotate, shift_wrench
+from holdfast.state import State
+
+
+def commanded_wrenches(chain: ClosedChain, state: State, acceleration: Array, squeeze: float = 0.0) -> Array:
+    """Return grasp wrenches that accelerate the object and squeeze it, (arms, 6).
+
+    Every arm pushes along its contact's normal z; the smallest transmissible wrenches (in
+    the metric of the force split) then make the sum what the motion needs,
+
+        A^T f = M(C) (alpha - [0; g]) + b(C).
+
+    So the squeeze is the internal part of the pushes: contacts that face each other keep
+    all of it.
+
+    Args:
+        chain: the chain.
+        state: where the object is, and how it moves.
+        acceleration: (6,) [omega_dot; v_dot] of C, true, world axes.
+        squeeze: push of every arm, into the object [N].
+
+    Returns:
+        [moment; force] of each arm on the object about its contact, world axes; zero for
+        an arm without a grasp.
+    """
+    wrenches = np.zeros((len(chain.arms), 6))
+    if not chain.grasps:
+        return wrenches
+    R = state.object_frame.R
+    push = np.array([0.0, 0.0, 0.0, 0.0, 0.0, squeeze])
+    pushes = np.array([rotate(R @ grasp.frame.R, push) for grasp in chain.grasps.values()])
+    offsets = [R @ grasp.frame.p for grasp in chain.grasps.values()]
+    pushed = sum((shift_wrench(l, f) for l, f in zip(offsets, pushes, strict=True)), start=np.zeros(6))
+
+    body = object_motion(chain.held_object, state.object_frame, state.object_twist, np.zeros(6))
+    needed = body.inertia.apply(acceleration - pseudo_gravity(chain)) + body.bias
+    holding = [chain.names.index(name) for name in chain.grasps]
+    wrenches[holding] = pushes + motion_wrenches(chain, R, offsets, needed - pushed, length_scale(offsets))
+    return wrenches

@@ -1,0 +1,40 @@
+"""Gravity compensation: torques that hold the chain still wherever it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from holdfast.control.grasp_forces import commanded_wrenches
+from holdfast.dynamics.inverse import inverse_dynamics
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array
+from holdfast.state import State
+
+
+@dataclass(frozen=True, eq=False)
+class GravityCompensation:
+    """tau = C_gravity + J^T f - d qd: the closed chain's static balance.
+
+    f carries the object's weight by the smallest wrenches the grasps can transmit, and
+    squeezes. Bases are taken to stand still; external wrenches are not known to it.
+
+    Attributes:
+        chain: the chain as the controller knows it.
+        squeeze: internal force of every arm along its contact normal, into the object [N].
+        joint_damping: d, slows every joint down [N m s/rad or N s/m].
+    """
+
+    chain: ClosedChain
+    squeeze: float = 0.0
+    joint_damping: float = 0.0
+
+    def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
+        """Return the torques (n,) [N m or N]; the memory is not used."""
+        none = np.zeros(self.chain.joint_count)
+        posture = State(state.q, none, state.object_pose)
+        wrenches = commanded_wrenches(self.chain, posture, np.zeros(6), self.squeeze)
+        tau = inverse_dynamics(self.chain, posture, none, wrenches)
+        return tau - self.joint_damping * state.qd, memory

@@ -1,0 +1,73 @@
+"""Smooth paths of the object from rest to rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.model import checks
+from holdfast.spatial import rotation
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+
+
+class Target(NamedTuple):
+    """Where the object should be, and how it should move.
+
+    Attributes:
+        pose: of the object frame (origin C) in the world.
+        twist: (6,) of C, world axes [rad/s, m/s].
+        acceleration: (6,) [omega_dot; v_dot] of C, world axes [rad/s^2, m/s^2].
+    """
+
+    pose: Pose
+    twist: Array
+    acceleration: Array
+
+
+@dataclass(frozen=True, eq=False)
+class RestToRest:
+    """Hold, move by a displacement and a turn at once, hold again.
+
+    R = exp(s turn) R_0 and p = p_0 + s displacement, with the quintic s = 10 x^3 - 15 x^4
+    + 6 x^5 of x = (t - begin) / duration: velocity and acceleration begin and end at zero.
+
+    Attributes:
+        start: pose at the beginning.
+        displacement: (3,) of C, world axes [m].
+        turn: (3,) rotation vector, world axes [rad].
+        begin: time at which the motion begins [s].
+        duration: of the motion [s].
+    """
+
+    start: Pose
+    displacement: Array = field(default_factory=lambda: np.zeros(3))
+    turn: Array = field(default_factory=lambda: np.zeros(3))
+    begin: float = 0.0
+    duration: float = 1.0
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "start", checks.pose(self.start, "path: start"))
+        put(self, "displacement", checks.numbers(self.displacement, (3,), "path: displacement"))
+        put(self, "turn", checks.numbers(self.turn, (3,), "path: turn"))
+        put(self, "begin", checks.number(self.begin, "path: begin", at_least=0.0))
+        put(self, "duration", checks.number(self.duration, "path: duration", above=0.0))
+
+    def at(self, t: float) -> Target:
+        """Return the target at time t [s]."""
+        s, rate, acceleration = quintic((t - self.begin) / self.duration)
+        way = np.concatenate([self.turn, self.displacement])
+        pose = Pose(rotation.exp(s * self.turn) @ self.start.R, self.start.p + s * self.displacement)
+        return Target(pose, rate / self.duration * way, acceleration / self.duration**2 * way)
+
+
+def quintic(x: float) -> tuple[float, float, float]:
+    """Return s = 10 x^3 - 15 x^4 + 6 x^5 and its two derivatives; constant outside 0..1."""
+    if x <= 0:
+        return 0.0, 0.0, 0.0
+    if x >= 1:
+        return 1.0, 0.0, 0.0
+    return x**3 * (10 - 15 * x + 6 * x**2), 30 * x**2 * (1 - x) ** 2, 60 * x * (1 - x) * (1 - 2 * x)

@@ -1,0 +1,102 @@
+"""How a contact is turned: Theta, and Theta_dot = F(Theta) W (paper, Appendix A).
+
+Theta is the rotation of the contact frame from the tip's side to the object's side: R_Theta =
+R_tip^T R_contact. Its rate is the relative angular velocity omega_object - omega_tip = h W.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.closed.contact import Contact
+from holdfast.errors import StateError
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial import rotation
+from holdfast.spatial.scalar import Array
+from holdfast.state import Inputs, State
+
+Parameters = Literal["quaternion", "euler"]
+EULER_SINGULAR = 1e-6  # cos(pitch) below which yaw and roll rates are no longer defined
+
+
+class ContactAttitude(NamedTuple):
+    """The attitude of one grasp.
+
+    Attributes:
+        theta: (4,) unit quaternion (w >= 0), or (3,) Euler angles yaw, pitch, roll [rad].
+        F: (m, n_g) with Theta_dot = F W.
+        W: (n_g,) relative rates [rad/s]; hinge and soft finger along the contact frame's
+            free axes, ball along world axes.
+    """
+
+    theta: Array
+    F: Array
+    W: Array
+
+    @property
+    def rate(self) -> Array:
+        """Theta_dot = F(Theta) W (a.4)."""
+        return self.F @ self.W
+
+
+def contact_attitudes(
+    chain: ClosedChain,
+    state: State,
+    parameters: Parameters = "quaternion",
+    inputs: Inputs | None = None,
+) -> dict[str, ContactAttitude]:
+    """Return the attitude of every grasp, by arm name.
+
+    Quaternions are regular everywhere; Euler angles (R = Rz Ry Rx) are singular at a
+    pitch of +-pi/2.
+
+    Args:
+        chain: the chain.
+        state: positions and velocities.
+        parameters: "quaternion" (m = 4) or "euler" (m = 3).
+        inputs: base motion, if the bases move.
+
+    Raises:
+        StateError: Euler angles asked for at their singularity.
+    """
+    state.fits(chain)
+    motion = chain_motion(chain, state, np.zeros(chain.joint_count), (inputs or Inputs()).shaped(chain))
+    result = {}
+    for name, c in zip(chain.grasps, motion.contacts, strict=True):
+        R = motion.arms[name].at.tip.R.T @ c.R
+        free = _free_axes(c)
+        if parameters == "quaternion":
+            theta = rotation.to_quaternion(R)
+            result[name] = ContactAttitude(theta, quaternion_rate_map(theta) @ free, c.W)
+        else:
+            theta = rotation.to_euler_zyx(R)
+            if abs(math.cos(theta[1])) < EULER_SINGULAR:
+                raise StateError(
+                    f"grasp '{name}': Euler angles are singular at pitch {theta[1]:.6f} rad; try"
+                    " parameters='quaternion'"
+                )
+            result[name] = ContactAttitude(theta, euler_rate_map(theta) @ free, c.W)
+    return result
+
+
+def quaternion_rate_map(q: Array) -> Array:
+    """Return F-bar, (4, 3): q_dot = F-bar omega, omega along the turned (object side) axes."""
+    w, x, y, z = q
+    return 0.5 * np.array([[-x, -y, -z], [w, -z, y], [z, w, -x], [-y, x, w]])
+
+
+def euler_rate_map(yaw_pitch_roll: Array) -> Array:
+    """Return F-bar, (3, 3): d(yaw, pitch, roll)/dt = F-bar omega, along the turned axes."""
+    _, pitch, roll = yaw_pitch_roll
+    c, s = math.cos(roll), math.sin(roll)
+    sec, tan = 1 / math.cos(pitch), math.tan(pitch)
+    return np.array([[0.0, s * sec, c * sec], [0.0, c, -s], [1.0, s * tan, c * tan]])
+
+
+def _free_axes(c: Contact) -> Array:
+    """Return the axes of W along the object-side contact axes, (3, n_g)."""
+    return c.R.T @ c.h

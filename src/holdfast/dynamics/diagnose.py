@@ -1,0 +1,149 @@
+"""What a configuration can and cannot do: mobility, rank, lost directions, indeterminate forces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from holdfast.dynamics import rank as rank_of
+from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
+from holdfast.dynamics.closed.contact import Contact
+from holdfast.dynamics.closed.stacked import Stacked
+from holdfast.dynamics.indeterminate import free_wrenches
+from holdfast.dynamics.lost_direction import LostDirection, lost_directions
+from holdfast.dynamics.split import length_scale
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array
+from holdfast.state import Inputs, State
+
+
+@dataclass(frozen=True, eq=False)
+class IndeterminateForce:
+    """A pattern of grasp wrenches that no joint and no object motion feels.
+
+    Attributes:
+        words: the pattern in words.
+        wrenches: (arms, 6) about the contacts, world axes; largest entry 1 (N, or N m per
+            metre of the force split's length).
+    """
+
+    words: str
+    wrenches: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What a configuration allows.
+
+    Attributes:
+        mobility: dimension of the velocities (qd, V(C), W) that the grasps allow.
+        rank: independent rows of the grasp constraint here.
+        generic_rank: the same at closed neighbours.
+        rows: all its rows, six a grasp.
+        condition: of K Omega K^T with unit diagonal, over its nonzero eigenvalues; no unit.
+        status: "regular", "indeterminate" (rank constantly low: the forces are not unique) or
+            "singular" (rank lower than nearby).
+        lost_directions: where single arms cannot move their tips.
+        indeterminate_forces: a basis of the forces that dynamics leaves open.
+    """
+
+    mobility: int
+    rank: int
+    generic_rank: int
+    rows: int
+    condition: float
+    status: Literal["regular", "indeterminate", "singular"]
+    lost_directions: tuple[LostDirection, ...]
+    indeterminate_forces: tuple[IndeterminateForce, ...]
+
+    def report(self) -> str:
+        """Return the diagnosis in words, several lines."""
+        lines = [
+            f"{self.status}: rank {self.rank} of {self.rows} (nearby {self.generic_rank}), mobility {self.mobility},"
+            f" condition {self.condition:.3g}"
+        ]
+        if self.status == "singular":
+            lines.append("  forces and accelerations here are those of no trajectory: forward dynamics refuses")
+        elif self.status == "indeterminate":
+            lines.append("  accelerations are unique; of the grasp forces the smallest are returned")
+        lines += [f"  lost: {lost.words}" for lost in self.lost_directions]
+        lines += [f"  indeterminate: {force.words}" for force in self.indeterminate_forces]
+        return "\n".join(lines)
+
+
+def diagnose(chain: ClosedChain, state: State) -> Diagnosis:
+    """Return rank, mobility, lost directions and indeterminate forces of a configuration.
+
+    Velocities do not enter. One arm at a singularity does not make the chain singular;
+    the structural wrenches of several arms must be dependent for that (beyond.md 3).
+    """
+    state.fits(chain)
+    still = State(state.q, 0.0 * state.qd, state.object_pose)
+    motion = chain_motion(chain, still, np.zeros(chain.joint_count), Inputs().shaped(chain))
+    rank = rank_of.constraint_rank(chain, still)
+    rows = chain.constraint_row_count
+    found = rank_of.regularity(chain, still, rank)
+    lost = [
+        direction
+        for name, c, arm in zip(chain.grasps, motion.contacts, motion.holding, strict=True)
+        for direction in lost_directions(name, c, jacobian(arm.arm, arm.at), arm.at.tip.p)
+    ]
+    return Diagnosis(
+        mobility=chain.joint_count + 6 + chain.contact_freedom_count - rank,
+        rank=rank,
+        generic_rank=found.generic_rank,
+        rows=rows,
+        condition=scaled_condition(motion, rows - rank),
+        status=found.kind,
+        lost_directions=tuple(lost),
+        indeterminate_forces=tuple(_indeterminate(motion)) if rank < rows else (),
+    )
+
+
+def scaled_condition(motion: ChainMotion, nullity: int = 0) -> float:
+    """Return the condition number of K Omega K^T scaled to a unit diagonal.
+
+    Args:
+        motion: the chain.
+        nullity: how many of its eigenvalues are null and left out.
+    """
+    if not motion.contacts:
+        return 1.0
+    s = Stacked(motion)
+    omega = s.J @ s.mass_solve(s.J.T) + s.A @ s.M_C_inverse @ s.A.T
+    projected = s.K @ omega @ s.K.T
+    size = np.sqrt(np.diag(projected))
+    sizes = np.linalg.eigvalsh(projected / np.outer(size, size))[nullity:]
+    return float(sizes[-1] / sizes[0]) if len(sizes) and sizes[0] > 0 else np.inf
+
+
+def _indeterminate(motion: ChainMotion) -> list[IndeterminateForce]:
+    """Return the null wrenches, sparsest first, in words."""
+    chain = motion.chain
+    length = length_scale([c.offset for c in motion.contacts])
+    result = []
+    for column in free_wrenches(motion, length).T:
+        per_grasp = column.reshape(-1, 6)
+        metric = np.r_[np.full(3, 1 / length), np.ones(3)]
+        per_grasp = per_grasp / np.abs(per_grasp * metric).max()
+        wrenches = np.zeros((len(chain.arms), 6))
+        for name, f in zip(chain.grasps, per_grasp, strict=True):
+            wrenches[chain.names.index(name)] = f
+        result.append(IndeterminateForce(_in_words(chain, motion.contacts, per_grasp, metric), wrenches))
+    return result
+
+
+def _in_words(chain: ClosedChain, contacts: list[Contact], wrenches: Array, metric: Array) -> str:
+    parts = []
+    for name, c, f in zip(chain.grasps, contacts, wrenches, strict=True):
+        size = np.abs(f * metric)
+        if size.max() < 0.05:
+            continue
+        kind = "force" if size[3:].max() >= size[:3].max() else "moment"
+        axis = f[3:] if kind == "force" else f[:3]
+        x, y, z = axis / np.linalg.norm(axis)
+        parts.append(f"{kind} ({x:+.2f}, {y:+.2f}, {z:+.2f}) at '{name}' ({c.grasp.kind})")
+    return " against ".join(parts) + " (world axes) is felt by no joint"

@@ -1,0 +1,136 @@
+"""Energy, momentum and power of a closed chain: the books every simulation must balance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.arm.posture import Posture, posture
+from holdfast.dynamics.arm.velocity import link_twists
+from holdfast.dynamics.result import ForwardResult
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.inertia import RigidInertia
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import rotate, shift_wrench
+from holdfast.state import Inputs, State
+
+
+class Body(NamedTuple):
+    """A moving rigid body: its inertia and twist in its own axes about its own origin."""
+
+    inertia: RigidInertia
+    twist: Array
+    R: Array
+    origin: Array
+
+    @property
+    def com(self) -> Array:
+        """(3,) mass times mass centre, world axes from the world's origin [kg m]."""
+        return self.inertia.m * self.origin + self.R @ self.inertia.h
+
+
+def bodies(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> Iterator[Body]:
+    """Yield every link, arms in order, base to tip, and then the object."""
+    given = (inputs or Inputs()).shaped(chain)
+    assert given.base_twists is not None
+    for (name, arm), base_twist in zip(chain.arms.items(), given.base_twists, strict=True):
+        part = chain.joints[name]
+        at = posture(arm, state.q[part])
+        twists = link_twists(arm, at, state.qd[part], base_twist)
+        for link, V, R, origin in zip(arm.links, twists, at.R, _origins(at), strict=True):
+            yield Body(link.spatial_inertia, V, R, origin)
+    frame = state.object_frame
+    V = rotate(frame.R.T, state.object_twist)
+    yield Body(chain.held_object.spatial_inertia, V, frame.R, frame.p)
+
+
+def kinetic_energy(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> float:
+    """Return T = sum 1/2 V^T M V over links and object, and 1/2 armature qd^2 of the drives [J]."""
+    moving = sum(0.5 * body.twist @ body.inertia.apply(body.twist) for body in bodies(chain, state, inputs))
+    armature = np.concatenate([arm.armature for arm in chain.arms.values()])
+    return float(moving + 0.5 * armature @ state.qd**2)
+
+
+def potential_energy(chain: ClosedChain, state: State) -> float:
+    """Return U = -sum m g . r over links and object, zero at the world's origin [J]."""
+    return -float(sum(chain.gravity @ body.com for body in bodies(chain, state)))
+
+
+def centre_of_mass(chain: ClosedChain, state: State) -> Array:
+    """Return the mass centre of arms and object, (3,) world axes [m]."""
+    every = list(bodies(chain, state))
+    return np.sum([body.com for body in every], axis=0) / sum(body.inertia.m for body in every)
+
+
+def momentum(chain: ClosedChain, state: State, about: Array | None = None, inputs: Inputs | None = None) -> Array:
+    """Return [angular; linear] momentum of links and object about a world point, (6,).
+
+    The drives' rotors (armature) turn inside the arms and are not counted.
+
+    Args:
+        chain: the chain.
+        state: positions and velocities.
+        about: (3,) world point; default the world's origin.
+        inputs: base motion.
+    """
+    point = np.zeros(3) if about is None else np.asarray(about, dtype=float)
+    return np.sum(
+        [
+            shift_wrench(body.origin - point, rotate(body.R, body.inertia.apply(body.twist)))
+            for body in bodies(chain, state, inputs)
+        ],
+        axis=0,
+    )
+
+
+class Power(NamedTuple):
+    """Power into the chain, without gravity's, whose work is potential energy [W].
+
+    Attributes:
+        drives: tau . qd.
+        damping: -sum d qd^2 of the joints' viscous damping, <= 0.
+        base: sum F_b . V_b of the base wrenches.
+        external: of the external wrenches on object and links.
+    """
+
+    drives: float
+    damping: float
+    base: float
+    external: float
+
+    @property
+    def total(self) -> float:
+        """d(T + U)/dt [W]."""
+        return self.drives + self.damping + self.base + self.external
+
+
+def power(chain: ClosedChain, state: State, tau: Array, result: ForwardResult, inputs: Inputs | None = None) -> Power:
+    """Return the power that drives, damping, bases and external wrenches put in.
+
+    Args:
+        chain: the chain.
+        state: positions and velocities.
+        tau: (n,) joint torques.
+        result: forward dynamics at that state, for the base wrenches.
+        inputs: what else acts.
+    """
+    given = (inputs or Inputs()).shaped(chain)
+    assert given.base_twists is not None and given.object_wrench is not None
+    damping = np.concatenate([arm.damping for arm in chain.arms.values()])
+    external = given.object_wrench @ state.object_twist
+    if given.link_wrenches is not None:
+        links = list(bodies(chain, state, given))[:-1]
+        external += sum(f @ rotate(body.R, body.twist) for f, body in zip(given.link_wrenches, links, strict=True))
+    return Power(
+        float(np.asarray(tau) @ state.qd),
+        -float(damping @ state.qd**2),
+        float((result.base_wrench * given.base_twists).sum()),
+        float(external),
+    )
+
+
+def _origins(at: Posture) -> list[Array]:
+    """Return the link origins O_k, world axes from the world's origin."""
+    return [at.tip.p - reach for reach in at.reach]

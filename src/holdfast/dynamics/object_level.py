@@ -1,0 +1,66 @@
+"""What the held object feels: the closed chain seen from C."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.closed.object_motion import object_motion
+from holdfast.dynamics.closed.sequential import object_filter
+from holdfast.dynamics.closed.tip_response import tip_response
+from holdfast.dynamics.constraint import constraint_rows
+from holdfast.errors import SingularChainError
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array
+from holdfast.state import Inputs, State
+
+IMMOBILE = 1e-9  # of the largest scaled mobility: the object does not move there
+
+
+def object_mobility(chain: ClosedChain, state: State) -> Array:
+    """Return the closed chain's mobility at C, (6, 6), world axes: the filter's final P.
+
+    An extra wrench w on the object changes its acceleration by P w. P is M(C)^-1 with every
+    arm's resistance taken in; along directions the grasps forbid it is zero. O(n) + O(l).
+    """
+    motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
+    tips = [tip_response(arm, "auto") for arm in motion.holding]
+    return object_filter(motion.contacts, tips, motion.body).mobility.dense()
+
+
+def object_inertia(chain: ClosedChain, state: State) -> Array:
+    """Return the object's operational inertia in the closed chain, (6, 6): P^-1, about C.
+
+    M(C) + sum A_i^T K_i^T (K_i Lambda_i K_i^T)^-1 K_i A_i where every Lambda_i is regular.
+
+    Raises:
+        SingularChainError: the arms hold the object fast in some direction.
+    """
+    P = object_mobility(chain, state)
+    alone = object_motion(chain.held_object, state.object_frame, np.zeros(6), np.zeros(6))
+    own = np.sqrt(np.diag(alone.mobility.dense()))
+    sizes = np.linalg.eigvalsh(P / np.outer(own, own))
+    stuck = int((sizes <= IMMOBILE * max(float(sizes[-1]), 1e-300)).sum())
+    if stuck:
+        raise SingularChainError(
+            f"the object cannot move along {stuck} of 6 directions, so its inertia there is infinite; try"
+            " object_mobility, which stays finite"
+        )
+    return np.linalg.inv(P)
+
+
+def motion_basis(chain: ClosedChain, state: State) -> Array:
+    """Return an orthonormal basis of the velocities (qd, V(C)) that the grasps allow.
+
+    Returns:
+        (n + 6, mobility): columns span the null space of K [J, -A]; the relative rates W
+        follow from them.
+    """
+    motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
+    rows = constraint_rows(motion)
+    matrix = np.hstack([rows.joints, rows.object])
+    if not len(matrix):
+        return np.eye(matrix.shape[1])
+    _, sizes, Vt = np.linalg.svd(matrix)
+    rank = int((sizes > 1e-9 * sizes[0]).sum())
+    return Vt[rank:].T

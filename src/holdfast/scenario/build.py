@@ -1,0 +1,158 @@
+"""From a scene's data to a chain, its closed initial state, and a controller."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from holdfast.control.gravity_compensation import GravityCompensation
+from holdfast.control.object_tracking import ObjectTracking
+from holdfast.control.paths import RestToRest
+from holdfast.dynamics.closing import close
+from holdfast.errors import ClosureError
+from holdfast.io import typed
+from holdfast.io.place import Place
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.scenario import parts
+from holdfast.scenario.scene import ObjectTrackingData, SceneData
+from holdfast.simulation.instant import Controller
+from holdfast.simulation.simulate import step_times
+from holdfast.spatial.scalar import Array
+from holdfast.state import State
+
+ARM_NAME = re.compile(r"\w[\w.-]*")
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """A scene ready to simulate.
+
+    Attributes:
+        name: of the scene.
+        text: the scene file's own text.
+        chain: arms, object and grasps.
+        state: initial state at rest, every grasp closed.
+        controller: torques.
+        duration, step: [s].
+    """
+
+    name: str
+    text: str
+    chain: ClosedChain
+    state: State
+    controller: Controller
+    duration: float
+    step: float
+
+
+def load_scene(path: str | Path) -> Scenario:
+    """Return the scenario of a TOML file.
+
+    Raises:
+        SceneError: unreadable or invalid, with the path of the first fault.
+        ClosureError: an arm cannot reach its grasp.
+    """
+    source = str(path)
+    text = typed.read_bytes(Path(path))
+    raw = typed.parse_toml(text, source)
+    require_finite(raw, Place(source))
+    data = typed.convert(raw, SceneData, source)
+    return build_scene(data, source, text.decode("utf-8"), data.name or Path(path).stem)
+
+
+def build_scene(data: SceneData, source: str = "scene", text: str = "", name: str = "scene") -> Scenario:
+    """Return the scenario of a scene's data.
+
+    Raises:
+        SceneError: with the path of the first fault.
+        ClosureError: an arm cannot reach its grasp.
+    """
+    at = Place(source)
+    chain, guess = build_chain(data, at)
+    try:
+        state = close(chain, guess, hold_object=True)
+    except ClosureError as cause:
+        raise ClosureError(f"{source}: $.object.pose: {cause}") from cause
+    with (at / "simulation").refusals():
+        step_times(data.simulation.duration, data.simulation.step)
+    controller = _controller(data, chain, state, at / "controller")
+    return Scenario(name, text, chain, state, controller, data.simulation.duration, data.simulation.step)
+
+
+def build_chain(data: SceneData, at: Place) -> tuple[ClosedChain, State]:
+    """Return the chain and the state that it is to be closed from, at rest.
+
+    Raises:
+        SceneError: with the path of the first fault.
+    """
+    if not data.arms:
+        raise (at / "arms").refuse("expected at least one arm, got none")
+    _require_names((arm.name for arm in data.arms), at / "arms", "name")
+    _require_names((grasp.arm for grasp in data.grasps), at / "grasps", "arm")
+    arms, q = {}, []
+    for i, arm in enumerate(data.arms):
+        arms[arm.name], start = parts.arm(arm, at / "arms" / i)
+        q.append(start)
+    grasps = {}
+    for i, grasp in enumerate(data.grasps):
+        if grasp.arm not in arms:
+            raise (at / "grasps" / i / "arm").refuse(f"no arm '{grasp.arm}'.{checks.did_you_mean(grasp.arm, arms)}")
+        grasps[grasp.arm] = parts.grasp(grasp, at / "grasps" / i)
+    held = parts.held_object(data.object, at / "object")
+    pose = parts.pose(data.object.pose, at / "object" / "pose")
+    with at.refusals():
+        chain = ClosedChain(arms, held, grasps, np.array(data.gravity))
+    return chain, State(np.concatenate(q), np.zeros(chain.joint_count), pose.wxyz_xyz)
+
+
+def require_finite(raw: Any, at: Place) -> None:
+    """Refuse NaN and infinity anywhere in plain data: TOML can say them, a scene cannot mean them.
+
+    Raises:
+        SceneError: with the path of the first one.
+    """
+    if isinstance(raw, float) and not math.isfinite(raw):
+        raise at.refuse(f"expected a finite number, got {raw}")
+    if isinstance(raw, dict):
+        for key, value in raw.items():
+            require_finite(value, at / str(key))
+    if isinstance(raw, list):
+        for i, value in enumerate(raw):
+            require_finite(value, at / i)
+
+
+def _controller(data: SceneData, chain: ClosedChain, state: State, at: Place) -> Controller:
+    given = data.controller
+    for key in ("squeeze", "joint_damping", "stiffness", "damping"):
+        if getattr(given, key, 0.0) < 0:
+            raise (at / key).refuse(f"expected >= 0, got {getattr(given, key):g}")
+    if not isinstance(given, ObjectTrackingData):
+        return GravityCompensation(chain, given.squeeze, given.joint_damping)
+    if not chain.grasps:
+        raise (at / "type").refuse("object_tracking needs a grasp, but no arm has one; try gravity_compensation")
+    with (at / "path").refusals():
+        path = RestToRest(state.object_frame, _array(given.path.displacement), _array(given.path.turn),
+                          given.path.begin, given.path.duration)  # fmt: skip
+    return ObjectTracking(chain, path.at, given.squeeze, given.stiffness, given.damping, given.joint_damping)
+
+
+def _array(values: list[float]) -> Array:
+    return np.array(values, dtype=float)
+
+
+def _require_names(names: Iterable[str], at: Place, key: str) -> None:
+    """Refuse names that repeat, or that would not fit on a line or in a path 'arm/joint'."""
+    first: dict[str, int] = {}
+    for i, name in enumerate(names):
+        if not ARM_NAME.fullmatch(name):
+            raise (at / i / key).refuse(f"expected letters, digits, '_', '-' and '.', got {name!r}")
+        if name in first:
+            raise (at / i / key).refuse(f"'{name}' stands already at {(at / first[name] / key).path}")
+        first[name] = i

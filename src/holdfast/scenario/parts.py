@@ -1,0 +1,66 @@
+"""The parts of a scene: poses, arms, grasps and the object, from their data."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from holdfast.io.place import Place
+from holdfast.model import checks
+from holdfast.model.arm import Arm
+from holdfast.model.grasp import Friction, Grasp
+from holdfast.model.held_object import HeldObject
+from holdfast.robots import HOME, ROBOTS
+from holdfast.scenario.scene import ArmData, GraspData, ObjectData, PoseData
+from holdfast.spatial import rotation
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+
+
+def pose(data: PoseData | GraspData, at: Place) -> Pose:
+    """Return a pose; without an attitude its axes are the reference frame's."""
+    if data.quaternion is not None and data.rpy is not None:
+        raise at.refuse("expected quaternion or rpy, got both")
+    if data.quaternion is None:
+        roll, pitch, yaw = data.rpy or (0.0, 0.0, 0.0)
+        return Pose(rotation.from_euler_zyx(yaw, pitch, roll), np.array(data.position, dtype=float))
+    with (at / "quaternion").refusals():
+        return checks.pose(np.array([*data.quaternion, *data.position]), "pose")
+
+
+def arm(data: ArmData, at: Place) -> tuple[Arm, Array]:
+    """Return an arm where it stands, and the joint positions to start from."""
+    if data.robot not in ROBOTS:
+        raise (at / "robot").refuse(f"no robot '{data.robot}'.{checks.did_you_mean(data.robot, ROBOTS)}")
+    base = pose(data.base, at / "base")
+    tip = None if data.tip is None else pose(data.tip, at / "tip")
+    with at.refusals():
+        built = ROBOTS[data.robot](base=base, tip=tip)
+    q = HOME[data.robot] if data.q is None else np.array(data.q, dtype=float)
+    if q.shape != (built.joint_count,):
+        raise (at / "q").refuse(f"expected {built.joint_count} joint positions for a {data.robot}, got {len(q)}")
+    return built, q
+
+
+def grasp(data: GraspData, at: Place) -> Grasp:
+    """Return a grasp."""
+    frame = pose(data, at)
+    contact = None
+    if data.contact is not None:
+        with (at / "contact").refusals():
+            contact = Friction(data.contact.mu, data.contact.torsion_radius, data.contact.half_length)
+    with at.refusals():
+        return Grasp(data.kind, frame, contact)
+
+
+def held_object(data: ObjectData, at: Place) -> HeldObject:
+    """Return the object; a box is solid, of uniform density, with its centre at `com`."""
+    if (data.box is None) == (data.inertia is None):
+        raise at.refuse(f"expected box or inertia, got {'neither' if data.box is None else 'both'}")
+    with at.refusals():
+        if data.inertia is not None:
+            return HeldObject(data.mass, np.array(data.inertia, dtype=float), np.array(data.com, dtype=float))
+        assert data.box is not None
+        for i, edge in enumerate(data.box):
+            if edge <= 0:
+                raise (at / "box" / i).refuse(f"expected > 0, got {edge:g}")
+        return HeldObject(data.mass, HeldObject.box(data.mass, *data.box).inertia, np.array(data.com, dtype=float))

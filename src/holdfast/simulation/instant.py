@@ -1,0 +1,101 @@
+"""One evaluation of the simulated chain: control, forward dynamics, power."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from holdfast.dynamics.forward import forward_dynamics
+from holdfast.dynamics.result import ForwardResult
+from holdfast.errors import SingularChainError, StateError
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.balance import power_terms
+from holdfast.simulation.friction import friction_torque
+from holdfast.simulation.rk4 import rotation_vector_rate
+from holdfast.simulation.world import World
+from holdfast.spatial.scalar import Array
+from holdfast.state import Inputs, State
+
+# (t, state, memory) -> (torques (n,), memory): a pure function, memory None at the start
+Controller = Callable[[float, State, Any], tuple[Array, Any]]
+
+WORST_CONDITION = 1e12  # beyond it no digit of the grasp forces is left
+
+
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """The chain at one time, with everything that follows from its state.
+
+    Attributes:
+        t: time [s].
+        state: positions and velocities.
+        chain: the chain, its bases where they are now.
+        inputs: external wrenches and base motion now.
+        tau: (n,) torques of the controller.
+        memory: what the controller carries on.
+        result: forward dynamics.
+        power: (4,) see `balance.WORK_TERMS` [W].
+    """
+
+    t: float
+    state: State
+    chain: ClosedChain
+    inputs: Inputs
+    tau: Array
+    memory: Any
+    result: ForwardResult
+    power: Array
+
+    def rates(self, turn: Array) -> Array:
+        """Return d/dt of (q, qd, u, p, V(C), work), where exp(u) has brought the object here.
+
+        Args:
+            turn: (3,) u since the step's start [rad].
+        """
+        w, v = self.state.object_twist[:3], self.state.object_twist[3:]
+        found = self.result
+        attitude = rotation_vector_rate(turn, w)
+        return np.concatenate([self.state.qd, found.qdd, attitude, v, found.object_acceleration, self.power])
+
+
+def evaluate(
+    world: World,
+    controller: Controller,
+    t: float,
+    state: State,
+    memory: Any,
+    *,
+    generic_rank: int | None = None,
+    check: bool = False,
+) -> Instant:
+    """Return the chain at one time and state.
+
+    Args:
+        world: the chain and what acts on it.
+        controller: torques.
+        t: time [s].
+        state: positions and velocities.
+        memory: the controller's.
+        generic_rank: as for `forward_dynamics`.
+        check: refuse a state that breaks the grasps.
+
+    Raises:
+        SingularChainError: the constraint's rank drops, or its condition passes 1e12.
+        StateError: torques of a wrong shape, or not finite.
+    """
+    chain, inputs = world.at(t)
+    tau, memory = controller(t, state, memory)
+    tau = checks.numbers(tau, (chain.joint_count,), "controller: torques", StateError)
+    friction = friction_torque(chain, state.qd)
+    found = forward_dynamics(chain, state, tau - friction, inputs=inputs, check=check, generic_rank=generic_rank)
+    if not found.condition <= WORST_CONDITION:
+        raise SingularChainError(
+            f"the grasp constraint is nearly singular: condition {found.condition:.3g}, expected <="
+            f" {WORST_CONDITION:g}; try another posture or another grasp"
+        )
+    power = power_terms(chain, state, tau, friction, found, inputs)
+    return Instant(t, state, chain, inputs, tau, memory, found, power)

@@ -1,0 +1,53 @@
+"""What a simulated chain lives in: base motions and external wrenches as functions of time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from holdfast.errors import ModelError
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array
+from holdfast.state import Inputs
+
+# t [s] -> pose of the base (a Pose or wxyz_xyz), its twist (6,) and acceleration (6,), world axes
+BaseMotion = Callable[[float], tuple[Any, Array, Array]]
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A chain with everything that acts on it from outside.
+
+    Attributes:
+        chain: arms, object and grasps; bases that do not move stand where it has them.
+        base_motion: motion of the bases that move, by arm name.
+        inputs: external wrenches, constant or a function of time; base motion in them is
+            replaced for the bases that move.
+    """
+
+    chain: ClosedChain
+    base_motion: Mapping[str, BaseMotion] = field(default_factory=dict)
+    inputs: Inputs | Callable[[float], Inputs] = field(default_factory=Inputs)
+
+    def __post_init__(self) -> None:
+        for name in self.base_motion:
+            if name not in self.chain.arms:
+                raise ModelError(f"base motion '{name}': no such arm.{checks.did_you_mean(name, self.chain.arms)}")
+
+    def at(self, t: float) -> tuple[ClosedChain, Inputs]:
+        """Return the chain with its bases where they are at time t [s], and the inputs then."""
+        inputs = self.inputs(t) if callable(self.inputs) else self.inputs
+        if not self.base_motion:
+            return self.chain, inputs
+        shaped = inputs.shaped(self.chain)
+        twists, accelerations = np.array(shaped.base_twists), np.array(shaped.base_accelerations)
+        poses = {}
+        for i, name in enumerate(self.chain.names):
+            if name in self.base_motion:
+                poses[name], twists[i], accelerations[i] = self.base_motion[name](t)
+        moving = replace(shaped, base_twists=twists, base_accelerations=accelerations)
+        return self.chain.with_bases(poses), moving

@@ -1,0 +1,47 @@
+"""How figures look: colours that everyone can tell apart, sizes for one column of a page."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from holdfast.errors import MissingExtra
+
+# Okabe and Ito (2008): distinct under every common colour blindness
+BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK = (
+    "#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#56B4E9", "#000000",
+)  # fmt: skip
+# x, y, z: colour and line style both tell them apart
+COMPONENTS = (("x", BLUE, "-"), ("y", VERMILLION, "--"), ("z", GREEN, "-."))
+
+DPI = 200
+COLUMN = 3.5  # inches: one column of a two-column page
+STYLE = {
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "axes.labelsize": 8,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "legend.fontsize": 7,
+    "lines.linewidth": 1.1,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.5,
+    "legend.frameon": False,
+    "legend.handlelength": 1.8,
+}
+
+
+def matplotlib() -> tuple[Any, Any]:
+    """Return matplotlib's Figure class and rc_context; no window, no global state.
+
+    Raises:
+        MissingExtra: matplotlib is not installed.
+    """
+    try:
+        from matplotlib import rc_context
+        from matplotlib.figure import Figure
+    except ImportError as cause:
+        raise MissingExtra("plots need matplotlib; try pip install 'holdfast[plot]'") from cause
+    return Figure, rc_context

@@ -1,0 +1,302 @@
+"""Whatever is wrong with a case file, one line says where; nothing else is ever raised."""
+
+import json
+import random
+
+import numpy as np
+import pytest
+
+from holdfast import SceneError
+from holdfast.cli import main
+from holdfast.io.case_file import load_cases
+from tests.io.mutations import CASES, arm_with, at, path, places, renamed, replaced, small_case, with_token, without
+
+PLACES = list(places(small_case()))
+KEYS = [where for where in PLACES if isinstance(where[-1], str)]
+NUMBERS = [where for where in PLACES if isinstance(at(small_case(), where), float)]
+OPTIONAL = {"expected", "W", "omega_dot", "v_dot"}
+HINGE, SOFT, BALL, RIGID = (arm_with(kind) for kind in ("hinge", "softfinger", "ball", "rigid"))
+FIRST = ("arms", 0)
+LINK, JOINT = (*FIRST, "links", 2), (*FIRST, "joints", 1)
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Return a function that writes data or text to a file and returns its path."""
+
+    def write(content):
+        file = tmp_path / "case.json"
+        if isinstance(content, bytes):
+            file.write_bytes(content)
+        else:
+            file.write_text(content if isinstance(content, str) else json.dumps(content), encoding="utf-8")
+        return file
+
+    return write
+
+
+def refusal(file) -> str:
+    """Return the message of the refusal, without the file's name; one line."""
+    with pytest.raises(SceneError) as caught:
+        load_cases(file)
+    text = str(caught.value)
+    assert text.startswith(f"{file}: "), text
+    assert "\n" not in text
+    return text.removeprefix(f"{file}: ")
+
+
+def assert_cli_refuses(file, capsys, start: str) -> None:
+    """Assert exit code 2, nothing on stdout and one line on stderr that starts so."""
+    assert main(["solve", str(file), "--format", "json"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith(f"holdfast: error: {file}: {start}"), err
+    assert err.count("\n") == 1
+
+
+def is_optional(where) -> bool:
+    """Return whether the format can do without this key."""
+    return where[-1] in OPTIONAL or (where[-1] in ("omega", "v") and where[-2] == "base")
+
+
+def test_the_small_case_is_sound(write):
+    """Every mutation below starts from a file that loads."""
+    (case,) = load_cases(write(small_case()))
+    assert case.chain.joint_count == sum(len(arm["q"]) for arm in small_case()["arms"])
+
+
+@pytest.mark.parametrize("where", KEYS, ids=path)
+def test_deleted_key(where, write):
+    """A missing key is named, at the place where it is missing."""
+    file = write(without(where))
+    if is_optional(where):
+        assert len(load_cases(file)) == 1
+    elif where[-1] == "h_object":
+        assert refusal(file).startswith(f"{path(where)}: expected ")
+    else:
+        assert refusal(file) == f"{path(where[:-1])}: Object missing required field `{where[-1]}`"
+
+
+@pytest.mark.parametrize("where", KEYS, ids=path)
+def test_misspelt_key(where, write):
+    """An unknown key is refused, optional or not; one with a letter too many gets a suggestion."""
+    wrong = where[-1] + "x"
+    text = refusal(write(renamed(where, wrong)))
+    assert text.startswith(f"{path(where[:-1])}: Object contains unknown field `{wrong}`.")
+    assert " Did you mean '" in text or " Known: " in text
+    if len(where[-1]) > 2:
+        assert f"Did you mean '{where[-1]}'?" in text
+
+
+@pytest.mark.parametrize("junk", ["text", None, True, 3, 2.5, [], {}, [[]], [None], {"a": 1}], ids=repr)
+@pytest.mark.parametrize("where", PLACES, ids=path)
+def test_wrong_type(where, junk, write):
+    """A value of another type is refused at its place, unless the format allows it there."""
+    file = write(replaced(where, junk))
+    was = at(small_case(), where)
+    fine = (
+        (isinstance(was, float) and type(junk) in (int, float))
+        or (where[-1] in ("expected", "W") and junk is None)
+        or (isinstance(was, str) and where[-1] == "name" and junk == "text")
+        or was == junk
+    )
+    if fine and where[-1] not in ("mass", 0, 1, 2):
+        load_cases(file)
+    elif fine:  # a number among others: may be impossible as a matrix or a vector
+        try:
+            load_cases(file)
+        except SceneError as refused:
+            holder = path(where).rstrip("[012]")
+            assert holder in str(refused)
+    else:
+        assert refusal(file).startswith(path(where))
+
+
+@pytest.mark.parametrize("where", [w for w in PLACES if isinstance(at(small_case(), w), list)], ids=path)
+def test_wrong_length(where, write):
+    """A list one item too long or too short is refused at its place."""
+    for items in (at(small_case(), where)[:-1], at(small_case(), where) + at(small_case(), where)[-1:]):
+        if where == ("arms",):
+            continue  # any number of arms is fine; the answer's shape is not
+        if items == at(small_case(), where):
+            continue
+        text = refusal(write(replaced(where, items)))
+        # a list of joints sets the length of all the others
+        assert text.startswith(path(where)) or where[-1] == "joints", text
+
+
+def test_arms_beyond_the_answer(write):
+    """A fourth arm taken out leaves an answer for four: its shape is refused."""
+    case = small_case()
+    del case["arms"][-1]
+    assert refusal(write(case)).startswith("$.expected.qdd: expected lists of lengths [")
+
+
+@pytest.mark.parametrize("token", ["NaN", "Infinity", "-Infinity", "1e999", "-1e999"])
+@pytest.mark.parametrize("where", NUMBERS, ids=path)
+def test_not_a_finite_number(where, token, write):
+    """NaN, infinities and numbers beyond float64 are refused by their path."""
+    assert refusal(write(with_token(where, token))).startswith(f"{path(where)}: expected a finite number, got ")
+
+
+@pytest.mark.parametrize("value", [1e308, -1e308, 1e200, 1e-308, 10**400], ids=lambda value: str(value)[:6])
+@pytest.mark.parametrize("where", NUMBERS, ids=path)
+def test_extreme_numbers(where, value, write):
+    """Numbers near the end of the range load or are refused; none warns or raises otherwise."""
+    file = write(replaced(where, value))
+    try:
+        load_cases(file)
+    except SceneError as refused:
+        assert "\n" not in str(refused)
+
+
+IMPOSSIBLE = [
+    (LINK, {"mass": -1.0}, ".mass: expected > 0, got -1.0"),
+    (LINK, {"inertia": [[1, 0, 0], [0, 1, 0], [0, 0, 3]]}, ".inertia: no mass distribution has principal moments"),
+    (LINK, {"inertia": [[1, 0, 0], [0, -1, 0], [0, 0, 1]]}, ".inertia: expected principal moments >= 0"),
+    (LINK, {"inertia": [[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]}, ".inertia: expected a symmetric matrix"),
+    (JOINT, {"axis": [0, 0, 2.0]}, ".axis: expected a unit vector, got length 2"),
+    (JOINT, {"axis": [0, 0, 0]}, ".axis: expected a unit vector, got length 0"),
+    (JOINT, {"R0": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}, ".R0: expected a rotation matrix"),
+    (JOINT, {"R0": [[1, 0, 0], [0, 1, 0.01], [0, 0, 1]]}, ".R0: expected a rotation matrix"),
+    (JOINT, {"type": "revolut"}, ".type: Invalid enum value 'revolut'. Did you mean 'revolute'?"),
+    ((*FIRST, "base"), {"R": [[0, 0, 0]] * 3}, ".R: expected a rotation matrix"),
+    (("object",), {"R": [[2, 0, 0], [0, 2, 0], [0, 0, 2]]}, ".R: expected a rotation matrix"),
+    (("object",), {"mass": 0.0}, ".mass: expected > 0, got 0.0"),
+    (("object",), {"mass": -2.0}, ".mass: expected > 0, got -2.0"),
+    (("object",), {"inertia": [[0] * 3] * 3}, ".inertia: expected principal moments > 0"),
+    (("object",), {"inertia": [[1, 0, 0], [0, 1, 0], [0, 0, 2.5]]}, ".inertia: no mass distribution"),
+    (("arms", HINGE, "grasp"), {"h_object": [[0, 3.0, 0]]}, ".h_object[0]: expected a unit vector, got length 3"),
+    (("arms", SOFT, "grasp"), {"h_object": [[1, 0, 0], [0, 0, 0.9]]}, ".h_object[1]: expected a unit vector"),
+    (("arms", SOFT, "grasp"), {"h_object": [[1, 0, 0], [0.6, 0.8, 0]]}, ".h_object: expected perpendicular tangents"),
+    (("arms", SOFT, "grasp"), {"h_object": [[1, 0, 0]]}, ".h_object: expected 2 unit vectors for a softfinger, got 1"),
+    (("arms", RIGID, "grasp"), {"h_object": [[1, 0, 0]]}, ".h_object: expected 0 unit vectors for a rigid, got 1"),
+    (("arms", BALL, "grasp"), {"W": [0.0, 0.0]}, ".W: expected 3 relative rates for a ball, got 2"),
+    (("arms", RIGID, "grasp"), {"W": [0.0]}, ".W: expected 0 relative rates for a rigid, got 1"),
+    (("arms", BALL, "grasp"), {"type": "bal"}, ".type: Invalid enum value 'bal'. Did you mean 'ball'?"),
+    (FIRST, {"q": [0.0]}, ".q: expected 6 entries, one per joint, got 1"),
+    (FIRST, {"tau": [0.0] * 9}, ".tau: expected 6 entries, one per joint, got 9"),
+    (FIRST, {"joints": []}, ".joints: expected at least one joint, got none"),
+    ((), {"arms": []}, ".arms: expected at least one arm, got none"),
+    (("expected",), {"alpha_C": [0.0] * 5}, ".alpha_C: expected 6 numbers, got 5"),
+    (("expected",), {"f": [[0.0] * 6]}, ".f: expected lists of lengths [6, 6, 6, 6], got [6]"),
+]
+
+
+@pytest.mark.parametrize("wrapped", ["case", "list", "cases"])
+@pytest.mark.parametrize(("where", "change", "problem"), IMPOSSIBLE, ids=lambda value: str(value)[:40])
+def test_impossible_values(where, change, problem, wrapped, write, capsys):
+    """What cannot exist is refused at its place, in every shape of file, by the program too."""
+    case = small_case()
+    at(case, where).update(change)
+    other = small_case() | {"name": "sound"}
+    content, root = {
+        "case": (case, "$"),
+        "list": ([other, case], "$[1]"),
+        "cases": ({"format": "x", "cases": [other, case]}, "$.cases[1]"),
+    }[wrapped]
+    file = write(content)
+    start = root + path(where)[1:] + problem
+    assert refusal(file).startswith(start)
+    assert_cli_refuses(file, capsys, start)
+
+
+DEEP = "[" * 100_000
+FILES = {
+    "empty": (b"", "is empty"),
+    "blank": (b" \n ", "is empty"),
+    "binary": (bytes(range(256)), "not valid JSON: "),
+    "a picture": (b"\x89PNG\r\n\x1a\n" + bytes(50), "not valid JSON: "),
+    "truncated": (json.dumps(small_case())[:-5], "not valid JSON: Expecting ',' delimiter (line 1, column "),
+    "trailing comma": ('{"name": "a",}', "not valid JSON: "),
+    "two documents": ("{} {}", "not valid JSON: Extra data (line 1, column 4)"),
+    "nested": (DEEP, "not valid JSON: "),
+    "nested and closed": (DEEP + DEEP.replace("[", "]"), "not valid JSON: "),
+    "nested in a case": ('{"cases": [' + DEEP + DEEP.replace("[", "]") + "]}", "not valid JSON: "),
+    "no UTF-8": (b'{"name": "\xff"}', "not valid JSON: "),
+    "half a surrogate": (b'{"name": "\\ud800"}', "not valid JSON: "),
+    "endless integer": ("1" * 10_000, "not valid JSON: "),
+    "a number": ("5", "$: Expected `object`, got `int`"),
+    "a text": ('"case"', "$: Expected `object`, got `str`"),
+    "null": ("null", "$: Expected `object`, got `null`"),
+    "list of numbers": ("[1, 2]", "$[0]: Expected `object`, got `int`"),
+    "empty list": ("[]", "$: expected at least one case, got none"),
+    "no cases": ('{"cases": []}', "$: expected at least one case, got none"),
+    "cases no list": ('{"cases": {}}', "$.cases: Expected `array`, got `object`"),
+    "cases misspelt": ('{"casses": []}', "$: Object contains unknown field `casses`. Did you mean 'cases'?"),
+    "empty object": ("{}", "$: Object missing required field `cases`"),
+}
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_no_case_file(kind, write, capsys):
+    """Files of another kind altogether."""
+    content, problem = FILES[kind]
+    file = write(content)
+    assert refusal(file).startswith(problem)
+    assert_cli_refuses(file, capsys, problem)
+
+
+def test_no_file(tmp_path, capsys):
+    """A missing file, a directory, a path no file system takes."""
+    for file, problem in ((tmp_path / "none.json", "No such file"), (tmp_path, "Is a directory")):
+        assert refusal(file).startswith(f"cannot be read: {problem}")
+        assert_cli_refuses(file, capsys, f"cannot be read: {problem}")
+    with pytest.raises(SceneError, match="cannot be read"):
+        load_cases("a\0b")
+
+
+def test_duplicate_names(write, capsys):
+    """Names tell cases apart; one used twice is refused, line ends in it or not."""
+    case = small_case() | {"name": "twice\nand again"}
+    file = write([case, small_case(), case])
+    problem = r"$[2].name: duplicate name 'twice\nand again', first used at $[0]"
+    assert refusal(file) == problem
+    assert_cli_refuses(file, capsys, problem)
+
+
+@pytest.mark.parametrize("seed", range(150))
+def test_random_damage(seed, write):
+    """Three random pieces of junk anywhere: the file loads, or one line says where it does not."""
+    rng = random.Random(seed)
+    case = small_case()
+    for _ in range(3):
+        where = rng.choice(list(places(case)))
+        junk = rng.choice([None, True, -1, 0, 1e308, 1e-308, "", "rigid", [], {}, [0.0] * 3, [[1.0, 0.0, 0.0]] * 3])
+        at(case, where[:-1])[where[-1]] = junk
+    try:
+        load_cases(write(case))
+    except SceneError as refused:
+        text = str(refused)
+        assert ": $" in text
+        assert "\n" not in text
+
+
+def test_rates_may_be_given_in_part(write):
+    """A W left out is the one the velocities imply; with none given there is nothing to compare."""
+    whole = load_cases(write(small_case()))[0].rates
+    assert whole is not None
+    case = small_case()
+    del case["arms"][BALL]["grasp"]["W"]
+    np.testing.assert_allclose(load_cases(write(case))[0].rates, whole, atol=1e-13)
+    for arm in case["arms"]:
+        arm["grasp"].pop("W", None)
+    assert load_cases(write(case))[0].rates is None
+
+
+def test_nearly_unit_values_are_mended(write):
+    """Rounding to seven digits is no error: rotations, axes and tangents are made exact."""
+    case = json.loads(json.dumps(small_case()), parse_float=lambda text: round(float(text), 7))
+    (loaded,) = load_cases(write(case))
+    for arm in loaded.chain.arms.values():
+        for joint in arm.joints:
+            R = joint.placement.R
+            np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-14)
+            assert abs(np.linalg.norm(joint.axis) - 1) < 1e-14
+
+
+def test_every_stored_case_loads(write):
+    """All stored cases, in one file and one by one."""
+    assert len(load_cases(write({"cases": CASES}))) == len(CASES)
+    for case in CASES[:3]:
+        assert load_cases(write(case))[0].name == case["name"]
