@@ -5,6 +5,7 @@ Exit codes: 0; 2 bad input; 3 physics refused, or nothing was solved; 130 interr
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -24,6 +25,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     from holdfast.cli.commands import run
     from holdfast.errors import ClosureError, HoldfastError, MethodNotApplicable, SingularChainError
 
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # letters that a terminal lacks are escaped, not fatal
+            stream.reconfigure(errors="backslashreplace")
     try:
         code = run(list(sys.argv[1:] if argv is None else argv))
         sys.stdout.flush()

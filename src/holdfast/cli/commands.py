@@ -115,9 +115,14 @@ def _parsed(arguments: list[str]) -> Callable[[], int] | int:
     except SystemExit as finished:
         if not finished.code:
             return 0
-        message = re.sub(r"^╭.*$", "", boxed.getvalue(), flags=re.MULTILINE)  # tyro's box and its title
-        complain(re.sub(r"[─│╰╯]+", " ", message))
+        complain(_unboxed(boxed.getvalue()))
         return BAD_INPUT
+
+
+def _unboxed(message: str) -> str:
+    """Return tyro's message without its title (the first line), its frame and its rules."""
+    _, _, text = message.strip().partition("\n")
+    return re.sub(r"[─│╭╮╰╯]+|-{4,}", " ", text or message)
 
 
 def _later(command: Callable[..., int]) -> Callable[..., Callable[[], int]]:

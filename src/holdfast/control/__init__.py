@@ -1,1 +1,1 @@
-
+"""Controllers: functions (t, state, memory) -> (torques, memory)."""

@@ -115,8 +115,12 @@ def scaled_condition(motion: ChainMotion, nullity: int = 0) -> float:
     s = Stacked(motion)
     omega = s.J @ s.mass_solve(s.J.T) + s.A @ s.M_C_inverse @ s.A.T
     projected = s.K @ omega @ s.K.T
-    size = np.sqrt(np.diag(projected))
-    sizes = np.linalg.eigvalsh(projected / np.outer(size, size))[nullity:]
+    size = np.sqrt(np.maximum(np.diag(projected), 0.0))
+    size[size == 0.0] = 1.0  # a row that nothing can move
+    scaled = projected / np.outer(size, size)
+    if not np.isfinite(scaled).all():
+        return np.inf
+    sizes = np.linalg.eigvalsh(scaled)[nullity:]
     return float(sizes[-1] / sizes[0]) if len(sizes) and sizes[0] > 0 else np.inf
 
 

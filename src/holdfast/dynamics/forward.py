@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from holdfast.dynamics import indeterminate, rank
-from holdfast.dynamics.arm.articulated import articulated_filter
 from holdfast.dynamics.arm.free_dynamics import tip_acceleration
 from holdfast.dynamics.arm.newton_euler import newton_euler
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion, pseudo_gravity
+from holdfast.dynamics.closed.general import FreeDynamics
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.closed.tip_response import Route, tip_response
 from holdfast.dynamics.consistency import require_closed
@@ -23,6 +21,8 @@ from holdfast.spatial.scalar import Array, concatenate
 from holdfast.spatial.spatial_vector import shift_twist
 from holdfast.state import Inputs, State
 
+NO_INERTIA = 1e-14  # of the arm's largest articulated inertia: what is left is rounding
+
 
 def forward_dynamics(
     chain: ClosedChain,
@@ -30,7 +30,7 @@ def forward_dynamics(
     tau: Array,
     *,
     inputs: Inputs | None = None,
-    method: str | Callable[..., Array] = "sequential",
+    method: str | FreeDynamics = "sequential",
     route: Route = "auto",
     check: bool = True,
     generic_rank: int | None = None,
@@ -69,8 +69,11 @@ def forward_dynamics(
     if chosen.rigid_only:
         _require_rigid(chain, chosen)
 
-    _require_inertia(motion)
-    regular = sequential(motion, route)
+    with np.errstate(all="ignore"):  # what comes out of it is looked at below
+        regular = sequential(motion, route)
+    for name, pivots in zip(chain.grasps, regular.pivots, strict=True):
+        _require_inertia(name, pivots)
+    _require_finite(regular)
     verdict = rank.verdict(chain, state, int(regular.rank), generic_rank)
     try:
         found = regular if chosen.solve is sequential else chosen.solve(motion)
@@ -81,29 +84,30 @@ def forward_dynamics(
     return _assemble(motion, found, regular, verdict, chosen.name)
 
 
+def _require_finite(found: Solution) -> None:
+    """Refuse numbers that overflow: no NaN leaves this library."""
+    if not np.isfinite(np.concatenate([*found.qdd, *found.wrenches, found.object_acceleration])).all():
+        raise StateError("the accelerations overflow float64; check the sizes of lengths, masses, rates and torques")
+
+
 def _require_rigid(chain: ClosedChain, method: Method) -> None:
-    other = {name: grasp.kind for name, grasp in chain.grasps.items() if grasp.kind != "rigid"}
+    other = [f"'{name}' is a {grasp.kind}" for name, grasp in chain.grasps.items() if grasp.kind != "rigid"]
     if other:
-        listed = ", ".join(f"'{name}' is a {kind}" for name, kind in other.items())
+        listed = ", ".join(other[:3]) + (f" and {len(other) - 3} more" if len(other) > 3 else "")
         raise MethodNotApplicable(
             f"{method.name}: for rigid grasps only, but {listed}; try method='sequential' or 'nonrigid'"
         )
 
 
-def _require_inertia(motion: ChainMotion) -> None:
+def _require_inertia(name: str, pivots: Array) -> None:
     """Refuse an arm whose mass matrix is singular: a massless link that nothing loads."""
-    for name, arm in motion.arms.items():
-        if not arm.arm.may_lack_inertia:
-            continue
-        with np.errstate(all="ignore"):
-            D = articulated_filter(arm.arm, arm.at).D
-        lacking = np.flatnonzero(~(D > 0))
-        if lacking.size:
-            k = int(lacking[-1])  # the one nearest the tip spoils those before it
-            raise ModelError(
-                f"arm '{name}', joint {k + 1}: the inertia about its axis is {D[k]:.3g}, expected > 0; give the links"
-                " beyond it mass or inertia, or the joint an armature"
-            )
+    lacking = np.flatnonzero(~(pivots > NO_INERTIA * np.max(pivots, initial=0.0, where=np.isfinite(pivots))))
+    if lacking.size:
+        k = int(lacking[-1])  # the one nearest the tip spoils those before it
+        raise ModelError(
+            f"arm '{name}', joint {k + 1}: the inertia about its axis is {pivots[k]:.3g}, expected > 0; give the links"
+            " beyond it mass or inertia, or the joint an armature, and keep the links' masses within 1e12 of each other"
+        )
 
 
 def _assemble(motion: ChainMotion, found: Solution, regular: Solution, status: Status, method: str) -> ForwardResult:
@@ -119,7 +123,10 @@ def _assemble(motion: ChainMotion, found: Solution, regular: Solution, status: S
             qdd[part], wrenches[row] = found.qdd[holding[name]], found.wrenches[holding[name]]
             base[row] = newton_euler(arm, qdd[part], wrenches[row])[1]
         else:
-            qdd[part], base[row] = tip_response(arm, "auto").back(np.zeros(6))
+            with np.errstate(all="ignore"):
+                alone = tip_response(arm, "auto")
+            _require_inertia(name, alone.pivots)
+            qdd[part], base[row] = alone.back(np.zeros(6))
 
     W_dot = found.contact_acceleration
     if W_dot is None:

@@ -71,7 +71,7 @@ METHODS: dict[str, Method] = {
 }
 
 
-def method_named(name: object) -> Method:
+def method_named(name: str | FreeDynamics) -> Method:
     """Return the method of a name, or wrap a user's own free dynamics in (4.9).
 
     Raises:
@@ -80,6 +80,6 @@ def method_named(name: object) -> Method:
     if callable(name):
         label = getattr(name, "__name__", "user")
         return _general(label, "a user's solver", "any", name)
-    if name not in METHODS:
+    if not isinstance(name, str) or name not in METHODS:
         raise MethodNotApplicable(f"no method {name!r}.{checks.did_you_mean(str(name), METHODS)}")
-    return METHODS[str(name)]
+    return METHODS[name]

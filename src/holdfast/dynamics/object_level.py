@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.closed.object_filter import object_filter
 from holdfast.dynamics.closed.object_motion import object_motion
-from holdfast.dynamics.closed.sequential import object_filter
 from holdfast.dynamics.closed.tip_response import tip_response
 from holdfast.dynamics.constraint import constraint_rows
 from holdfast.errors import SingularChainError

@@ -17,7 +17,7 @@ import numpy as np
 from holdfast.dynamics.arm.motion import at_rest
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.closed.contact import Contact
-from holdfast.dynamics.closed.sequential import object_filter
+from holdfast.dynamics.closed.object_filter import object_filter
 from holdfast.dynamics.closed.tip_response import tip_response
 from holdfast.dynamics.consistency import position_gap
 from holdfast.errors import ClosureError

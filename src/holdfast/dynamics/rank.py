@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import chain_motion
-from holdfast.dynamics.closed.sequential import object_filter
+from holdfast.dynamics.closed.object_filter import object_filter
 from holdfast.dynamics.closed.tip_response import tip_response
 from holdfast.dynamics.closing import close
 from holdfast.dynamics.object_level import motion_basis

@@ -189,8 +189,11 @@ def _check_expected(data: CaseData, at: Place) -> None:
         "W_dot": [len(FREE[arm.grasp.type]) for arm in data.arms],
     }
     for key, lengths in shapes.items():
-        got = [len(part) for part in getattr(data.expected, key)]
-        if got != lengths:
-            raise (at / key).refuse(f"expected lists of lengths {lengths}, got {got}")
+        parts = getattr(data.expected, key)
+        if len(parts) != len(lengths):
+            raise (at / key).refuse(f"expected {len(lengths)} lists, one per arm, got {len(parts)}")
+        for i, (part, length) in enumerate(zip(parts, lengths, strict=True)):
+            if len(part) != length:
+                raise (at / key / i).refuse(f"expected {length} numbers, got {len(part)}")
     if len(data.expected.alpha_C) != 6:
         raise (at / "alpha_C").refuse(f"expected 6 numbers, got {len(data.expected.alpha_C)}")

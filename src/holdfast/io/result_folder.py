@@ -20,7 +20,7 @@ import numpy as np
 
 from holdfast.errors import ResultError
 from holdfast.io.atomic import write_atomically
-from holdfast.scenario.build import Scenario
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.summary import Summary
 from holdfast.simulation.trajectory import UNITS, Trajectory, array_names, stacked
@@ -39,12 +39,13 @@ class ResultWriter:
         samples: how many are on disk.
     """
 
-    def __init__(self, folder: Path, scenario: Scenario, *, overwrite: bool = False) -> None:
+    def __init__(self, folder: Path, meta: dict[str, Any], scene_text: str, *, overwrite: bool = False) -> None:
         """Check that the folder can be used.
 
         Args:
             folder: where to; made if need be.
-            scenario: what is simulated.
+            meta: what `run_meta` returns.
+            scene_text: the scene file's own text.
             overwrite: replace an earlier result there.
 
         Raises:
@@ -55,8 +56,8 @@ class ResultWriter:
         self.samples = 0
         self._chunks = 0
         self._waiting: list[Trajectory] = []
-        self._scene_text = scenario.text
-        self._meta = _meta(scenario)
+        self._scene_text = scene_text
+        self._meta = dict(meta)
 
     def add(self, sample: Trajectory) -> None:
         """Take one sample; every 100 they go to disk.
@@ -141,22 +142,29 @@ def clear(folder: Path) -> None:
         raise ResultError(f"{folder}: cannot be written: {cause.strerror or cause}") from cause
 
 
-def _meta(scenario: Scenario) -> dict[str, Any]:
+def run_meta(chain: ClosedChain, name: str, duration: float, step: float) -> dict[str, Any]:
+    """Return what meta.json says before the first sample.
+
+    Args:
+        chain: what is simulated.
+        name: of the scene.
+        duration: asked for [s].
+        step: asked for [s].
+    """
     from holdfast import __version__
 
-    chain = scenario.chain
     return {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
-        "scene": scenario.name,
+        "scene": name,
         "versions": {"holdfast": __version__, "numpy": np.__version__, "python": platform.python_version()},
         "arms": list(chain.names),
         "grasps": {name: grasp.kind for name, grasp in chain.grasps.items()},
         "joints": chain.joint_names(),
         "work_terms": list(WORK_TERMS),
         "units": UNITS,
-        "duration": scenario.duration,
-        "step": scenario.step,
+        "duration": duration,
+        "step": step,
         "samples": 0,
         "last_time": None,
         "complete": False,

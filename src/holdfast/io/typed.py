@@ -49,16 +49,14 @@ def parse_json(text: bytes, source: str) -> Any:
 def _json_fault(text: bytes) -> str:
     """Return what the standard library's more talkative reader finds wrong, or nothing."""
     try:
-        data = json.loads(text)  # takes NaN, infinities and 1e999
+        for path, value in _leaves(json.loads(text), "$"):  # it takes NaN, infinities and 1e999
+            if isinstance(value, float) and not math.isfinite(value):
+                return f"{path}: expected a finite number, got {value!r}"
     except json.JSONDecodeError as fault:
-        return (
-            f"not valid JSON: {fault.msg} (line {fault.lineno}, column {fault.colno})" if text.strip() else "is empty"
-        )
+        where = f"line {fault.lineno}, column {fault.colno}"
+        return f"not valid JSON: {fault.msg} ({where})" if text.strip() else "is empty"
     except (ValueError, RecursionError):
-        return ""
-    for path, value in _leaves(data, "$"):
-        if isinstance(value, float) and not math.isfinite(value):
-            return f"{path}: expected a finite number, got {value!r}"
+        pass
     return ""
 
 

@@ -38,8 +38,10 @@ class Arm:
     def __post_init__(self) -> None:
         label = f"arm '{self.name}'" if self.name else "arm"
         put = object.__setattr__
-        put(self, "joints", tuple(self.joints))
-        put(self, "links", tuple(self.links))
+        for part in ("joints", "links"):
+            if not isinstance(getattr(self, part), Sequence):
+                raise ModelError(f"{label}: {part}: expected a list, got {type(getattr(self, part)).__name__}")
+            put(self, part, tuple(getattr(self, part)))
         for part, kind, members in (("joints", Joint, self.joints), ("links", Link, self.links)):
             for k, member in enumerate(members):
                 if not isinstance(member, kind):
@@ -80,13 +82,3 @@ class Arm:
     def damping(self) -> Array:
         """(N,) viscous damping [N m s/rad or N s/m]."""
         return np.array([j.damping for j in self.joints])
-
-    @cached_property
-    def may_lack_inertia(self) -> bool:
-        """Whether some link has no inertia of its own along its joint: D > 0 is then not given."""
-        for joint, link in zip(self.joints, self.links, strict=True):
-            M, h = link.spatial_inertia, joint.axis
-            own = M.m if joint.kind == "prismatic" else h @ M.I @ h
-            if not own + joint.armature > 1e-12 * (M.m + np.trace(M.I)):
-                return True
-        return False

@@ -58,8 +58,9 @@ class Joint:
         for quantity in ("armature", "damping", "friction"):
             put(self, quantity, checks.number(getattr(self, quantity), f"{label}: {quantity}", at_least=0.0))
         for quantity in ("rate_limit", "effort_limit"):
-            if not getattr(self, quantity) > 0:
-                raise ModelError(f"{label}: {quantity}: expected > 0, got {getattr(self, quantity)!r}")
+            limit = getattr(self, quantity)
+            if not isinstance(limit, (int, float)) or not limit > 0:
+                raise ModelError(f"{label}: {quantity}: expected a number > 0, got {limit!r}")
         try:
             low, high = map(float, self.position_limits)
         except (TypeError, ValueError) as cause:

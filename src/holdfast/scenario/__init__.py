@@ -1,1 +1,1 @@
-
+"""Scenes: TOML files that say what to simulate, and what becomes of them."""

@@ -11,9 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.control.gravity_compensation import GravityCompensation
-from holdfast.control.object_tracking import ObjectTracking
-from holdfast.control.paths import RestToRest
 from holdfast.dynamics.closing import close
 from holdfast.errors import ClosureError
 from holdfast.io import typed
@@ -21,10 +18,10 @@ from holdfast.io.place import Place
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.scenario import parts
-from holdfast.scenario.scene import ObjectTrackingData, SceneData
+from holdfast.scenario.controllers import build_controller
+from holdfast.scenario.scene import SceneData
 from holdfast.simulation.instant import Controller
 from holdfast.simulation.simulate import step_times
-from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
 ARM_NAME = re.compile(r"\w[\w.-]*")
@@ -75,14 +72,14 @@ def build_scene(data: SceneData, source: str = "scene", text: str = "", name: st
         ClosureError: an arm cannot reach its grasp.
     """
     at = Place(source)
+    with (at / "simulation").refusals():
+        step_times(data.simulation.duration, data.simulation.step)
     chain, guess = build_chain(data, at)
     try:
         state = close(chain, guess, hold_object=True)
     except ClosureError as cause:
         raise ClosureError(f"{source}: $.object.pose: {cause}") from cause
-    with (at / "simulation").refusals():
-        step_times(data.simulation.duration, data.simulation.step)
-    controller = _controller(data, chain, state, at / "controller")
+    controller = build_controller(data.controller, chain, state, at / "controller")
     return Scenario(name, text, chain, state, controller, data.simulation.duration, data.simulation.step)
 
 
@@ -126,25 +123,6 @@ def require_finite(raw: Any, at: Place) -> None:
     if isinstance(raw, list):
         for i, value in enumerate(raw):
             require_finite(value, at / i)
-
-
-def _controller(data: SceneData, chain: ClosedChain, state: State, at: Place) -> Controller:
-    given = data.controller
-    for key in ("squeeze", "joint_damping", "stiffness", "damping"):
-        if getattr(given, key, 0.0) < 0:
-            raise (at / key).refuse(f"expected >= 0, got {getattr(given, key):g}")
-    if not isinstance(given, ObjectTrackingData):
-        return GravityCompensation(chain, given.squeeze, given.joint_damping)
-    if not chain.grasps:
-        raise (at / "type").refuse("object_tracking needs a grasp, but no arm has one; try gravity_compensation")
-    with (at / "path").refusals():
-        path = RestToRest(state.object_frame, _array(given.path.displacement), _array(given.path.turn),
-                          given.path.begin, given.path.duration)  # fmt: skip
-    return ObjectTracking(chain, path.at, given.squeeze, given.stiffness, given.damping, given.joint_damping)
-
-
-def _array(values: list[float]) -> Array:
-    return np.array(values, dtype=float)
 
 
 def _require_names(names: Iterable[str], at: Place, key: str) -> None:

@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import msgspec
 
 from holdfast.model.closed_chain import STANDARD_GRAVITY
 from holdfast.model.grasp import GraspKind
 
-Vector3 = Annotated[list[float], msgspec.Meta(min_length=3, max_length=3)]
-Quaternion = Annotated[list[float], msgspec.Meta(min_length=4, max_length=4)]
-Matrix3 = Annotated[list[Vector3], msgspec.Meta(min_length=3, max_length=3)]
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Matrix3 = tuple[Vector3, Vector3, Vector3]
+ZEROS: Vector3 = (0.0, 0.0, 0.0)
 
 
-def _zeros() -> list[float]:
-    return [0.0, 0.0, 0.0]
-
-
-class _Strict(msgspec.Struct, forbid_unknown_fields=True, kw_only=True, frozen=True):
+class _Strict(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     """Base of the file's structures."""
 
 
 class PoseData(_Strict):
     """A pose: position and, as quaternion (w, x, y, z) or as roll, pitch, yaw, an attitude."""
 
-    position: Vector3 = msgspec.field(default_factory=_zeros)
+    position: Vector3 = ZEROS
     quaternion: Quaternion | None = None
     rpy: Vector3 | None = None
 
@@ -50,7 +45,7 @@ class ObjectData(_Strict):
     mass: float
     box: Vector3 | None = None
     inertia: Matrix3 | None = None
-    com: Vector3 = msgspec.field(default_factory=_zeros)
+    com: Vector3 = ZEROS
     pose: PoseData = msgspec.field(default_factory=PoseData)
 
 
@@ -67,7 +62,7 @@ class GraspData(_Strict):
 
     arm: str
     kind: GraspKind
-    position: Vector3 = msgspec.field(default_factory=_zeros)
+    position: Vector3 = ZEROS
     quaternion: Quaternion | None = None
     rpy: Vector3 | None = None
     contact: ContactData | None = None
@@ -77,8 +72,8 @@ class PathData(_Strict):
     """A smooth motion of the object from rest to rest, world axes."""
 
     duration: float
-    displacement: Vector3 = msgspec.field(default_factory=_zeros)
-    turn: Vector3 = msgspec.field(default_factory=_zeros)
+    displacement: Vector3 = ZEROS
+    turn: Vector3 = ZEROS
     begin: float = 0.0
 
 
@@ -114,5 +109,5 @@ class SceneData(_Strict):
     controller: GravityCompensationData | ObjectTrackingData
     simulation: SimulationData
     grasps: list[GraspData] = msgspec.field(default_factory=list)
-    gravity: Vector3 = msgspec.field(default_factory=lambda: list(STANDARD_GRAVITY))
+    gravity: Vector3 = STANDARD_GRAVITY
     name: str = ""

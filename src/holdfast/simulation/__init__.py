@@ -1,1 +1,1 @@
-
+"""Simulation: closed chains through time, always on the constraint."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from itertools import pairwise
 
 import numpy as np
 
@@ -53,6 +54,7 @@ def simulate(
         SingularChainError: the initial configuration is singular.
     """
     times = step_times(duration, step)
+    state.fits(chain)
     world = World(chain, base_motion or {}, Inputs() if inputs is None else inputs)
     # the start is judged with its neighbours; later a rank below its rank is a singularity
     generic = evaluate(world, controller, 0.0, state, None, check=True).result.rank
@@ -67,10 +69,10 @@ def simulate(
             on_sample(samples[-1])
 
     keep()
-    for begin, end in zip(times[:-1], times[1:], strict=True):
+    for begin, end in pairwise(times):
         try:
             with np.errstate(all="ignore"):  # a run that diverges ends in a StateError
-                now, gaps, done = take_step(world, controller, now, float(end - begin), generic)
+                now, gaps, done = take_step(world, controller, now, float(end), generic)
         except (SingularChainError, ClosureError, StateError) as cause:
             return stacked(samples, f"stopped after t = {begin:.6g} s: {cause}")
         work = work + done

@@ -29,9 +29,9 @@ class Gaps:
 
 
 def take_step(
-    world: World, controller: Controller, now: Instant, step: float, generic_rank: int
+    world: World, controller: Controller, now: Instant, until: float, generic_rank: int
 ) -> tuple[Instant, Gaps, Array]:
-    """Return the chain one step later, closed again.
+    """Return the chain one step later, at t = until, closed again.
 
     `now` is the first of the four stages. The controller is asked at every stage; its
     memory moves on once a step, at the step's start.
@@ -40,11 +40,11 @@ def take_step(
         world: the chain and what acts on it.
         controller: torques.
         now: the chain at the step's start, on the constraint.
-        step: h [s].
+        until: the step's end [s].
         generic_rank: rank of the constraint away from singular configurations.
 
     Returns:
-        The chain at t + h, the gaps that projection found and left, and the work done
+        The chain then, the gaps that projection found and left, and the work done
         during the step, (4,) [J].
 
     Raises:
@@ -59,10 +59,9 @@ def take_step(
         return stage.rates(y[2 * n : 2 * n + 3])
 
     still = np.zeros(2 * n + 16)
-    y = rk4_step(derivative, now.t, still, step, first=now.rates(np.zeros(3)))
-    t = now.t + step
-    state, gaps = back_on_constraint(world, t, displaced(now.state, y))
-    later = evaluate(world, controller, t, state, now.memory, generic_rank=generic_rank)
+    y = rk4_step(derivative, now.t, still, until - now.t, first=now.rates(np.zeros(3)))
+    state, gaps = back_on_constraint(world, until, displaced(now.state, y))
+    later = evaluate(world, controller, until, state, now.memory, generic_rank=generic_rank)
     return later, gaps, y[2 * n + 12 :]
 
 

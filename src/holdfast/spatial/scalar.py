@@ -27,8 +27,8 @@ def cos(x: Scalar) -> Scalar:
 
 
 def sqrt(x: Scalar) -> Scalar:
-    """Return the square root of a scalar >= 0."""
-    return x.sqrt() if hasattr(x, "sqrt") else math.sqrt(x)
+    """Return the square root of a scalar; not a number if it is negative."""
+    return x.sqrt() if hasattr(x, "sqrt") else math.sqrt(x) if x >= 0 else math.nan
 
 
 def where(condition: Scalar, a: Scalar, b: Scalar) -> Scalar:

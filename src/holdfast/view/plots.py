@@ -16,7 +16,7 @@ from holdfast.view import figure_style
 from holdfast.view.figure_style import BLACK, BLUE, COLUMN, COMPONENTS, GREEN, ORANGE, PURPLE, SKY, STYLE, VERMILLION
 
 ARMS_ABREAST = 4
-SPLIT_POINTS = 300  # as many as a column can show
+POINTS = 300  # as many as a column can show
 SMALLEST_GAP = 1e-18  # where a logarithmic axis shows a gap of 0
 
 
@@ -71,12 +71,14 @@ def grasp_wrench_figure(chain: ClosedChain, run: Trajectory) -> Any:
             parts.plot(times, internal[:, i], "--", color=PURPLE, label="internal part")
             parts.set_ylim(bottom=0)
             parts.set_xlabel("time [s]")
+            parts.tick_params(labelbottom=True)
             if column == 0:
                 for panel, label in ((force, "force [N]"), (moment, "moment [N m]"), (parts, "|force| [N]")):
                     panel.set_ylabel(label)
         for panel in panels.flat:
             if not panel.lines:
                 panel.set_axis_off()
+        figure.align_ylabels()
         if names:
             handles = [line for panel in (panels[0, 0], panels[2, 0]) for line in panel.lines]
             figure.legend(handles=handles, loc="outside upper center", ncols=5, columnspacing=1.0)
@@ -103,9 +105,8 @@ def closure_and_energy_figure(run: Trajectory) -> Any:
             (position, run.position_gap, "position gap\n[m or rad]"),
             (velocity, run.velocity_gap, "velocity gap\n[m/s or rad/s]"),
         ):
-            # the first sample came from no step
-            panel.semilogy(run.t[1:], _shown(gaps[1:, 0]), "--", color=VERMILLION, label="after the step")
-            panel.semilogy(run.t[1:], _shown(gaps[1:, 1]), "-", color=BLUE, label="after projection")
+            panel.semilogy(*_worst(run.t, gaps[:, 0]), "--", color=VERMILLION, label="after the step")
+            panel.semilogy(*_worst(run.t, gaps[:, 1]), "-", color=BLUE, label="after projection")
             panel.set_ylabel(label)
         for values, line, colour, label in _energies(run):
             energy.plot(run.t, values, line, color=colour, label=label)
@@ -113,13 +114,20 @@ def closure_and_energy_figure(run: Trajectory) -> Any:
         balance.plot(run.t, run.imbalance, "-", color=BLACK)
         balance.set_ylabel("imbalance [J]")
         balance.set_xlabel("time [s]")
-        position.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
-        energy.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+        for panel in (position, energy):
+            panel.legend(loc="lower center", bbox_to_anchor=(0.45, 1.0), ncols=3, columnspacing=1.0)
+        figure.align_ylabels()
     return figure
 
 
-def _shown(gaps: Array) -> Array:
-    return np.maximum(gaps, SMALLEST_GAP)
+def _worst(t: Array, gaps: Array) -> tuple[Array, Array]:
+    """Return the largest gap of every short stretch of time, and the stretch's end."""
+    if len(t) < 2:
+        return t, np.maximum(gaps, SMALLEST_GAP)
+    # the first sample came from no step
+    first = np.unique(np.linspace(1, len(t), min(len(t) - 1, POINTS), endpoint=False).astype(int))
+    last = np.append(first[1:], len(t)) - 1
+    return t[last], np.maximum(np.maximum.reduceat(gaps, first), SMALLEST_GAP)
 
 
 def _energies(run: Trajectory) -> list[tuple[Array, str, str, str]]:
@@ -137,7 +145,7 @@ def _energies(run: Trajectory) -> list[tuple[Array, str, str, str]]:
 
 def _split_forces(chain: ClosedChain, run: Trajectory) -> tuple[Array, Array, Array]:
     """Return times (points,), and norms of the motion and internal forces (points, arms)."""
-    chosen = np.unique(np.linspace(0, len(run) - 1, min(len(run), SPLIT_POINTS)).astype(int))
+    chosen = np.unique(np.linspace(0, len(run) - 1, min(len(run), POINTS)).astype(int))
     parts = [split(chain, run.state(k), run.grasp_wrench[k]) for k in chosen]
     motion = np.array([np.linalg.norm(part.motion[:, 3:], axis=1) for part in parts])
     internal = np.array([np.linalg.norm(part.internal[:, 3:], axis=1) for part in parts])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -46,6 +46,7 @@ class Solution:
         object_acceleration: (6,) alpha(C), less [0; g].
         contact_acceleration: W_dot, flat, where the algorithm solves for it.
         base_wrenches: per arm, (6,) of the base on the arm, where it falls out.
+        pivots: per arm, articulated inertias (or squared Cholesky diagonals), where they are found.
         rank: independent rows of the grasp constraint, where it is found.
         weakest_pivot: the smallest relative pivot met.
     """
@@ -55,6 +56,7 @@ class Solution:
     object_acceleration: Array
     contact_acceleration: Array | None = None
     base_wrenches: list[Array] | None = None
+    pivots: list[Array] = field(default_factory=list)
     rank: Scalar = None
     weakest_pivot: Scalar = 1.0
 

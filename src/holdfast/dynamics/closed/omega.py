@@ -14,7 +14,7 @@ from holdfast.spatial.scalar import Array
 
 # Omega adds the arms' mobility to the object's. Where its scaled pivots fall below this, the
 # smaller of the two has lost so many digits in the sum that 1e-9 can no longer be promised.
-WEAKEST_PIVOT = 1e-8
+WEAKEST_PIVOT = 1e-5
 
 
 class Omega:

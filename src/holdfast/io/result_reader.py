@@ -84,7 +84,8 @@ def _chunks(folder: Path) -> tuple[list[dict[str, Any]], str]:
         if k not in found:
             return parts, f"chunk_{k:04d}.npz is missing"
         try:
-            with np.load(found[k], allow_pickle=False) as file:
+            # opened here: np.load leaves a file open when it is damaged
+            with found[k].open("rb") as raw, np.load(raw, allow_pickle=False) as file:
                 parts.append({name: file[name] for name in array_names()})
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
             return parts, f"{found[k].name} is damaged"

@@ -1,0 +1,197 @@
+"""The program around the commands: help, versions, interruptions, the console entry."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import holdfast
+from holdfast import METHODS, ClosureError, SingularChainError
+from holdfast.cli import main
+from holdfast.cli import solve as solve_command
+from tests.io.mutations import CASES, small_case
+from tests.systems import two_collinear_stretched_6r
+
+FILE = str(Path(__file__).parents[1] / "data" / "cases.json")
+COMMANDS = ("solve", "diagnose", "simulate", "methods", "doctor")
+
+
+def test_help(capsys):
+    """Without arguments, and on request, every command is listed; exit 0."""
+    for arguments in ([], ["--help"], ["-h"]):
+        assert main(arguments) == 0
+        out, err = capsys.readouterr()
+        assert err == ""
+        assert all(command in out for command in COMMANDS)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_a_command(command, capsys):
+    """Every command explains itself and its arguments."""
+    assert main([command, "--help"]) == 0
+    out = capsys.readouterr().out
+    assert f"holdfast {command}" in out
+    assert "{None}" not in out
+
+
+def test_version(capsys):
+    """The installed version."""
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"{holdfast.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        (["slove", FILE], "no command 'slove'. Did you mean 'solve'?"),
+        (["fly"], "no command 'fly'. Known: solve, diagnose, simulate, methods, doctor."),
+        (["solve"], "Missing from holdfast solve: FILE"),
+        (["--verbose"], "Unrecognized options: --verbose"),
+        (["methods", "extra"], "Unrecognized options: extra"),
+    ],
+)
+def test_usage_errors(arguments, problem, capsys):
+    """Exit 2 and one line."""
+    assert main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith(f"holdfast: error: {problem}"), err
+    assert err.count("\n") == 1
+
+
+def test_methods(capsys):
+    """Every algorithm with its equation, cost and range."""
+    assert main(["methods"]) == 0
+    out = capsys.readouterr().out
+    for method in METHODS.values():
+        (line,) = [line for line in out.splitlines() if f" {method.name} " in line]
+        for text in (method.equation, method.cost, method.applies):
+            assert text in line
+
+
+def test_doctor(capsys):
+    """Versions, processor features, extras with the command that brings what is missing."""
+    assert main(["doctor"]) == 0
+    out = capsys.readouterr().out
+    for word in ("holdfast", "python", "numpy", "scipy", "processor", "avx2", "avx512", "fma", "neon", "extra 'plot'"):
+        assert word in out
+
+
+def test_doctor_names_what_is_missing(capsys, monkeypatch):
+    """A package that is not there is named with its extra."""
+    from holdfast.cli import doctor
+
+    monkeypatch.setattr(doctor, "_version", lambda package: None if package == "matplotlib" else "1.0")
+    assert main(["doctor"]) == 0
+    assert "missing matplotlib: pip install 'holdfast[plot]'" in capsys.readouterr().out
+
+
+def test_interrupted(capsys, monkeypatch):
+    """Ctrl-C ends with 130 and no traceback."""
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(solve_command, "chosen_cases", interrupted)
+    assert main(["solve", FILE]) == 130
+    assert capsys.readouterr().err == "holdfast: error: interrupted\n"
+
+
+@pytest.mark.parametrize("error", [ClosureError, SingularChainError])
+def test_physics_refused(error, capsys, monkeypatch):
+    """What physics refuses ends with 3; a message of several lines becomes one."""
+
+    def refuse(*_):
+        raise error("out of reach\n  by 0.1 m")
+
+    monkeypatch.setattr(solve_command, "chosen_cases", refuse)
+    assert main(["solve", FILE]) == 3
+    assert capsys.readouterr().err == "holdfast: error: out of reach by 0.1 m\n"
+
+
+def test_faults_are_not_hidden(monkeypatch):
+    """An exception that is none of ours keeps its traceback."""
+
+    def broken(*_):
+        raise ZeroDivisionError("a fault")
+
+    monkeypatch.setattr(solve_command, "chosen_cases", broken)
+    with pytest.raises(ZeroDivisionError):
+        main(["solve", FILE])
+
+
+def test_diagnose_all_cases(capsys):
+    """Rank, mobility and whether forces are unique, of every stored case."""
+    assert main(["diagnose", FILE, "--format", "json"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    for found, case in zip(json.loads(out), CASES, strict=True):
+        assert found["name"] == case["name"]
+        assert found["mobility"] == case["tags"]["mobility"]
+        assert found["rank"] == found["generic_rank"]
+        assert found["rows"] == 6 * len(case["arms"])
+        assert found["status"] == ("regular" if case["tags"]["f_unique"] else "indeterminate")
+        assert (found["indeterminate_forces"] == []) == case["tags"]["f_unique"]
+
+
+def test_diagnose_in_words(tmp_path, capsys):
+    """A singular posture is a finding: exit 0, lost directions in words; an open grasp is refused."""
+    singular = {key: value for key, value in two_collinear_stretched_6r(0).items() if key != "tags"}
+    apart = small_case() | {"name": "open"}
+    apart["arms"][0]["base"]["p"][0] += 0.1
+    file = tmp_path / "cases.json"
+    file.write_text(json.dumps([singular, apart]), encoding="utf-8")
+    assert main(["diagnose", str(file)]) == 0
+    out = capsys.readouterr().out
+    assert "singular: rank 11 of 12" in out
+    assert "cannot move its tip along" in out
+    assert "open: refused: inconsistent: " in out
+    assert main(["diagnose", str(file), "--case", "open", "--format", "json"]) == 3
+    assert json.loads(capsys.readouterr().out)[0]["status"] == "refused"
+
+
+def program() -> list[str]:
+    """Return the installed console entry."""
+    script = Path(sys.executable).with_name("holdfast.exe" if os.name == "nt" else "holdfast")
+    return [str(script)] if script.exists() else [sys.executable, "-c", "import holdfast.cli as c; exit(c.main())"]
+
+
+def test_console_entry():
+    """The installed program: JSON alone on stdout, exit codes of the process."""
+    done = subprocess.run(
+        [*program(), "solve", FILE, "--case", "ball_3arm", "--format", "json"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads(done.stdout)[0]["error_vs_expected"] < 1e-9
+    done = subprocess.run([*program(), "solve", "none.json"], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "holdfast: error: none.json: cannot be read: No such file or directory\n"
+
+
+def test_a_terminal_without_the_letters(tmp_path):
+    """Letters beyond the terminal's are escaped."""
+    file = tmp_path / "case.json"
+    file.write_text(json.dumps(small_case() | {"name": "Prüfung"}), encoding="utf-8")
+    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
+    command = [*program(), "solve", str(file)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert r"Pr\xfcfung" in done.stdout
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs a POSIX pipe")
+def test_reader_who_leaves():
+    """`holdfast solve ... | head -0` leaves no traceback."""
+    running = subprocess.Popen([*program(), "solve", FILE, "--format", "json"], stdout=-1, stderr=-1, text=True)
+    assert running.stdout is not None
+    running.stdout.close()
+    assert running.stderr is not None
+    complaints = running.stderr.read()
+    running.stderr.close()
+    assert (running.wait(60), complaints) == (0, "")

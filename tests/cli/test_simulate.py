@@ -1,0 +1,117 @@
+"""`holdfast simulate` from the command line: what it prints, writes and returns."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+import holdfast.cli.simulate as command
+from holdfast.cli import main
+from holdfast.errors import SingularChainError
+from holdfast.io.result_reader import load_result
+
+TEXT = (Path(__file__).parents[2] / "examples" / "two_pandas.toml").read_text()
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "short.toml"
+    path.write_text(TEXT.replace("duration = 2.0", "duration = 0.02"))
+    return path
+
+
+def test_complete_run(scene, tmp_path, capsys):
+    """A run ends with its summary and where to look; everything named is there."""
+    assert main(["simulate", str(scene)]) == 0
+    said = capsys.readouterr()
+    folder = Path("results") / "short"
+    assert "energy balance" in said.out
+    for name in ("summary.json", "grasp_wrenches.png", "closure_and_energy.png"):
+        assert f"look at {folder / name}" in said.out
+        assert (folder / name).stat().st_size > 100
+    found = load_result(folder)
+    assert found.complete
+    assert found.scene_text == scene.read_text()
+    assert len(found.trajectory) == 11
+    assert json.loads((folder / "summary.json").read_text())["worst_position_gap"] <= 1e-12
+    # and not twice into the same folder unless told to
+    assert main(["simulate", str(scene)]) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert main(["simulate", str(scene), "--overwrite"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code", "message"),
+    [
+        ("mass = 3.0", "mass = -3.0", 2, "$.object.mass: expected > 0"),
+        ("[0.0, 0.0, 0.72]", "[0.0, 0.0, 2.0]", 3, "cannot close the chains"),
+    ],
+)
+def test_refused(scene, capsys, old, new, code, message):
+    """Bad input is 2, an unreachable object 3: one line on stderr, nothing written."""
+    scene.write_text(scene.read_text().replace(old, new))
+    assert main(["simulate", str(scene)]) == code
+    said = capsys.readouterr()
+    assert message in said.err
+    assert said.err.count("\n") == 1
+    assert said.out == ""
+    assert not Path("results").exists()
+
+
+def simulate_until(t_end, then):
+    """Return a simulation that raises or returns `then` after t_end."""
+    real = command.run_simulation
+
+    def simulation(chain, state, controller, duration, step, **callbacks):
+        def interrupted(t, state, memory):
+            if t > t_end:
+                raise then
+            return controller(t, state, memory)
+
+        return real(chain, state, interrupted, duration, step, **callbacks)
+
+    return simulation
+
+
+def test_interrupted(scene, capsys, monkeypatch):
+    """Ctrl-C: 130, and what was simulated until then is kept."""
+    monkeypatch.setattr(command, "run_simulation", simulate_until(0.011, KeyboardInterrupt()))
+    assert main(["simulate", str(scene), "--out", "there"]) == 130
+    assert "interrupted after t = 0.01 s; what was simulated until then is in there" in capsys.readouterr().err
+    found = load_result("there")
+    assert found.trajectory.t[-1] == pytest.approx(0.01)
+    assert found.note == "incomplete, up to t = 0.01 s of 0.02 s: interrupted"
+
+
+def test_interrupted_at_once(scene, capsys, monkeypatch):
+    """Ctrl-C before the first sample leaves nothing."""
+    monkeypatch.setattr(command, "run_simulation", simulate_until(-1.0, KeyboardInterrupt()))
+    assert main(["simulate", str(scene)]) == 130
+    assert "nothing was written" in capsys.readouterr().err
+    assert not Path("results").exists()
+
+
+def test_stopped_by_physics(scene, capsys, monkeypatch):
+    """A run that turns singular: 3, the last good time, and a result that can be read and seen."""
+    monkeypatch.setattr(command, "run_simulation", simulate_until(0.011, SingularChainError("the rank drops")))
+    assert main(["simulate", str(scene)]) == 3
+    said = capsys.readouterr()
+    assert "stopped after t = 0.01 s: the rank drops" in said.err
+    assert "look at" in said.out
+    found = load_result("results/short")
+    assert not found.complete
+    assert found.trajectory.stopped == "stopped after t = 0.01 s: the rank drops"
+
+
+def test_without_matplotlib(scene, capsys, monkeypatch):
+    """No plots, a line that says how to get them, and everything else as usual."""
+
+    def missing(*arguments):
+        raise command.MissingExtra("plots need matplotlib; try pip install 'holdfast[plot]'")
+
+    monkeypatch.setattr(command, "save_plots", missing)
+    assert main(["simulate", str(scene)]) == 0
+    said = capsys.readouterr()
+    assert "pip install 'holdfast[plot]'" in said.err
+    assert "look at results/short/summary.json" in said.out

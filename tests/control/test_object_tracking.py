@@ -1,0 +1,81 @@
+"""Computed torque gives the object the commanded acceleration and the arms the commanded squeeze."""
+
+import numpy as np
+import pytest
+
+from holdfast import Pose, State, close, forward_dynamics, project_velocity
+from holdfast.control.object_tracking import ObjectTracking
+from holdfast.control.paths import RestToRest, Target
+from holdfast.dynamics.split import split
+from holdfast.simulation.simulate import simulate
+from holdfast.spatial import rotation
+from tests.control.two_pandas import two_pandas
+
+
+def moving_state(kinds):
+    chain, state = two_pandas(*kinds)
+    twist = np.array([0.1, -0.2, 0.3, 0.05, 0.1, -0.1])
+    guess = State(state.q, 0.1 * np.cos(np.arange(14.0)), state.object_pose, twist)
+    return chain, project_velocity(chain, guess, hold_object=True)
+
+
+@pytest.mark.parametrize("kinds", [("rigid", "rigid"), ("rigid", "ball"), ("hinge", "softfinger")])
+def test_object_accelerates_as_commanded(kinds):
+    """Forward dynamics under its torques returns the commanded acceleration, in full motion."""
+    chain, state = moving_state(kinds)
+    path = RestToRest(Pose.translation(0.02, 0.0, 0.7), np.array([0.0, 0.1, 0.2]), np.array([0.0, 0.0, 0.3]))
+    controller = ObjectTracking(chain, path.at, squeeze=20.0)
+    tau, _ = controller(0.4, state, None)
+    found = forward_dynamics(chain, state, tau)
+    assert found.object_acceleration == pytest.approx(controller.commanded_acceleration(0.4, state), abs=1e-9)
+    internal = split(chain, state, found.grasp_wrench).internal
+    normals = [state.object_frame.R @ grasp.frame.R[:, 2] for grasp in chain.grasps.values()]
+    assert [f @ n for f, n in zip(internal[:, 3:], normals, strict=True)] == pytest.approx([20, 20], abs=1e-8)
+
+
+def test_tracking_converges_critically_damped():
+    """From 2 cm and 0.1 rad off, the error is e_0 (1 + w t) exp(-w t) with w = 10 rad/s."""
+    chain, state = two_pandas()
+    offset, turn = np.array([0.01, -0.02, 0.015]), np.array([0.0, 0.0, 0.1])
+    goal = Pose(rotation.exp(turn) @ state.object_frame.R, state.object_frame.p + offset)
+    controller = ObjectTracking(chain, lambda t: Target(goal, np.zeros(6), np.zeros(6)))
+    run = simulate(chain, state, controller, 0.3, 0.01)
+    assert run.stopped is None
+    left = (1 + 10 * run.t) * np.exp(-10 * run.t)
+    assert goal.p - run.object_pose[:, 4:] == pytest.approx(left[:, None] * offset, abs=1e-6)
+    turns = [rotation.log(goal.R @ run.state(k).object_frame.R.T) for k in range(len(run))]
+    assert np.array(turns) == pytest.approx(left[:, None] * turn, abs=1e-5)
+
+
+def test_path_is_followed_from_its_start():
+    """A path that starts at the object is followed to the integrator's accuracy, squeeze held."""
+    chain, state = two_pandas("rigid", "hinge")
+    path = RestToRest(state.object_frame, np.array([0.0, 0.02, 0.03]), np.array([0.0, 0.0, 0.1]), 0.0, 0.2)
+    run = simulate(chain, state, ObjectTracking(chain, path.at, squeeze=15.0), 0.2, 0.01)
+    for k in (5, 10, 20):
+        target = path.at(run.t[k])
+        assert run.object_pose[k, 4:] == pytest.approx(target.pose.p, abs=1e-6)
+        assert run.object_twist[k] == pytest.approx(target.twist, abs=1e-4)
+        internal = split(chain, run.state(k), run.grasp_wrench[k]).internal
+        assert np.linalg.norm(internal[:, 3:], axis=1) == pytest.approx([15, 15], abs=1e-6)
+
+
+def test_null_motion_is_damped():
+    """Elbows that swing without moving the object come to rest at the joint damping's rate."""
+    chain, state = two_pandas()
+    swing = project_velocity(chain, State(state.q, np.tile(np.eye(7)[2], 2), state.object_pose), hold_object=True)
+    goal = Target(state.object_frame, np.zeros(6), np.zeros(6))
+    run = simulate(chain, swing, ObjectTracking(chain, lambda t: goal, joint_damping=10.0), 0.1, 0.01)
+    rates = np.linalg.norm(run.qd, axis=1)
+    assert rates[0] > 0.05
+    assert rates[-1] / rates[0] == pytest.approx(np.exp(-1), rel=0.02)
+
+
+def test_an_arm_without_a_grasp_is_damped():
+    """An arm that holds nothing is held up and slowed down."""
+    chain, state = two_pandas()
+    loose = chain.without_grasp("right")
+    moving = close(loose, State(state.q, np.r_[np.zeros(7), np.ones(7)], state.object_pose), hold_object=True)
+    goal = Target(state.object_frame, np.zeros(6), np.zeros(6))
+    tau, _ = ObjectTracking(loose, lambda t: goal, joint_damping=5.0)(0.0, moving, None)
+    assert forward_dynamics(loose, moving, tau).qdd[7:] == pytest.approx(-5.0 * np.ones(7), abs=1e-8)

@@ -1,0 +1,204 @@
+"""Laws that every simulated run keeps: order, closure, energy; and how runs end."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from holdfast import Inputs, ModelError, SingularChainError, State, StateError, closure
+from holdfast.simulation.simulate import MOST_STEPS, simulate, step_times
+from holdfast.spatial import rotation
+from holdfast.spatial.pose import Pose
+from tests.systems import planar_parallelogram, well_conditioned_system
+from tests.systems.as_chain import as_chain
+
+
+def problem(seed=1, **options):
+    options = {"moving_base": False, "extras": False, "joint_speed": 0.5, "gravity": (0, 0, -9.81)} | options
+    return as_chain(well_conditioned_system(seed, **options))
+
+
+def limp(t, state, memory):
+    """No torques at all."""
+    return np.zeros(len(state.q)), memory
+
+
+def test_observed_order():
+    """Halving the step divides the error of the whole state by 2^3.8 or more."""
+    p = problem(arms=2, joints=4, grasps="ball")
+
+    def end(steps):
+        run = simulate(p.chain, p.state, limp, 0.08, 0.08 / steps)
+        return np.concatenate([run.q[-1], run.qd[-1], run.object_pose[-1], run.object_twist[-1]])
+
+    exact = end(48)
+    errors = [np.abs(end(n) - exact).max() for n in (3, 6, 12)]
+    assert errors[0] > 1e-9, "too small to see an order"
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert orders.min() > 3.8, orders
+
+
+@pytest.mark.parametrize(
+    "grasps",
+    [["rigid", "rigid"], ["hinge", "hinge"], ["ball", "ball", "ball"], ["softfinger", "softfinger"],
+     ["rigid", "hinge", "ball"], ["softfinger", "ball", None]],
+    ids=lambda kinds: "-".join(str(kind) for kind in kinds),
+)  # fmt: skip
+def test_closed_after_every_step(grasps):
+    """Position and velocity rows of every kind of grasp are closed to 1e-12 at every sample."""
+    p = problem(seed=2, grasps=grasps, joints=[7] * len(grasps))
+    run = simulate(p.chain, p.state, limp, 0.02, 0.002)
+    assert run.stopped is None
+    assert len(run) == 11
+    assert run.position_gap[:, 1].max() <= 1e-12
+    assert run.velocity_gap[:, 1].max() <= 1e-12
+    for k in (1, 10):  # and not only by the run's own books
+        for gap in closure(p.chain, run.state(k)).values():
+            assert np.abs(gap.position).max() <= 1e-12
+            assert np.abs(gap.velocity).max() <= 1e-12
+
+
+def test_free_fall_keeps_energy():
+    """Two limp arms fall with their object: T + V stays what it was."""
+    p = problem(seed=3, arms=2, joints=7, grasps="rigid")
+    run = simulate(p.chain, p.state, limp, 0.1, 0.002)
+    assert not run.work.any()
+    assert np.ptp(run.kinetic) > 0.1
+    assert np.abs(run.imbalance).max() < 1e-8 * np.ptp(run.kinetic)
+
+
+def test_work_of_everything_balances():
+    """Drives, damping, friction, moving bases and external wrenches: T + V gains their work."""
+    p = problem(seed=4, arms=2, joints=7, grasps=["hinge", "rigid"], extras=True)
+    arms = {
+        name: replace(arm, joints=[replace(joint, damping=0.5, friction=0.3) for joint in arm.joints])
+        for name, arm in p.chain.arms.items()
+    }
+    chain = replace(p.chain, arms=arms)
+    name = chain.names[0]
+    home, w, amplitude = chain.arms[name].base, np.array([0.0, 0.4, 1.1]), np.array([0.02, 0.0, 0.03])
+
+    def sway(t):
+        pose = Pose(rotation.exp(0.1 * t**2 * w) @ home.R, home.p + t**2 * amplitude)
+        return pose, np.r_[0.2 * t * w, 2 * t * amplitude], np.r_[0.2 * w, 2 * amplitude]
+
+    def shaking(t, state, memory):
+        return np.cos(30 * t) * p.tau, memory
+
+    def wrenches(t):
+        return Inputs(object_wrench=p.inputs.object_wrench, link_wrenches=p.inputs.link_wrenches)
+
+    run = simulate(chain, p.state, shaking, 0.03, 0.001, base_motion={name: sway}, inputs=wrenches)
+    assert run.stopped is None
+    assert run.position_gap[:, 1].max() <= 1e-12
+    assert (np.abs(run.work[-1]) > 1e-5).all()
+    assert run.work[-1, 1] < 0
+    assert np.abs(run.imbalance).max() < 1e-5 * np.abs(run.work).max()
+    coarse = simulate(chain, p.state, shaking, 0.03, 0.002, base_motion={name: sway}, inputs=p.inputs)
+    assert np.abs(coarse.imbalance).max() > 8 * np.abs(run.imbalance).max()
+
+
+def test_memory_moves_on_once_a_step():
+    """A controller sees the memory it returned at the step's start, at every later stage."""
+    p = problem(arms=1, joints=6, grasps="rigid")
+    seen = []
+
+    def counting(t, state, memory):
+        seen.append((t, memory))
+        return np.zeros(6), (memory or 0) + 1
+
+    simulate(p.chain, p.state, counting, 0.02, 0.01)
+    late = [(t, memory) for t, memory in seen if memory is not None]
+    assert [memory for _, memory in late] == [1, 1, 1, 1, 2, 2, 2, 2]
+    assert [t for t, _ in late] == pytest.approx([0.005, 0.005, 0.01, 0.01, 0.015, 0.015, 0.02, 0.02])
+
+
+def test_flat_parallelogram_stops_the_run():
+    """Cranks at constant rate reach the flat position: the run ends there and says so."""
+    rate, step = 0.7, 0.01
+    p = as_chain(planar_parallelogram(3 * rate * step, crank_rate=-rate))
+    run = simulate(p.chain, p.state, limp, 0.1, step)
+    assert run.t == pytest.approx([0, 0.01, 0.02])
+    assert run.stopped is not None
+    assert run.stopped.startswith("stopped after t = 0.02 s: the grasp constraint has rank 8 of 12")
+    assert run.q[-1, 0] == pytest.approx(rate * step, abs=1e-12)
+
+
+def test_diverging_run_stops():
+    """Torques that blow the state up end the run; what came before is finite."""
+    p = problem(arms=2, joints=6, grasps="rigid")
+    run = simulate(p.chain, p.state, lambda t, s, m: (1e3 * np.exp(400 * t) * np.ones(12), m), 0.2, 0.01)
+    assert run.stopped is not None
+    assert 1 <= len(run) < 21
+    assert np.isfinite(run.q).all()
+    assert "\n" not in run.stopped
+
+
+def test_torques_that_stop_fitting_end_the_run():
+    """A controller that returns NaN later on does not spoil what was done."""
+    p = problem(arms=1, joints=6, grasps="rigid")
+    run = simulate(p.chain, p.state, lambda t, s, m: (np.full(6, np.nan if t > 0.02 else 0.0), m), 0.05, 0.01)
+    assert run.t[-1] == pytest.approx(0.02)
+    assert "controller: torques: expected finite numbers" in str(run.stopped)
+
+
+@pytest.mark.parametrize(
+    ("error", "change", "message"),
+    [
+        (StateError, {"state": "open"}, "does not satisfy the grasps"),
+        (StateError, {"state": "short"}, "expected 12 joint positions"),
+        (StateError, {"controller": lambda t, s, m: (np.zeros(5), m)}, "controller: torques: expected shape (12,)"),
+        (ModelError, {"duration": -1.0}, "simulation: duration: expected > 0"),
+        (ModelError, {"duration": float("nan")}, "simulation: duration: expected finite"),
+        (ModelError, {"step": 0.0}, "simulation: step: expected > 0"),
+        (ModelError, {"step": 2.0}, "expected <= the duration"),
+        (ModelError, {"step": 1e-12}, f"at most {MOST_STEPS} steps"),
+        (ModelError, {"base_motion": {"arm3": None}}, "no such arm. Did you mean 'arm"),
+    ],
+)
+def test_refused_before_the_first_step(error, change, message):
+    """What cannot be simulated is refused by name, nothing sampled."""
+    p = problem(arms=2, joints=6, grasps="rigid")
+    states = {
+        "open": State(p.state.q + 0.1, p.state.qd, p.state.object_pose),
+        "short": State(p.state.q[:7], p.state.qd[:7], p.state.object_pose),
+    }
+    given = {"state": p.state, "controller": limp, "duration": 1.0, "step": 0.1} | change
+    given["state"] = states.get(given["state"], p.state) if isinstance(given["state"], str) else given["state"]
+    with pytest.raises(error) as caught:
+        simulate(p.chain, on_sample=lambda s: pytest.fail("sampled"), **given)
+    assert message in str(caught.value)
+
+
+def test_singular_start_is_refused():
+    """A chain that begins flat is refused, not simulated."""
+    p = as_chain(planar_parallelogram(0.0))
+    with pytest.raises(SingularChainError, match="rank 8 of 12"):
+        simulate(p.chain, p.state, limp, 0.1, 0.01)
+
+
+def test_times_end_exactly():
+    """The last sample is at the duration, whether or not the step divides it."""
+    assert step_times(2.0, 0.001)[-1] == 2.0
+    assert len(step_times(2.0, 0.001)) == 2001
+    assert step_times(0.1, 0.03) == pytest.approx([0, 0.03, 0.06, 0.09, 0.1])
+    assert len(step_times(0.3, 0.1)) == 4
+
+
+def test_callbacks():
+    """Every sample is handed out as it is made, and progress once a step."""
+    p = problem(arms=1, joints=6, grasps="rigid")
+    samples, times = [], []
+    run = simulate(p.chain, p.state, limp, 0.03, 0.01, progress=times.append, on_sample=samples.append)
+    assert times == pytest.approx([0.01, 0.02, 0.03])
+    assert [float(s.t) for s in samples] == list(run.t)
+    assert np.array_equal(np.stack([s.q for s in samples]), run.q)
+
+
+def test_unclosable_step_stops():
+    """A step far too long for the speeds leaves the constraint, and the run says what to try."""
+    p = problem(seed=2, arms=2, joints=7, grasps="rigid", joint_speed=20.0)
+    run = simulate(p.chain, p.state, limp, 2.0, 0.5)
+    assert run.stopped is not None
+    assert len(run) == 1
+    assert "try a smaller time step" in run.stopped
