@@ -8,7 +8,7 @@ from pathlib import Path
 
 from holdfast.cli import INTERRUPTED, REFUSED, complain
 from holdfast.cli.console import stdout
-from holdfast.errors import MissingExtra
+from holdfast.errors import MissingExtra, SingularChainError, StateError
 from holdfast.io.result_folder import ResultWriter, run_meta
 from holdfast.io.result_reader import load_result
 from holdfast.scenario.build import Scenario, load_scene
@@ -40,7 +40,10 @@ def simulate(scene: Path, out: Path | None = None, overwrite: bool = False, with
     scenario = load_scene(scene)
     meta = run_meta(scenario.chain, scenario.name, scenario.duration, scenario.step)
     writer = ResultWriter(folder, meta, scenario.text, overwrite=overwrite)
-    run = _run(scenario, writer)
+    try:
+        run = _run(scenario, writer)
+    except (SingularChainError, StateError) as cause:
+        raise type(cause)(f"{scene}: {cause}") from cause
     if run is None:
         return _interrupted(scenario, writer)
 

@@ -61,7 +61,7 @@ class RestToRest:
         s, rate, acceleration = quintic((t - self.begin) / self.duration)
         way = np.concatenate([self.turn, self.displacement])
         pose = Pose(rotation.exp(s * self.turn) @ self.start.R, self.start.p + s * self.displacement)
-        return Target(pose, rate / self.duration * way, acceleration / self.duration**2 * way)
+        return Target(pose, rate / self.duration * way, acceleration / self.duration / self.duration * way)
 
 
 def quintic(x: float) -> tuple[float, float, float]:

@@ -121,7 +121,10 @@ def _assemble(motion: ChainMotion, found: Solution, regular: Solution, status: S
         part = chain.joints[name]
         if name in holding:
             qdd[part], wrenches[row] = found.qdd[holding[name]], found.wrenches[holding[name]]
-            base[row] = newton_euler(arm, qdd[part], wrenches[row])[1]
+            if found.base_wrenches is None:
+                base[row] = newton_euler(arm, qdd[part], wrenches[row])[1]
+            else:
+                base[row] = found.base_wrenches[holding[name]]
         else:
             with np.errstate(all="ignore"):
                 alone = tip_response(arm, "auto")

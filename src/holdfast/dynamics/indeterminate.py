@@ -48,4 +48,4 @@ def with_smallest_forces(motion: ChainMotion, found: Solution) -> Solution:
     metric = np.tile(np.r_[np.full(3, 1 / length), np.ones(3)], len(motion.contacts))
     f = np.concatenate(found.wrenches)
     smallest = f - N @ ((N * metric[:, None]).T @ (metric * f))
-    return replace(found, wrenches=list(smallest.reshape(-1, 6)))
+    return replace(found, wrenches=list(smallest.reshape(-1, 6)), base_wrenches=None)  # found by other forces

@@ -24,6 +24,7 @@ from holdfast.simulation.instant import Controller
 from holdfast.simulation.simulate import step_times
 from holdfast.state import State
 
+LARGEST = 1e9
 ARM_NAME = re.compile(r"\w[\w.-]*")
 
 
@@ -59,11 +60,12 @@ def load_scene(path: str | Path) -> Scenario:
     source = str(path)
     text = typed.read_bytes(Path(path))
     raw = typed.parse_toml(text, source)
-    require_finite(raw, Place(source))
+    require_sensible(raw, Place(source))
     data = typed.convert(raw, SceneData, source)
     return build_scene(data, source, text.decode("utf-8"), data.name or Path(path).stem)
 
 
+@np.errstate(all="ignore")  # what overflows is refused where it is found
 def build_scene(data: SceneData, source: str = "scene", text: str = "", name: str = "scene") -> Scenario:
     """Return the scenario of a scene's data.
 
@@ -109,20 +111,22 @@ def build_chain(data: SceneData, at: Place) -> tuple[ClosedChain, State]:
     return chain, State(np.concatenate(q), np.zeros(chain.joint_count), pose.wxyz_xyz)
 
 
-def require_finite(raw: Any, at: Place) -> None:
-    """Refuse NaN and infinity anywhere in plain data: TOML can say them, a scene cannot mean them.
+def require_sensible(raw: Any, at: Place) -> None:
+    """Refuse NaN, infinity and astronomical numbers: TOML can say them, a scene cannot mean them.
 
     Raises:
         SceneError: with the path of the first one.
     """
     if isinstance(raw, float) and not math.isfinite(raw):
         raise at.refuse(f"expected a finite number, got {raw}")
+    if isinstance(raw, int | float) and abs(raw) > LARGEST:
+        raise at.refuse(f"expected a number up to {LARGEST:g} in SI units, got a larger one")
     if isinstance(raw, dict):
         for key, value in raw.items():
-            require_finite(value, at / str(key))
+            require_sensible(value, at / str(key))
     if isinstance(raw, list):
         for i, value in enumerate(raw):
-            require_finite(value, at / i)
+            require_sensible(value, at / i)
 
 
 def _require_names(names: Iterable[str], at: Place, key: str) -> None:

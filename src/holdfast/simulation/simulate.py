@@ -20,6 +20,7 @@ from holdfast.state import Inputs, State
 MOST_STEPS = 1_000_000
 
 
+@np.errstate(all="ignore")  # a run that diverges ends in a StateError, not in warnings
 def simulate(
     chain: ClosedChain,
     state: State,
@@ -71,8 +72,7 @@ def simulate(
     keep()
     for begin, end in pairwise(times):
         try:
-            with np.errstate(all="ignore"):  # a run that diverges ends in a StateError
-                now, gaps, done = take_step(world, controller, now, float(end), generic)
+            now, gaps, done = take_step(world, controller, now, float(end), generic)
         except (SingularChainError, ClosureError, StateError) as cause:
             return stacked(samples, f"stopped after t = {begin:.6g} s: {cause}")
         work = work + done

@@ -57,4 +57,4 @@ NO_INERTIA = RigidInertia(0.0, np.zeros(3), np.zeros((3, 3)))
 def about_origin(mass: Scalar, com: Array, inertia: Array) -> RigidInertia:
     """Return the inertia about the body's origin from mass, mass centre and inertia about it."""
     h = mass * com
-    return RigidInertia(mass, h, inertia + (com @ h) * np.eye(3) - outer(com, h))
+    return RigidInertia(mass, h, mirrored(inertia + (com @ h) * np.eye(3) - outer(com, h)))

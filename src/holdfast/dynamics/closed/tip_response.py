@@ -27,8 +27,8 @@ from holdfast.spatial.symmetric import Symmetric6, symmetric6
 
 Route = Literal["recursive", "mass_matrix", "auto"]
 
-# `holdfast bench operations` counts both routes: the recursion is cheaper from here on.
-RECURSION_PAYS_FROM = 14
+# docs/operation_counts.md (make counts): the recursion is cheaper from here on.
+RECURSION_PAYS_FROM = 18
 
 
 class TipResponse(NamedTuple):

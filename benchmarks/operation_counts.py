@@ -1,0 +1,176 @@
+"""Count the operations of every forward dynamics algorithm, from its own text.
+
+    python benchmarks/operation_counts.py [--write docs/operation_counts.md]
+
+Arms have generic geometry (nothing folds away), the first joint prismatic, the others revolute; q, qd,
+tau, object pose and twist are run-time inputs, the model is constant. Counts are additions,
+multiplications, divisions, roots and sines of everything the method returns.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+from counting_scalar import Recorder, count
+
+from holdfast import Arm, ClosedChain, Grasp, HeldObject, Inputs, Joint, Link, Pose, State
+from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.closed.sequential import sequential
+from holdfast.dynamics.methods import METHODS
+from holdfast.robots import HOME, ROBOTS
+from holdfast.spatial import rotation
+
+GRASP_KINDS = ("rigid", "hinge", "softfinger", "ball")
+
+
+def generic_arm(seed: int, joint_count: int) -> Arm:
+    """Return an arm with no special directions or zeros: one prismatic joint, then revolute ones."""
+    random = np.random.default_rng(seed)
+    joints, links = [], []
+    for k in range(joint_count):
+        axis = random.standard_normal(3)
+        placement = Pose(rotation.exp(random.uniform(0.3, 1.0, 3)), random.uniform(0.1, 0.4, 3))
+        kind = "revolute" if k else "prismatic"
+        joints.append(Joint(kind, axis / np.linalg.norm(axis), placement, armature=0.1, damping=0.1))
+        root = random.uniform(0.1, 0.5, (3, 3)) + np.eye(3)
+        inertia = root @ root.T
+        links.append(Link(random.uniform(1, 5), random.uniform(0.05, 0.2, 3), inertia, physical=False))
+    tip = Pose(rotation.exp(random.uniform(0.3, 1.0, 3)), random.uniform(0.1, 0.3, 3))
+    base = Pose(rotation.exp(random.uniform(0.3, 1.0, 3)), random.uniform(0.1, 0.3, 3))
+    return Arm(joints, links, tip, base)
+
+
+def generic_chain(arm_count: int, joint_count: int, kind: str) -> ClosedChain:
+    """Return a chain of such arms; it need not close, only be counted."""
+    random = np.random.default_rng(99)
+    arms = {f"arm{i}": generic_arm(i, joint_count) for i in range(arm_count)}
+    grasps = {
+        name: Grasp(kind, Pose(rotation.exp(random.uniform(0.3, 1.0, 3)), random.uniform(0.1, 0.4, 3)))  # type: ignore[arg-type]
+        for name in arms
+    }
+    root = np.random.default_rng(7).uniform(0.1, 0.5, (3, 3)) + np.eye(3)
+    return ClosedChain(arms, HeldObject(3.0, root @ root.T, np.array([0.1, 0.2, 0.3]), physical=False), grasps)
+
+
+def two_pandas() -> ClosedChain:
+    """Return the chain of the headline benchmark: two pandas, a box, rigid grasps."""
+    arms = {"left": ROBOTS["panda"](), "right": ROBOTS["panda"]().at(Pose.translation(1.0, 0.0, 0.0))}
+    side = {"left": Pose.translation(-0.2, 0.0, 0.0), "right": Pose.translation(0.2, 0.0, 0.0)}
+    return ClosedChain(arms, HeldObject.box(3.0, 0.4, 0.3, 0.2), {n: Grasp("rigid", f) for n, f in side.items()})
+
+
+def operations(chain: ClosedChain, method: str, route: str = "recursive") -> tuple[Counter[str], int]:
+    """Return the counts of one method on a chain, and how often it branched on a value."""
+    recorder = Recorder()
+    random = np.random.default_rng(3)
+    n = chain.joint_count
+    quaternion = rotation.quaternion_exp(random.uniform(0.3, 1.0, 3))
+
+    def array(values: np.ndarray) -> np.ndarray:
+        return np.array(recorder.inputs(values), dtype=object)
+
+    state = State(
+        array(random.uniform(0.3, 1.0, n)),
+        array(random.uniform(0.3, 1.0, n)),
+        array(np.r_[quaternion, random.uniform(0.3, 1.0, 3)]),
+        array(random.uniform(0.3, 1.0, 6)),
+    )
+    motion = chain_motion(chain, state, array(random.uniform(0.3, 1.0, n)), Inputs().shaped(chain))
+    before = recorder.branches
+    solution = sequential(motion, route) if method == "sequential" else METHODS[method].solve(motion)  # type: ignore[arg-type]
+    outputs = [*solution.qdd, *solution.wrenches, solution.object_acceleration, *(solution.base_wrenches or [])]
+    return count(np.concatenate(outputs)), recorder.branches - before
+
+
+def total(arm_count: int, joint_count: int, method: str, kind: str = "rigid", route: str = "recursive") -> int:
+    """Return the total count on generic arms."""
+    return operations(generic_chain(arm_count, joint_count, kind), method, route)[0]["total"]
+
+
+def departures(sizes: list[int], counts: list[int]) -> int:
+    """Return the largest departure of the counts from the line through the first two (0: exactly linear)."""
+    slope, rest = divmod(counts[1] - counts[0], sizes[1] - sizes[0])
+    return max(abs(c - counts[0] - slope * (x - sizes[0])) for x, c in zip(sizes, counts, strict=True)) + rest
+
+
+def report() -> str:
+    """Return the tables as Markdown."""
+    lines = [
+        "# Operation counts",
+        "",
+        "Generated by `make counts` (`benchmarks/operation_counts.py`) from the algorithms' own text: additions,",
+        "multiplications, divisions, roots and sines that the outputs need, after folding constants and sharing equal",
+        "subexpressions. Generic arms; model constant; q, qd, tau, object pose and twist are inputs. Rigid grasps",
+        "unless said.",
+        "",
+        "## Every method",
+        "",
+        "| method | cost | 2 x 7 | 4 x 7 | 8 x 7 | 2 x 14 | 2 x 28 |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    sizes = [(2, 7), (4, 7), (8, 7), (2, 14), (2, 28)]
+    for name, method in METHODS.items():
+        cells = " | ".join(f"{total(l, N, name):,}" for l, N in sizes)
+        lines.append(f"| `{name}` | {method.cost} | {cells} |")
+
+    lines += ["", "## `sequential`: linear in joints and arms", ""]
+    for kind in GRASP_KINDS:
+        joints, arms = range(4, 61, 7), (3, 4, 5, 6, 10, 20, 39, 40)
+        by_joints = [total(2, N, "sequential", kind) for N in joints]
+        by_arms = [total(l, 5, "sequential", kind) for l in arms]
+        lines.append(
+            f"* {kind}: 2 arms, N = 4, 11 .. 60: {by_joints[0]:,} .. {by_joints[-1]:,}, departure from a straight line"
+            f" {departures(list(joints), by_joints)}; N = 5, l = 3 .. 40: {by_arms[0]:,} .. {by_arms[-1]:,}, departure"
+            f" {departures(list(arms), by_arms)}"
+        )
+    third = np.diff([total(l, 6, "rccfd2") for l in range(3, 9)], 3)
+    lines += [
+        "",
+        "## The paper's recursions: cubic in arms",
+        "",
+        f"* `rccfd2`, N = 6, l = 3 .. 8: third differences {sorted(set(third.tolist()))} (a cubic's are constant)",
+        "",
+        "## Routes of one arm",
+        "",
+        "| joints | mass_matrix | recursive |",
+        "|---|---|---|",
+    ]
+    for N in (4, 6, 7, 8, 10, 12, 14, 16, 24):
+        lines.append(
+            f"| {N} | {total(2, N, 'sequential', route='mass_matrix') // 2:,} | {total(2, N, 'sequential') // 2:,} |"
+        )
+    pandas = {route: operations(two_pandas(), "sequential", route) for route in ("mass_matrix", "recursive")}
+    lines += [
+        "",
+        "## Two pandas and a box, all outputs",
+        "",
+        *(
+            f"* `{route}`: {counts['total']:,} operations"
+            f" ({', '.join(f'{counts[k]:,} {k}' for k in ('add', 'mul', 'div', 'sqrt', 'trig', 'select'))}),"
+            f" {branches} branches on values"
+            for route, (counts, branches) in pandas.items()
+        ),
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Print the tables, or write them to a file."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--write", type=Path, default=None)
+    path = parser.parse_args().write
+    text = report()
+    assert HOME  # the built-in robots are there
+    if path is None:
+        print(text)
+    else:
+        path.write_text(text)
+        print(f"wrote {path}")
+
+
+if __name__ == "__main__":
+    main()

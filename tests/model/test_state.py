@@ -1,0 +1,73 @@
+"""States and inputs: checked, read-only, and refused by name."""
+
+import numpy as np
+import pytest
+
+from holdfast import Inputs, Pose, State, StateError
+from holdfast.spatial import rotation
+from tests.model.parts import chain
+
+POSE = np.r_[1.0, np.zeros(6)]
+REFUSED = {
+    "q": ({"q": [[0.0, 0.0]]}, r"state: q: expected shape"),
+    "q nan": ({"q": [0.0, np.nan]}, r"state: q: expected finite"),
+    "qd length": ({"qd": [0.0]}, r"state: qd: expected shape \(2,\), got shape \(1,\)"),
+    "pose shape": ({"object_pose": POSE[:6]}, r"state: object_pose: expected shape \(7,\)"),
+    "pose length": ({"object_pose": 2 * POSE}, r"state: object_pose: expected a unit quaternion .* got length 2"),
+    "pose inf": ({"object_pose": [1, 0, 0, 0, np.inf, 0, 0]}, r"state: object_pose: expected finite"),
+    "twist": ({"object_twist": np.zeros(5)}, r"state: object_twist: expected shape \(6,\)"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_refused(what):
+    """A state of wrong shape or numbers is refused by field."""
+    given, message = REFUSED[what]
+    with pytest.raises(StateError, match=message):
+        State(**{"q": np.zeros(2), "qd": np.zeros(2), "object_pose": POSE, **given})
+
+
+def test_fits():
+    """A state of another chain is refused with both lengths and the arms'."""
+    state = State(np.zeros(4), np.zeros(4), POSE)
+    state.fits(chain(left=2, right=2))
+    with pytest.raises(StateError, match=r"expected 5 joint positions \(left: 2, right: 3\), got 4"):
+        state.fits(chain(left=2, right=3))
+
+
+def test_pose():
+    """A Pose or seven numbers; a quaternion off by rounding is normalised."""
+    frame = Pose(rotation.exp(np.array([0.1, -0.2, 0.3])), np.array([1.0, 2.0, 3.0]))
+    for given in (frame, frame.wxyz_xyz, frame.wxyz_xyz + np.r_[1e-8, np.zeros(6)]):
+        state = State([0.0], [0.0], given)
+        np.testing.assert_allclose(state.object_frame.R, frame.R, atol=3e-8)
+        assert np.linalg.norm(state.object_pose[:4]) == pytest.approx(1.0, abs=1e-15)
+    np.testing.assert_array_equal(state.object_twist, np.zeros(6))
+
+
+def test_read_only():
+    """No array of a state can be written; the caller's are not shared."""
+    q = np.zeros(2)
+    state = State(q, q, POSE)
+    q[0] = 1.0
+    assert state.q[0] == 0.0
+    for array in (state.q, state.qd, state.object_pose, state.object_twist):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+
+
+def test_inputs():
+    """Missing inputs are zero; only link wrenches stay away; each shape is checked by name."""
+    made = chain(left=2, right=3)
+    empty = Inputs().shaped(made)
+    assert empty.link_wrenches is None
+    np.testing.assert_array_equal(empty.object_wrench, np.zeros(6))
+    np.testing.assert_array_equal(empty.base_twists, np.zeros((2, 6)))
+    np.testing.assert_array_equal(empty.base_accelerations, np.zeros((2, 6)))
+    shapes = {"object_wrench": (6,), "link_wrenches": (5, 6), "base_twists": (2, 6), "base_accelerations": (2, 6)}
+    for field, shape in shapes.items():
+        assert getattr(Inputs(**{field: np.ones(shape)}).shaped(made), field).shape == shape
+        with pytest.raises(StateError, match=rf"inputs: {field}: expected shape \({shape[0]}"):
+            Inputs(**{field: np.zeros((9, 9))}).shaped(made)
+        with pytest.raises(StateError, match=rf"inputs: {field}: expected finite"):
+            Inputs(**{field: np.full(shape, np.nan)}).shaped(made)

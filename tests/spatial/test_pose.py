@@ -1,0 +1,56 @@
+"""Poses form a group that acts on points."""
+
+import numpy as np
+import pytest
+
+from holdfast import Pose
+from tests.systems.random_parts import rotation
+
+
+def random_pose(rng) -> Pose:
+    """Return a pose within a metre or so."""
+    return Pose(rotation(rng), rng.normal(size=3))
+
+
+def point(pose: Pose, x) -> np.ndarray:
+    """Return a point of the frame in the reference frame."""
+    return pose.R @ x + pose.p
+
+
+def assert_same(a: Pose, b: Pose) -> None:
+    """Assert equality to rounding."""
+    np.testing.assert_allclose(a.R, b.R, atol=1e-14)
+    np.testing.assert_allclose(a.p, b.p, atol=1e-14)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_group(seed):
+    """Associative, with identity and inverse; (a b) x = a (b x)."""
+    rng = np.random.default_rng(seed)
+    a, b, c = (random_pose(rng) for _ in range(3))
+    x = rng.normal(size=3)
+    assert_same((a @ b) @ c, a @ (b @ c))
+    assert_same(a @ a.inverse(), Pose.identity())
+    assert_same(a.inverse() @ a, Pose.identity())
+    assert_same(a @ Pose.identity(), a)
+    assert_same((a @ b).inverse(), b.inverse() @ a.inverse())
+    np.testing.assert_allclose(point(a @ b, x), point(a, point(b, x)), atol=1e-14)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_seven_numbers(seed):
+    """wxyz_xyz is unit quaternion with w >= 0, then position, and comes back."""
+    pose = random_pose(np.random.default_rng(seed))
+    seven = pose.wxyz_xyz
+    assert seven.shape == (7,)
+    assert seven[0] >= 0
+    np.testing.assert_array_equal(seven[4:], pose.p)
+    assert_same(Pose.from_wxyz_xyz(seven), pose)
+
+
+def test_translation():
+    """A translation moves the origin and keeps the axes."""
+    there = Pose.translation(1, 2, 3)
+    np.testing.assert_array_equal(there.R, np.eye(3))
+    np.testing.assert_array_equal(there.p, [1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(there.wxyz_xyz, [1, 0, 0, 0, 1, 2, 3])
