@@ -1,0 +1,1 @@
+"""The full-size checks: what the project promises, at the size it promises it."""
