@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test bars lint counts clean
+.PHONY: demo test bars lint counts pictures clean
 
 demo: $(VENV)/.plot
 	$(BIN)/holdfast simulate examples/two_pandas.toml --out results/two_pandas --overwrite
@@ -26,6 +26,10 @@ lint: $(VENV)/.dev
 # Operation counts of every algorithm, into docs/operation_counts.md.
 counts: $(VENV)/.dev
 	$(BIN)/python benchmarks/operation_counts.py --write docs/operation_counts.md
+
+# The README's picture, from the demo.
+pictures: demo
+	cp results/two_pandas/grasp_wrenches.png docs/images/
 
 $(VENV)/.plot: pyproject.toml
 	$(PYTHON) -m venv $(VENV)

@@ -14,7 +14,7 @@ from tests.systems.as_chain import as_chain
 
 KINDS = ("rigid", "hinge", "softfinger", "ball")
 # how many systems with so many arms, so that every kind of grasp meets every arm count 50 times
-FULL = {1: 240, 2: 220, 3: 160, 4: 130, 5: 100, 6: 95, 7: 90, 8: 85}
+FULL = {1: 240, 2: 220, 3: 160, 4: 130, 5: 100, 6: 95, 7: 96, 8: 100}
 CONDITION = 1e4
 TOLERANCE = 1e-10
 

@@ -51,17 +51,18 @@ def diagnose(file: CaseFile, case: OptionalName = None, format: Format = "table"
     return command.diagnose(file, case, format)
 
 
-def simulate(scene: SceneFile, out: Folder = None, overwrite: bool = False) -> int:
+def simulate(scene: SceneFile, out: Folder = None, overwrite: bool = False, plots: bool = True) -> int:
     """Simulate a scene and write a result folder.
 
     Args:
         scene: the scene, TOML.
         out: the result folder to write.
         overwrite: replace an existing result folder.
+        plots: draw the plots too.
     """
     from holdfast.cli import simulate as command
 
-    return command.simulate(scene, out, overwrite)
+    return command.simulate(scene, out, overwrite, plots)
 
 
 def methods() -> int:
