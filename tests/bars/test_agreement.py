@@ -14,7 +14,7 @@ from tests.systems.as_chain import as_chain
 
 KINDS = ("rigid", "hinge", "softfinger", "ball")
 # how many systems with so many arms, so that every kind of grasp meets every arm count 50 times
-FULL = {1: 240, 2: 220, 3: 160, 4: 130, 5: 100, 6: 95, 7: 96, 8: 100}
+FULL = {1: 240, 2: 220, 3: 160, 4: 130, 5: 120, 6: 100, 7: 100, 8: 100}
 CONDITION = 1e4
 TOLERANCE = 1e-10
 
@@ -25,7 +25,7 @@ def grasps_for(index: int, arm_count: int) -> list[str]:
         return [KINDS[index % 4]]
     if index % 3 == 0:
         return ["rigid"] * arm_count
-    return list(np.random.default_rng((index, arm_count)).choice(KINDS, arm_count))
+    return np.random.default_rng((index, arm_count)).choice(KINDS, arm_count).tolist()
 
 
 def agreement(arm_count: int, systems: int) -> tuple[float, Counter[str], int, Counter[str]]:
@@ -69,7 +69,7 @@ def test_methods_agree_on_a_few_systems(arm_count):
 @pytest.mark.long
 @pytest.mark.parametrize("arm_count", list(FULL))
 def test_methods_agree_on_a_thousand_systems(arm_count):
-    """Every applicable method agrees to 1e-10 on 1,120 random systems of scaled condition < 1e4."""
+    """Every applicable method agrees to 1e-10 on 1,170 random systems of scaled condition < 1e4."""
     systems = FULL[arm_count]
     worst, met, draws, answers = agreement(arm_count, systems)
     print(

@@ -14,8 +14,7 @@ from tests.systems import random_system, well_conditioned_system
 from tests.systems.as_chain import Problem, as_chain
 
 CASES = {
-    case["name"]: case
-    for case in json.loads((Path(__file__).parents[1] / "data" / "cases.json").read_text())["cases"]
+    case["name"]: case for case in json.loads((Path(__file__).parents[1] / "data" / "cases.json").read_text())["cases"]
 }
 REGULAR = [name for name, case in CASES.items() if case["tags"]["omega_regular"]]
 RIGID = [name for name in REGULAR if CASES[name]["tags"]["all_rigid"]]

@@ -84,10 +84,7 @@ IDENTITIES = {
     ),
     "(6.21) answer to T'": lambda o: (
         (o.Ms1 - o.Ms1 @ o.J.T @ o.Omega1 @ o.J @ o.Ms1) @ o.T1,
-        o.K.T
-        @ (o.D1 - o.D1 @ o.H @ o.psi @ o.B @ o.Omega1 @ o.B.T @ o.psi.T @ o.H.T @ o.D1)
-        @ o.K
-        @ o.T1,
+        o.K.T @ (o.D1 - o.D1 @ o.H @ o.psi @ o.B @ o.Omega1 @ o.B.T @ o.psi.T @ o.H.T @ o.D1) @ o.K @ o.T1,
     ),
     "psi^-1 = phi^-1 + S L H": lambda o: (np.linalg.inv(o.psi), np.linalg.inv(o.phi) + o.S @ o.L @ o.H),
     "D = H P H^T": lambda o: (o.D, o.H @ o.P @ o.H.T + o.armature),

@@ -9,7 +9,10 @@ REFUSED = {
     "no mass": ({"mass": 0.0}, r"object: mass: expected > 0, got 0.0"),
     "mass inf": ({"mass": np.inf}, r"object: mass: expected finite"),
     "com": ({"com": [0, 0, 0, 0]}, r"object: com: expected shape \(3,\), got shape \(4,\)"),
-    "semidefinite": ({"inertia": np.diag([0.0, 1, 1])}, r"object: inertia: expected principal moments > 0, got 0, 1, 1"),
+    "semidefinite": (
+        {"inertia": np.diag([0.0, 1, 1])},
+        r"object: inertia: expected principal moments > 0, got 0, 1, 1",
+    ),
     "negative": ({"inertia": -np.eye(3)}, r"object: inertia: expected principal moments >= 0"),
     "asymmetric": ({"inertia": np.tri(3)}, r"object: inertia: expected a symmetric matrix"),
     "triangle": ({"inertia": np.diag([1, 1, 3])}, r"object: inertia: no mass distribution"),

@@ -23,7 +23,10 @@ REFUSED = {
     "rate limit": ({"rate_limit": 0.0}, r"joint 'elbow': rate_limit: expected a number > 0, got 0.0"),
     "rate limit nan": ({"rate_limit": np.nan}, r"joint 'elbow': rate_limit"),
     "effort limit": ({"effort_limit": "87"}, r"joint 'elbow': effort_limit: expected a number > 0, got '87'"),
-    "limits reversed": ({"position_limits": (1, -1)}, r"joint 'elbow': position_limits: expected lower <= upper, got 1"),
+    "limits reversed": (
+        {"position_limits": (1, -1)},
+        r"joint 'elbow': position_limits: expected lower <= upper, got 1",
+    ),
     "limits nan": ({"position_limits": (np.nan, 1)}, r"joint 'elbow': position_limits: expected lower <= upper"),
     "three limits": ({"position_limits": (0, 1, 2)}, r"joint 'elbow': position_limits: expected two numbers"),
     "no limits": ({"position_limits": None}, r"joint 'elbow': position_limits: expected two numbers, got None"),

@@ -12,7 +12,10 @@ REFUSED = {
     "com": ({"com": [0, 0]}, r"link 'forearm': com: expected shape \(3,\), got shape \(2,\)"),
     "inertia shape": ({"inertia": [1, 1, 1]}, r"link 'forearm': inertia: expected shape \(3, 3\)"),
     "asymmetric": ({"inertia": np.eye(3) + np.eye(3, k=1)}, r"link 'forearm': inertia: expected a symmetric matrix"),
-    "negative moment": ({"inertia": np.diag([1, 1, -0.1])}, r"link 'forearm': inertia: expected principal moments >= 0"),
+    "negative moment": (
+        {"inertia": np.diag([1, 1, -0.1])},
+        r"link 'forearm': inertia: expected principal moments >= 0",
+    ),
     "triangle": ({"inertia": np.diag([1, 1, 2.1])}, r"link 'forearm': inertia: no mass distribution .*physical=False"),
 }
 

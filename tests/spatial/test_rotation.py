@@ -26,7 +26,9 @@ def test_exp_is_rodrigues(angle):
 def test_log_undoes_exp(angle):
     """log(exp(r)) = r for |r| < pi, in relative precision down to the smallest angles."""
     for axis in AXES:
-        np.testing.assert_allclose(rotation.log(rotation.exp(angle * axis)), angle * axis, rtol=1e-14, atol=4e-16 * angle)
+        np.testing.assert_allclose(
+            rotation.log(rotation.exp(angle * axis)), angle * axis, rtol=1e-14, atol=4e-16 * angle
+        )
 
 
 def test_log_at_pi():
@@ -69,7 +71,9 @@ def test_euler_round_trip(pitch):
     z, y, x = np.eye(3)[::-1]
     for yaw, roll in ((0.0, 0.0), (0.3, -2.9), (-3.1, 3.1), (1e-9, 1e-9)):
         R = rotation.from_euler_zyx(yaw, pitch, roll)
-        expected = rotation_vector_matrix(yaw * z) @ rotation_vector_matrix(pitch * y) @ rotation_vector_matrix(roll * x)
+        expected = (
+            rotation_vector_matrix(yaw * z) @ rotation_vector_matrix(pitch * y) @ rotation_vector_matrix(roll * x)
+        )
         np.testing.assert_allclose(R, expected, atol=2e-15)
         digits = 1e-15 / math.cos(pitch)  # what the pitch leaves of yaw and roll
         np.testing.assert_allclose(rotation.to_euler_zyx(R), [yaw, pitch, roll], atol=4 * digits)

@@ -36,6 +36,13 @@ def where(condition: Scalar, a: Scalar, b: Scalar) -> Scalar:
     return condition.where(a, b) if hasattr(condition, "where") else (a if condition else b)
 
 
+def select(condition: Scalar, a: Array, b: Array) -> Array:
+    """Return the array `a` if the condition holds, else `b`, entry by entry."""
+    if not hasattr(condition, "where"):
+        return a if condition else b
+    return np.reshape([condition.where(x, y) for x, y in zip(a.flat, b.flat, strict=True)], a.shape)
+
+
 def maximum(a: Scalar, b: Scalar) -> Scalar:
     """Return the larger of two scalars."""
     return where(a > b, a, b)

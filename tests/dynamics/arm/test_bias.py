@@ -92,9 +92,7 @@ def test_base_wrench_carries_all(seed):
 def test_no_motion_no_bias():
     """At rest, without gravity and wrenches, nothing is asked for."""
     given = random_arm(1)
-    still = replace(
-        given, qd=0 * given.qd, base_twist=np.zeros(6), base_acceleration=np.zeros(6), link_wrenches=None
-    )
+    still = replace(given, qd=0 * given.qd, base_twist=np.zeros(6), base_acceleration=np.zeros(6), link_wrenches=None)
     bias = arm_motion(still).bias
     np.testing.assert_array_equal(bias.tip_acceleration, np.zeros(6))
     np.testing.assert_array_equal(np.concatenate(bias.wrenches), 0)

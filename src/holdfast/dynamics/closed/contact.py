@@ -46,6 +46,15 @@ class Contact:
         """Return K x: the part of a world-axes 6-vector along the transmitted directions."""
         return unrotate(self.R, x)[list(self.grasp.transmitted)]
 
+    def transmissible(self, f: Array) -> Array:
+        """Return K^T K f: a wrench about the contact, world axes, free moments taken as exactly 0."""
+        if self.grasp.kind == "rigid":
+            return f
+        if self.grasp.kind == "ball":
+            return concatenate([np.zeros(3), f[3:]])
+        kept = array([x if i in self.grasp.transmitted else 0.0 for i, x in enumerate(unrotate(self.R, f))])
+        return rotate(self.R, kept)
+
     @property
     def K(self) -> Array:
         """(6 - n_g, 6) orthonormal rows along the transmitted directions, world axes."""

@@ -11,7 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from holdfast.spatial.linalg import ldl
 from holdfast.spatial.scalar import Array, Scalar, array, where
+
+ROUNDING = 1e-15  # a pivot below this part of its diagonal is zero
 
 
 class FactoredMobility(NamedTuple):
@@ -33,6 +36,12 @@ class FactoredMobility(NamedTuple):
         """Return P, (6, 6)."""
         W = array(self.w).T
         return (W * array(self.D)) @ W.T
+
+
+def factored(P: Array) -> FactoredMobility:
+    """Return the factors of a mobility given as a (6, 6) matrix: L diag(D) L^T, columns of L."""
+    factors = ldl(P, np.diag(P), ROUNDING)
+    return FactoredMobility(list(factors.pivots), list(factors.L.T))
 
 
 def updated(P: FactoredMobility, c: Array, d: Scalar, least: Scalar) -> tuple[FactoredMobility, Array, Scalar, Scalar]:

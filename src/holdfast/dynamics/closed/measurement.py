@@ -1,0 +1,73 @@
+"""One arm as the object's filter sees it: rows C alpha(C) = r - R lambda."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.closed.contact import Contact
+from holdfast.dynamics.closed.object_motion import ObjectMotion
+from holdfast.dynamics.closed.tip_response import TipResponse
+from holdfast.spatial.scalar import Array, Scalar, array, maximum, minimum
+from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
+
+# Arms less mobile than this part of the object's own mobility set no scale for its pivots.
+LIGHTEST_OBJECT = 1e-10
+
+
+class Measurement(NamedTuple):
+    """Rows along contact axes; for a rigid grasp about C along world axes, where C = 1.
+
+    Attributes:
+        C: K A, (rows, 6).
+        R: K Lambda K^T, the "measurement noise".
+        r: (rows,) K (alpha_f + g - a).
+        object_size: (rows,) diagonal of C M(C)^-1 C^T: how the free object moves.
+    """
+
+    C: Array
+    R: Array
+    r: Array
+    object_size: Array
+
+
+class Step(NamedTuple):
+    """What is left of one arm for the way back.
+
+    Attributes:
+        back: s (6,), the wrench at C of everything behind -> the arm's own, C^T lambda.
+        kept: how many of its rows are independent of those before.
+        weakest: the smallest pivot kept, relative to its scale.
+    """
+
+    back: Callable[[Array], Array]
+    kept: Scalar
+    weakest: Scalar
+
+
+def measurement(c: Contact, tip: TipResponse, body: ObjectMotion) -> Measurement:
+    """Return one arm's measurement of alpha(C)."""
+    r = tip.free_acceleration + c.g - c.a
+    if c.grasp.kind == "rigid":
+        R, mobility = tip.mobility.mobility_shifted(-c.offset).dense(), body.mobility
+        size = np.concatenate([np.diag(mobility.aa), np.diag(mobility.ll)])
+        return Measurement(np.eye(6), R, shift_twist(-c.offset, r), size)
+    rows = list(c.grasp.transmitted)
+    C = array([shift_wrench(c.offset, row) for row in c.K])  # (K A)^T = A^T K^T
+    R = tip.mobility.rotated(c.R.T).dense()[rows][:, rows]
+    return Measurement(C, R, c.transmitted(r), array([row @ body.mobility.apply(row) for row in C]))
+
+
+def mobility_ratio(seen: list[Measurement]) -> Scalar:
+    """Return min(1, the arms' largest mobility over the object's own), without units.
+
+    What the arms leave of the object's mobility is of the size of their own; a light object's
+    M(C)^-1 is far larger, and as a scale would call sound rows null.
+    """
+    ratio = LIGHTEST_OBJECT
+    for m in seen:
+        for arm_size, object_size in zip(np.diag(m.R), m.object_size, strict=True):
+            ratio = maximum(ratio, arm_size / object_size)
+    return minimum(ratio, 1.0)

@@ -1,0 +1,71 @@
+"""A grasp that leaves freedoms in the object's filter: its rows, made independent, one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from holdfast.dynamics.closed.factored_mobility import FactoredMobility, updated
+from holdfast.dynamics.closed.measurement import Measurement, Step
+from holdfast.spatial.linalg import RANK_TOLERANCE
+from holdfast.spatial.scalar import Array, Scalar, minimum, select, where
+from holdfast.spatial.vector import outer
+
+# A pivot of K Lambda K^T below this part of its scale is rounding: the arm cannot move there.
+ROUNDING = 1e-15
+
+
+def row_steps(x: Array, P: FactoredMobility, m: Measurement, scale: Array) -> tuple[Array, FactoredMobility, Step]:
+    """Return x, P after one arm, and its step back.
+
+    Per independent row c alpha(C) = r - d lambda: sigma = c P c^T + d, k = P c^T, nu = (r - c x) /
+    sigma, x += k nu, P -= k k^T / sigma; back: lambda = nu - (k . s) / sigma, s += c^T lambda.
+    """
+    rows: list[tuple[Array, Array, Scalar]] = []
+    kept: Scalar = 0
+    weakest: Scalar = 1.0
+    for d, row in zip(*independent_rows(m, scale), strict=True):
+        c, r, size = row[:6], row[6], row[7]
+        P, k, sigma, alive = updated(P, c, d, RANK_TOLERANCE * size)
+        inverse = where(alive, 1.0 / where(alive, sigma, 1.0), 0.0)
+        nu = (r - c @ x) * inverse
+        x = x + nu * k
+        rows.append((c, inverse * k, nu))
+        kept = kept + where(alive, 1, 0)
+        weakest = minimum(weakest, where(alive, sigma / where(alive, size, 1.0), 1.0))
+
+    def back(s: Array) -> Array:
+        from_arm = np.zeros(6)
+        for c, gain, nu in reversed(rows):
+            from_arm = from_arm + (nu - gain @ (s + from_arm)) * c
+        return from_arm
+
+    return x, P, Step(back, kept, weakest)
+
+
+def independent_rows(m: Measurement, scale: Array) -> tuple[list[Scalar], Array]:
+    """Return d and the rows [c, r, scale] of one arm with independent loads: R = L diag(d) L^T.
+
+    The row with the largest pivot left comes first, so that L stays below one and the null
+    pivots of an arm of few joints, whose quotients mean nothing, come last.
+
+    Returns:
+        (rows,) d >= 0, and (rows, 8): L^-1 [C, r] and each row's scale, in the chosen order.
+    """
+    R, rows = m.R, np.column_stack([m.C, m.r, scale])
+    count = len(R)
+    d: list[Scalar] = []
+    for j in range(count):
+        for i in range(j + 1, count):
+            order = list(range(count))
+            order[i], order[j] = j, i
+            larger = R[i, i] * rows[j, 7] > R[j, j] * rows[i, 7]
+            R = select(larger, R[np.ix_(order, order)], R)
+            rows = select(larger, rows[order], rows)
+        alive = R[j, j] > ROUNDING * rows[j, 7]
+        d.append(where(alive, R[j, j], 0.0))
+        below = R[j + 1 :, j] * where(alive, 1.0 / where(alive, R[j, j], 1.0), 0.0)
+        rest = R[j + 1 :, j + 1 :] - outer(below, R[j, j + 1 :])
+        R = np.concatenate([R[: j + 1], np.hstack([R[j + 1 :, : j + 1], rest])])
+        less = np.column_stack([outer(below, rows[j, :7]), np.zeros(len(below))])
+        rows = np.concatenate([rows[: j + 1], rows[j + 1 :] - less])
+    return d, rows

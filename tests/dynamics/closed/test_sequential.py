@@ -1,0 +1,63 @@
+"""Algorithm `sequential` runs on scalars that know no branch, and differentiates exactly."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from holdfast import State
+from holdfast.dynamics.arm.free_dynamics import tip_acceleration
+from holdfast.dynamics.arm.newton_euler import newton_euler
+from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.closed.sequential import sequential
+from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
+from tests.dynamics.problems import motion_of, random_problem, relative_gap, stored
+from tests.spatial.dual import duals, slopes_of, values_of
+
+KINDS = ("rigid", "hinge", "softfinger", "ball")
+OPTIONS = {"grasps": KINDS, "joints": (6, 7, 6, 8), "moving_base": True}
+
+
+@pytest.mark.parametrize("route", ["recursive", "mass_matrix"])
+@pytest.mark.parametrize("seed", range(3))
+def test_derivative_keeps_the_equations(seed, route):
+    """Along any change of state the equations of motion stay fulfilled: their derivatives vanish."""
+    p = random_problem(seed, **OPTIONS)
+    rng = np.random.default_rng(seed)
+    n, given = p.chain.joint_count, p.inputs.shaped(p.chain)
+    quaternion = rng.normal(size=4)
+    quaternion -= p.state.object_pose[:4] * (quaternion @ p.state.object_pose[:4])
+    state = State(
+        duals(p.state.q, rng.normal(size=n)),
+        duals(p.state.qd, rng.normal(size=n)),
+        duals(p.state.object_pose, np.r_[quaternion, rng.normal(size=3)]),
+        duals(p.state.object_twist, rng.normal(size=6)),
+    )
+    motion = chain_motion(p.chain, state, duals(p.tau, rng.normal(size=n)), given)
+    found = sequential(motion, route)
+    size = max(np.abs(slopes_of(x)).max() for x in (*found.qdd, *found.wrenches, found.object_acceleration))
+    assert size > 10
+    total = motion.body.wrench
+    for arm, c, qdd, f in zip(motion.holding, motion.contacts, found.qdd, found.wrenches, strict=True):
+        torques, _ = newton_euler(arm, qdd, f)
+        assert np.abs(slopes_of(torques - arm.torque)).max() < 1e-9 * size
+        gap = shift_twist(c.offset, found.object_acceleration) + c.a - tip_acceleration(arm, qdd) - c.g
+        assert np.abs(slopes_of(c.transmitted(gap))).max() < 1e-9 * size
+        total = total + shift_wrench(c.offset, f)
+    rest = motion.body.inertia.apply(found.object_acceleration) + motion.body.bias - total
+    assert np.abs(slopes_of(rest)).max() < 1e-9 * size
+    plain = sequential(motion_of(p), route)
+    assert relative_gap(values_of(np.concatenate(found.qdd)), np.concatenate(plain.qdd)) < 1e-11
+
+
+@pytest.mark.parametrize("name", ["planar_3arm_6_7_6_omega_singular", "stewart_6_RRP_ball"])
+def test_torques_add_up(name):
+    """Response to a change of torques by dual numbers is the difference, dropped pivots or not."""
+    p = stored(name)
+    given, rng = p.inputs.shaped(p.chain), np.random.default_rng(0)
+    change = rng.normal(size=len(p.tau))
+    response = sequential(chain_motion(p.chain, p.state, duals(p.tau, change), given))
+    before, after = (sequential(motion_of(replace(p, tau=p.tau + s * change))) for s in (0, 1))
+    for key in ("qdd", "wrenches"):
+        a, b, c = (np.concatenate(getattr(x, key)) for x in (response, before, after))
+        assert relative_gap(slopes_of(a), c - b) < 1e-9
