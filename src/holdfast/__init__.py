@@ -1,5 +1,8 @@
 """holdfast: exact dynamics for robot arms that hold one object together."""
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from holdfast.dynamics.closing import close, project_velocity
 from holdfast.dynamics.consistency import GraspResidual, closure
 from holdfast.dynamics.contact_attitude import ContactAttitude, contact_attitudes
@@ -33,7 +36,31 @@ from holdfast.model.link import Link
 from holdfast.spatial.pose import Pose
 from holdfast.state import Inputs, State
 
+if TYPE_CHECKING:
+    from holdfast.io.case_file import load_cases
+    from holdfast.io.result_reader import load_result
+    from holdfast.scenario.build import load_scene
+    from holdfast.simulation.simulate import simulate
+    from holdfast.simulation.trajectory import Trajectory
+
 __version__ = "0.1.0"
+
+# Files and simulation are imported when first asked for: `import holdfast` stays quick.
+_LATER = {
+    "Trajectory": "holdfast.simulation.trajectory",
+    "load_cases": "holdfast.io.case_file",
+    "load_result": "holdfast.io.result_reader",
+    "load_scene": "holdfast.scenario.build",
+    "simulate": "holdfast.simulation.simulate",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Return a public name that is imported late."""
+    if name not in _LATER:
+        raise AttributeError(f"module 'holdfast' has no attribute {name!r}")
+    return getattr(import_module(_LATER[name]), name)
+
 
 __all__ = [
     "METHODS",
@@ -65,6 +92,7 @@ __all__ = [
     "State",
     "StateError",
     "Status",
+    "Trajectory",
     "centre_of_mass",
     "close",
     "closure",
@@ -73,6 +101,9 @@ __all__ = [
     "forward_dynamics",
     "inverse_dynamics",
     "kinetic_energy",
+    "load_cases",
+    "load_result",
+    "load_scene",
     "momentum",
     "motion_basis",
     "object_inertia",
@@ -81,6 +112,7 @@ __all__ = [
     "power",
     "project",
     "project_velocity",
+    "simulate",
     "split",
     "state_from_joints",
 ]

@@ -70,7 +70,8 @@ def pose(value: Any, what: str) -> Pose:
             raise ModelError(
                 f"{what}: expected a unit quaternion (w, x, y, z), got length {length:.9g}; try dividing by it"
             )
-        return Pose.from_wxyz_xyz(np.concatenate([a[:4] / length, a[4:]]))
+        made = Pose.from_wxyz_xyz(np.concatenate([a[:4] / length, a[4:]]))
+        return Pose(_frozen(made.R), _frozen(made.p))
     R = numbers(value.R, (3, 3), f"{what}: rotation")
     p = numbers(value.p, (3,), f"{what}: position")
     if R.dtype == object:

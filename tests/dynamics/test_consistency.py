@@ -1,0 +1,117 @@
+"""Whether a state holds its grasps, row by row."""
+
+import numpy as np
+import pytest
+
+from holdfast import Inputs, StateError, closure, forward_dynamics
+from holdfast.dynamics.consistency import require_closed, require_rates
+from holdfast.spatial import rotation
+from tests.dynamics.posed import pushed
+from tests.dynamics.problems import CASES, motion_of, random_problem, stored
+from tests.systems.as_chain import Problem
+
+ROWS = {"rigid": (6, 6), "hinge": (5, 5), "softfinger": (3, 4), "ball": (3, 3)}
+POSITIONS = {"rigid": range(6), "hinge": range(1, 6), "softfinger": range(3, 6), "ball": range(3, 6)}
+OPTIONS = {"grasps": tuple(ROWS), "joints": (7, 6, 7, 6), "moving_base": True}
+
+
+def with_velocity(p: Problem, qd) -> Problem:
+    """Return the problem with other joint rates."""
+    state = type(p.state)(p.state.q, qd, p.state.object_pose, p.state.object_twist)
+    return Problem(p.chain, state, p.tau, p.inputs)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_stored_cases_are_closed(name):
+    """Every stored state keeps its grasps to 1e-12; rows are 6/6, 5/5, 3/4 and 3/3."""
+    p = stored(name)
+    for arm, gap in closure(p.chain, p.state, p.inputs).items():
+        assert (len(gap.position), len(gap.velocity)) == ROWS[p.chain.grasps[arm].kind]
+        assert max(np.abs(gap.position).max(), np.abs(gap.velocity).max()) < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_displaced_object(seed):
+    """A small displacement of the object shows in contact axes, row by row."""
+    p = random_problem(seed, **OPTIONS)
+    dx = 1e-5 * np.random.default_rng(seed).normal(size=6)
+    for c, (name, gap) in zip(motion_of(p).contacts, closure(p.chain, pushed(p, dx), p.inputs).items(), strict=True):
+        shift = dx[3:] + np.cross(dx[:3], c.offset)
+        expected = np.r_[c.R.T @ dx[:3], c.R.T @ shift][list(POSITIONS[p.chain.grasps[name].kind])]
+        np.testing.assert_allclose(gap.position, expected, atol=5e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_velocity_rows(seed):
+    """A changed object twist shows as K A dV; base motion is part of the velocities."""
+    p = random_problem(seed, **OPTIONS)
+    dV = np.random.default_rng(seed).normal(size=6)
+    state = type(p.state)(p.state.q, p.state.qd, p.state.object_pose, p.state.object_twist + dV)
+    gaps = closure(p.chain, state, p.inputs)
+    for c, gap in zip(motion_of(p).contacts, gaps.values(), strict=True):
+        at_contact = np.r_[dV[:3], dV[3:] + np.cross(dV[:3], c.offset)]
+        np.testing.assert_allclose(gap.velocity, c.K @ at_contact, atol=1e-11)
+    still = closure(p.chain, p.state, Inputs())
+    assert max(np.abs(gap.velocity).max() for gap in still.values()) > 1e-2
+
+
+@pytest.mark.parametrize("angle", [0.3, 2.0, np.pi])
+def test_free_attitudes(angle):
+    """A hinge may turn about its x axis by any angle, soft finger and ball about any: no position gap."""
+    p = stored("mixed_4arm_all_types")
+    motion = motion_of(p)
+    turned = {}
+    for name, c in zip(p.chain.grasps, motion.contacts, strict=True):
+        arm = p.chain.arms[name]
+        axis = np.eye(3)[0] if c.grasp.kind == "hinge" else np.array([0.6, 0.0, 0.8])
+        turned[name] = arm.with_tip(type(arm.tip)(arm.tip.R @ rotation.exp(angle * axis), arm.tip.p))
+    chain = type(p.chain)(turned, p.chain.held_object, p.chain.grasps, p.chain.gravity)
+    for name, gap in closure(chain, p.state, p.inputs).items():
+        expected = angle if p.chain.grasps[name].kind == "rigid" else 0.0
+        assert np.linalg.norm(gap.position) == pytest.approx(expected, abs=1e-7 if expected else 1e-12)
+
+
+def test_hinge_the_wrong_way_round():
+    """Opposed hinge axes are half a turn apart, not closed."""
+    p = stored("hinge_2arm")
+    arm = p.chain.arms["arm1"]
+    turned = arm.with_tip(type(arm.tip)(arm.tip.R @ np.diag([-1.0, -1.0, 1.0]), arm.tip.p))
+    chain = type(p.chain)({**p.chain.arms, "arm1": turned}, p.chain.held_object, p.chain.grasps)
+    assert np.linalg.norm(closure(chain, p.state)["arm1"].position) == pytest.approx(np.pi, abs=1e-6)
+
+
+@pytest.mark.parametrize("size", [2e-6, 1e-3])
+def test_open_grasps_are_refused(size):
+    """Forward dynamics refuses a broken state, naming the open arms only, their gaps and what to try."""
+    p = stored("rigid_2arm_7R_gravity")
+    state = type(p.state)(p.state.q + size * np.eye(14)[0], p.state.qd, p.state.object_pose, p.state.object_twist)
+    with pytest.raises(StateError, match=r"arm 'arm1': position gap .*; try holdfast\.close") as caught:
+        forward_dynamics(p.chain, state, p.tau, inputs=p.inputs)
+    assert "arm2" not in str(caught.value)
+    forward_dynamics(p.chain, state, p.tau, inputs=p.inputs, check=False)
+
+
+def test_tolerances():
+    """1e-6 m or rad; velocities relative to the joint rates where these exceed 1."""
+    p = stored("rigid_2arm_7R_gravity")
+    dx = np.r_[np.zeros(3), 9e-7, 0, 0]
+    require_closed(motion_of(p), pushed(p, dx))
+    speed = np.linalg.norm(p.state.qd)
+    assert speed > 2
+    fast, slow = (p.state.qd + s * 1e-6 * speed * np.eye(14)[0] for s in (0.3, 30.0))
+    near, off = with_velocity(p, fast), with_velocity(p, slow)
+    require_closed(motion_of(near), near.state)
+    with pytest.raises(StateError, match="velocity gap"):
+        require_closed(motion_of(off), off.state)
+
+
+def test_given_rates():
+    """Relative rates W beside the velocities must be those they imply, to 1e-8."""
+    p = stored("mixed_4arm_all_types")
+    motion = motion_of(p)
+    W = np.concatenate([c.W for c in motion.contacts])
+    require_rates(motion, W + 5e-9)
+    wrong = W.copy()
+    wrong[p.chain.contact_freedoms["arm2"]] += 1e-3
+    with pytest.raises(StateError, match=r"W is not what the velocities imply.*: arm 'arm2': gap 0\.001 rad/s\."):
+        require_rates(motion, wrong)

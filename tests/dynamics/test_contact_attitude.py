@@ -1,0 +1,89 @@
+"""Appendix A: Theta_dot = F(Theta) W, in quaternions and in Euler angles."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from holdfast import Grasp, Pose, StateError, contact_attitudes
+from holdfast.dynamics.contact_attitude import euler_rate_map, quaternion_rate_map
+from holdfast.spatial import rotation
+from tests.dynamics.posed import later
+from tests.dynamics.problems import motion_of, random_problem, stored
+
+FREE = {"rigid": 0, "hinge": 1, "softfinger": 2, "ball": 3}
+OPTIONS = {"grasps": tuple(FREE), "joints": (7, 6, 7, 6)}
+STEP = 1e-5
+
+
+@pytest.mark.parametrize("parameters", ["quaternion", "euler"])
+@pytest.mark.parametrize("moving_base", [False, True])
+@pytest.mark.parametrize("seed", range(3))
+def test_rates(parameters, moving_base, seed):
+    """Theta moves by F W dt for every kind of grasp: central differences of the moved state."""
+    p = random_problem(seed, moving_base=moving_base, **OPTIONS)
+    now = contact_attitudes(p.chain, p.state, parameters, p.inputs)
+    ahead, behind = (contact_attitudes(*later(p, s * STEP), parameters) for s in (1, -1))
+    for name, grasp in p.chain.grasps.items():
+        got = now[name]
+        assert got.F.shape == ({"quaternion": 4, "euler": 3}[parameters], FREE[grasp.kind])
+        assert got.W.shape == (FREE[grasp.kind],)
+        measured = (ahead[name].theta - behind[name].theta) / (2 * STEP)
+        np.testing.assert_allclose(got.rate, measured, atol=1e-7 * max(1.0, np.abs(measured).max()))
+        if grasp.kind != "rigid":
+            assert np.abs(got.rate).max() > 1e-3
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_attitudes(seed):
+    """Theta is the rotation from the tip's frame to the object's contact frame, both ways of writing."""
+    p = random_problem(seed, **OPTIONS)
+    motion = motion_of(p)
+    quaternions = contact_attitudes(p.chain, p.state, inputs=p.inputs)
+    angles = contact_attitudes(p.chain, p.state, "euler", p.inputs)
+    for name, c in zip(p.chain.grasps, motion.contacts, strict=True):
+        expected = motion.arms[name].at.tip.R.T @ c.R
+        np.testing.assert_allclose(rotation.from_quaternion(quaternions[name].theta), expected, atol=1e-13)
+        np.testing.assert_allclose(rotation.from_euler_zyx(*angles[name].theta), expected, atol=1e-13)
+        np.testing.assert_array_equal(quaternions[name].W, c.W)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_rate_maps(seed):
+    """F-bar for a turn by omega dt about the turned axes; a quaternion keeps its length."""
+    rng = np.random.default_rng(seed)
+    R, omega = rotation.exp(rng.uniform(-0.8, 0.8, 3)), rng.normal(size=3)
+    ahead, behind = (R @ rotation.exp(s * STEP * omega) for s in (1, -1))
+    q, rpy = rotation.to_quaternion(R), rotation.to_euler_zyx(R)
+    rate = quaternion_rate_map(q) @ omega
+    assert abs(rate @ q) < 1e-15
+    np.testing.assert_allclose(
+        rate, (rotation.to_quaternion(ahead) - rotation.to_quaternion(behind)) / (2 * STEP), atol=1e-9
+    )
+    measured = (rotation.to_euler_zyx(ahead) - rotation.to_euler_zyx(behind)) / (2 * STEP)
+    np.testing.assert_allclose(euler_rate_map(rpy) @ omega, measured, atol=1e-8)
+
+
+@pytest.mark.parametrize("pitch", [np.pi / 2, -np.pi / 2, np.pi / 2 - 5e-7])
+def test_euler_singularity(pitch):
+    """At a pitch of +-pi/2 Euler rates do not exist: reported by grasp; quaternions go on."""
+    p = stored("ball_2arm")
+    motion = motion_of(p)
+    R = p.state.object_frame.R.T @ motion.arms["arm2"].at.tip.R @ rotation.from_euler_zyx(0.3, pitch, 0.0)
+    turned = Grasp("ball", Pose(R, p.chain.grasps["arm2"].frame.p))
+    chain = replace(p.chain, grasps={**p.chain.grasps, "arm2": turned})
+    message = r"grasp 'arm2': Euler angles are singular at pitch -?1\.57079\d rad; try parameters='quaternion'"
+    with pytest.raises(StateError, match=message):
+        contact_attitudes(chain, p.state, "euler")
+    found = contact_attitudes(chain, p.state)["arm2"]
+    assert np.linalg.norm(found.rate) == pytest.approx(0.5 * np.linalg.norm(found.W), rel=1e-12)
+
+
+def test_near_the_singularity():
+    """A little off the singularity Euler rates are large and right."""
+    angles = np.array([0.2, np.pi / 2 - 1e-3, 0.4])
+    R, omega, h = rotation.from_euler_zyx(*angles), np.array([0.3, -0.5, 0.7]), 1e-8
+    measured = (rotation.to_euler_zyx(R @ rotation.exp(h * omega)) - rotation.to_euler_zyx(R)) / h
+    rates = euler_rate_map(rotation.to_euler_zyx(R)) @ omega
+    assert np.abs(rates).max() > 100
+    np.testing.assert_allclose(rates, measured, rtol=1e-4)
