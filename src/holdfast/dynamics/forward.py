@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import numpy as np
 
 from holdfast.dynamics import indeterminate, rank
@@ -66,6 +68,8 @@ def forward_dynamics(
     if check:
         require_closed(motion, state)
     chosen = method_named(method)
+    if route not in get_args(Route):
+        raise MethodNotApplicable(f"no route {route!r}.{checks.did_you_mean(str(route), get_args(Route))}")
     if chosen.rigid_only:
         _require_rigid(chain, chosen)
 
@@ -75,8 +79,8 @@ def forward_dynamics(
         _require_inertia(name, pivots)
     _require_finite(regular)
     verdict = rank.verdict(chain, state, int(regular.rank), generic_rank)
-    try:
-        found = regular if chosen.solve is sequential else chosen.solve(motion)
+    try:  # without a grasp there is nothing to solve for: object and arms are alone
+        found = regular if chosen.solve is sequential or not chain.grasps else chosen.solve(motion)
     except MethodNotApplicable as cause:
         raise MethodNotApplicable(f"{chosen.name}: {cause}") from cause
     if verdict is Status.INDETERMINATE_FORCES:
