@@ -70,7 +70,7 @@ class ObjectTracking:
 def joint_accelerations(motion: ChainMotion, qd: Array, acceleration: Array, joint_damping: float) -> Array:
     """Return the least joint accelerations that go with the object's, (n,).
 
-    K (J qdd + Jdot qd) = K (A alpha(C) + a(C) + g), arm by arm; what moves no tip is
+    K (J qdd + Jdot qd) = K (A alpha(C) + a(C) - g), arm by arm; what moves no tip is
     damped. Arms that cannot follow do so as nearly as they can.
 
     Args:
