@@ -26,9 +26,9 @@ def assert_felt_by_no_drive(p: Problem, found) -> None:
     """Assert that a lost direction, read as a wrench, loads no joint of its arm."""
     arm = motion_of(p).arms[found.arm]
     lever = found.point - arm.at.tip.p
-    screw = np.r_[np.cross(lever, found.axis), found.axis] if found.kind != "rotation" else np.r_[found.axis, 0, 0, 0]
-    if found.kind != "screw":
-        assert np.abs(jacobian(arm.arm, arm.at).T @ screw).max() < 1e-9
+    line = np.r_[np.cross(lever, found.axis), found.axis]
+    wrench = {"translation": line, "rotation": np.r_[found.axis, 0, 0, 0]}[found.kind]
+    assert np.abs(jacobian(arm.arm, arm.at).T @ wrench).max() < 1e-9
 
 
 def assert_indeterminate_forces(p: Problem, found) -> None:
@@ -166,7 +166,7 @@ def test_a_bent_arm_is_not_listed():
 
 
 @pytest.mark.parametrize(("length", "mass"), [(1e3, 1.0), (1e-3, 1.0), (1.0, 1e3), (1e3, 1e-3)])
-@pytest.mark.parametrize("system", ["mixed", "straight", "planar", "flat"])
+@pytest.mark.parametrize("system", ["mixed", "straight", "planar", "flat", "collinear"])
 def test_no_units(system, length, mass):
     """Millimetres or kilometres, grams or tonnes: status, rank and condition stay."""
     make = {
@@ -174,6 +174,7 @@ def test_no_units(system, length, mass):
         "straight": lambda: as_chain(one_straight_arm_of_three(1e-3)),
         "planar": lambda: stored("planar_3arm_6_7_6_omega_singular"),
         "flat": lambda: as_chain(planar_parallelogram(0.0)),
+        "collinear": lambda: as_chain(two_collinear_stretched_6r(0)),
     }
     p = make[system]()
     other, _ = rescaled(p, length, mass)

@@ -58,10 +58,10 @@ def test_any_chain_any_route(route, seed):
 
 
 @pytest.mark.parametrize("scale", [1e-8, 1e-3, 1e6])
-@pytest.mark.parametrize("kind", ["rigid", "softfinger", "ball"])
-def test_light_and_heavy_objects(scale, kind):
+@pytest.mark.parametrize(("kind", "arms"), [("rigid", 2), ("softfinger", 2), ("ball", 3)])
+def test_light_and_heavy_objects(scale, kind, arms):
     """An object of 1e-8 or 1e6 times its weight costs `sequential` no digits: 40-digit oracle."""
-    options = {"arms": 2, "joints": 7, "grasps": kind, "object_scale": scale}
+    options = {"arms": arms, "joints": 7, "grasps": kind, "object_scale": scale}
     case = random_case(5, **options)
     truth, result = solve(case, digits=40), answer(random_problem(5, **options))
     assert relative_gap(result.qdd, np.concatenate(truth["qdd"])) < TOLERANCE

@@ -25,12 +25,16 @@ class Measurement(NamedTuple):
         R: K Lambda K^T, the "measurement noise".
         r: (rows,) K (alpha_f + g - a).
         object_size: (rows,) diagonal of C M(C)^-1 C^T: how the free object moves.
+        most: the arm's joint count, which the rank of R cannot exceed.
+        carried: whether the rows are all of alpha(C).
     """
 
     C: Array
     R: Array
     r: Array
     object_size: Array
+    most: int
+    carried: bool
 
 
 class Step(NamedTuple):
@@ -53,11 +57,12 @@ def measurement(c: Contact, tip: TipResponse, body: ObjectMotion) -> Measurement
     if c.grasp.kind == "rigid":
         R, mobility = tip.mobility.mobility_shifted(-c.offset).dense(), body.mobility
         size = np.concatenate([np.diag(mobility.aa), np.diag(mobility.ll)])
-        return Measurement(np.eye(6), R, shift_twist(-c.offset, r), size)
+        return Measurement(np.eye(6), R, shift_twist(-c.offset, r), size, len(tip.pivots), True)
     rows = list(c.grasp.transmitted)
     C = array([shift_wrench(c.offset, row) for row in c.K])  # (K A)^T = A^T K^T
     R = tip.mobility.rotated(c.R.T).dense()[rows][:, rows]
-    return Measurement(C, R, c.transmitted(r), array([row @ body.mobility.apply(row) for row in C]))
+    object_size = array([row @ body.mobility.apply(row) for row in C])
+    return Measurement(C, R, c.transmitted(r), object_size, len(tip.pivots), False)
 
 
 def mobility_ratio(seen: list[Measurement]) -> Scalar:

@@ -7,9 +7,11 @@ K_i^T lambda_i. With C = K_i A_i, R = K_i Lambda_i K_i^T, S = R + C P C^T:
     out:   x += P C^T S^-1 (K r - C x),   P -= P C^T S^-1 C P        (beyond.md 1(b))
     back:  lambda = S^-1 (K r - C x) - S^-1 C P s,   s += C^T lambda
 
-P is brought down without subtracting: in `rigid_step` as a parallel sum, in `row_steps` in
-factors. The order of the arms is free, so rigid grasps come first: after one of them P is of
-the arms' size, however light the object. No Lambda_i and no Omega need be regular.
+P is brought down without subtracting: where a rigid grasp measures all of alpha(C) as a parallel
+sum (`rigid_step`), elsewhere in factors (`row_steps`). The order of the arms is free, so parallel
+sums come first: after one of them P is of the arms' size, however light the object. An arm of
+fewer than six joints holds alpha(C) fast in some directions; its rows say so exactly, where the
+rounding of a 6x6 R would let a heavy object move. No Lambda_i and no Omega need be regular.
 """
 
 from __future__ import annotations
@@ -61,13 +63,14 @@ def object_filter(contacts: list[Contact], tips: list[TipResponse], body: Object
     seen = [measurement(c, tip, body) for c, tip in zip(contacts, tips, strict=True)]
     share = mobility_ratio(seen)
     scales = [np.diag(m.R) + share * m.object_size for m in seen]
-    order = sorted(range(len(contacts)), key=lambda i: contacts[i].grasp.kind != "rigid")
+    parallel = [m.carried and m.most >= len(m.r) for m in seen]
+    order = sorted(range(len(contacts)), key=lambda i: not parallel[i])
 
     x, P = body.free_acceleration, body.mobility.dense()
     factors: FactoredMobility | None = FactoredMobility(*body.mobility_factors)
     steps: list[Step] = []
     for i in order:
-        if contacts[i].grasp.kind == "rigid":
+        if parallel[i]:
             x, P, step = rigid_step(x, P, seen[i], scales[i])
             factors = None
         else:

@@ -1,4 +1,4 @@
-"""A grasp that leaves freedoms in the object's filter: its rows, made independent, one by one."""
+"""An arm in the object's filter by its rows, made independent and taken one by one."""
 
 from __future__ import annotations
 
@@ -61,6 +61,8 @@ def independent_rows(m: Measurement, scale: Array) -> tuple[list[Scalar], Array]
             larger = R[i, i] * rows[j, 7] > R[j, j] * rows[i, 7]
             R = select(larger, R[np.ix_(order, order)], R)
             rows = select(larger, rows[order], rows)
+        if j >= m.most:  # what is left of R is the rounding of zero
+            return d + [0.0] * (count - j), rows
         alive = R[j, j] > ROUNDING * rows[j, 7]
         d.append(where(alive, R[j, j], 0.0))
         below = R[j + 1 :, j] * where(alive, 1.0 / where(alive, R[j, j], 1.0), 0.0)
