@@ -43,7 +43,7 @@ class State:
                 raise StateError(
                     f"state: object_pose: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}"
                 )
-            pose = np.concatenate([pose[:4] / length, pose[4:]])
+            pose = checks.read_only(np.concatenate([pose[:4] / length, pose[4:]]))
         put(self, "object_pose", pose)
         put(self, "object_twist", checks.numbers(self.object_twist, (6,), "state: object_twist", StateError))
 

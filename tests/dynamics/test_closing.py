@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from holdfast import Arm, ClosedChain, ClosureError, Grasp, Pose, State, close, closure, project_velocity
+from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.dynamics.object_level import motion_basis
 from holdfast.dynamics.projection import moved
 from tests.dynamics.problems import random_problem, stored
@@ -131,8 +133,10 @@ def test_nearest_velocity(kind, seed):
     rough = State(p.state.q, rng.normal(size=p.chain.joint_count), p.state.object_pose, rng.normal(size=6))
     found = project_velocity(p.chain, rough, inputs=p.inputs)
     assert largest_gap(p.chain, found, p.inputs)[1] < 1e-12
+    # nearest with lengths in units of the arms' reach
+    sizes = coordinate_sizes(chain_motion(p.chain, p.state, p.tau, p.inputs.shaped(p.chain)))
     change = np.r_[found.qd - rough.qd, found.object_twist - rough.object_twist]
-    assert np.abs(change @ motion_basis(p.chain, p.state)).max() < 1e-12
+    assert np.abs((change / sizes**2) @ motion_basis(p.chain, p.state)).max() < 1e-12
     np.testing.assert_array_equal(found.q, rough.q)
     held = project_velocity(p.chain, rough, hold_object=True, inputs=p.inputs)
     np.testing.assert_array_equal(held.object_twist, rough.object_twist)

@@ -179,7 +179,7 @@ def test_no_units(system, length, mass):
     p = make[system]()
     other, _ = rescaled(p, length, mass)
     before, after = diagnose(p.chain, p.state), diagnose(other.chain, other.state)
-    for key in ("status", "rank", "generic_rank", "mobility"):
+    for key in ("status", "rank", "mobility"):
         assert getattr(after, key) == getattr(before, key)
     assert after.condition == pytest.approx(before.condition, rel=1e-6)
     assert [d.arm for d in after.lost_directions] == [d.arm for d in before.lost_directions]

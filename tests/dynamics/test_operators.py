@@ -12,7 +12,7 @@ from tests.dynamics.aggregate import aggregate
 from tests.dynamics.problems import random_arm, relative_gap
 
 SEEDS = range(6)
-TOLERANCE = 1e-10
+TOLERANCE = 1e-12
 
 
 def eps(o, T, p=0.0, f=None):
@@ -75,6 +75,10 @@ IDENTITIES = {
         phi_1_0(o).T @ lambda_1(o) @ phi_1_0(o),
     ),
     "(6.12) J M^-1": lambda o: (o.J @ o.Ms1, o.B.T @ o.psi.T @ o.H.T @ o.D1 @ o.K),
+    "(6.13), (6.18d) forces": lambda o: (
+        o.Omega1 @ o.J @ o.Ms1 @ o.T1 - o.Omega1 @ o.a1,
+        o.Omega1 @ (o.B.T @ o.psi.T @ o.H.T @ o.D1 @ o.K @ o.T1 - o.a1),
+    ),
     "(6.15) M^-1 T'": lambda o: (o.Ms1 @ o.T1, o.K.T @ o.D1 @ eps(o, o.T1)),
     "(6.16) M^-1 J^T f": lambda o: (o.Ms1 @ o.J.T @ o.f, o.K.T @ o.D1 @ o.H @ o.psi @ o.B @ o.f),
     "(6.17) M^-1 (T' - J^T f)": lambda o: (o.Ms1 @ (o.T1 - o.J.T @ o.f), o.K.T @ o.D1 @ eps(o, o.T1, 0.0, o.f)),

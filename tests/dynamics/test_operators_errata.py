@@ -6,7 +6,7 @@ import pytest
 from tests.dynamics.aggregate import aggregate
 from tests.dynamics.problems import relative_gap
 
-WRONG, RIGHT = 1e-3, 1e-10
+WRONG, RIGHT = 1e-3, 1e-12
 
 
 def bracket(o, f=None):

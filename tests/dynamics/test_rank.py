@@ -42,6 +42,20 @@ def test_rank_has_no_unit(name, length, mass):
     assert constraint_rank(other.chain, other.state) == CASES[name]["tags"]["constraint_rank"]
 
 
+@pytest.mark.parametrize("length", [1e-3, 1e3])
+@pytest.mark.parametrize(
+    ("case", "generic"),
+    [(planar_parallelogram(0.0), 9), (planar_three_arms(1), 12), (two_collinear_stretched_6r(0), 12)],
+    ids=["parallelogram", "planar", "collinear"],
+)
+def test_generic_rank_has_no_unit(case, generic, length):
+    """A chain a thousand times larger or smaller has the same rank nearby."""
+    p = as_chain(case)
+    assert generic_constraint_rank(p.chain, p.state) == generic
+    other, _ = rescaled(p, length)
+    assert generic_constraint_rank(other.chain, other.state) == generic
+
+
 def test_velocities_do_not_enter():
     """The rank is the configuration's: it is the same at rest and in motion."""
     p = stored("planar_2arm_6_6_omega_singular")

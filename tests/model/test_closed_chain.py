@@ -67,7 +67,7 @@ def test_with_bases():
     np.testing.assert_array_equal(moved.arms["right"].base.p, [1, 0, 0])
     assert moved.arms["left"].base.p[0] == made.arms["right"].base.p[0] == 0.0
     assert moved.grasps.keys() == made.grasps.keys()
-    with pytest.raises(ModelError, match="base.*: expected finite numbers"):
+    with pytest.raises(ModelError, match=r"base.*: expected finite numbers"):
         made.with_bases({"right": [1.0, 0, 0, 0, np.inf, 0, 0]})
 
 

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.consistency import residuals
-from holdfast.dynamics.constraint import constraint_rows
+from holdfast.dynamics.constraint import constraint_rows, coordinate_sizes
 from holdfast.dynamics.projection import moved
 from holdfast.errors import ClosureError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
-CLOSED = 1e-13  # m and rad: where iterating on stops
-ACCEPTED = 1e-10  # m and rad: what counts as closed
+CLOSED = 1e-13  # rad, and lengths over the arms' reach: where iterating on stops
+ACCEPTED = 1e-10  # the same: what counts as closed
 MAX_ITERATIONS = 200
-LONGEST_STEP = 0.5  # rad or m in one iteration
+LONGEST_STEP = 0.5  # rad, or part of the arms' reach, in one iteration
+WORTH_NAMING = 1e-2  # of the largest miss: a smaller one was only waiting for it
 
 
 def close(
@@ -29,8 +32,9 @@ def close(
 ) -> State:
     """Return the consistent state nearest to a guess.
 
-    Positions by damped Gauss-Newton steps of least length on the position rows, joints
-    kept within their limits; then velocities by `project_velocity`. O(l^3) a step.
+    Positions by damped Gauss-Newton steps of least length on the position rows (lengths in
+    units of the arms' reach), joints kept within their limits; then velocities by
+    `project_velocity`. O(l^3) a step.
 
     Args:
         chain: the chain.
@@ -47,34 +51,11 @@ def close(
     low, high = np.concatenate([arm.position_limits for arm in chain.arms.values()]).T
     if not limits:
         low, high = np.full_like(low, -np.inf), np.full_like(high, np.inf)
-    state = _clipped(guess, np.zeros(chain.joint_count), np.zeros(6), low, high)
-    motion, gap = _at(chain, state, given)
-    damping = 1e-6
-    for _ in range(MAX_ITERATIONS):
-        size = float(np.abs(gap).max(initial=0.0))
-        if size <= CLOSED:
-            break
-        rows = _position_rows(motion)
-        n = chain.joint_count
-        if hold_object:
-            rows[:, n:] = 0.0
-        blocked = _blocked(state.q, rows, gap, low, high)
-        rows[:, :n][:, blocked] = 0.0
-        U, sizes, Vt = np.linalg.svd(rows, full_matrices=False)
-        step = -Vt.T @ (sizes / (sizes**2 + damping**2) * (U.T @ gap))
-        step *= min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
-        trial = _clipped(state, step[:n], step[n:], low, high)
-        trial_motion, trial_gap = _at(chain, trial, given)
-        if float(np.linalg.norm(trial_gap)) < float(np.linalg.norm(gap)):
-            state, motion, gap = trial, trial_motion, trial_gap
-            damping = max(damping / 10, 1e-9)
-        elif size <= ACCEPTED:
-            break  # as closed as rounding allows
-        else:
-            damping *= 10
-            if damping > 1e3:
-                break
-    _require_reached(motion, state)
+    state = _clipped(guess, np.zeros(chain.joint_count + 6), low, high)
+    # with the object held each arm is alone, and none waits for one that cannot reach
+    for names in [{name} for name in chain.grasps] if hold_object else [set(chain.grasps)]:
+        state = _brought_together(chain, state, given, names, hold_object, low, high)
+    _require_reached(chain, state, given)
     return project_velocity(chain, state, hold_object=hold_object, inputs=inputs)
 
 
@@ -83,33 +64,73 @@ def project_velocity(
 ) -> State:
     """Return the state with the nearest velocities that keep every grasp.
 
-    Nearest in the plain norm of (qd, V(C)); the velocity rows K (A V(C) - J qd) vanish.
+    Nearest in the norm of (qd, V(C)) with lengths in units of the arms' reach; the
+    velocity rows K (A V(C) - J qd) vanish.
     """
-    motion, _ = _at(chain, state, (inputs or Inputs()).shaped(chain))
+    motion = chain_motion(chain, state, np.zeros(chain.joint_count), (inputs or Inputs()).shaped(chain))
     if not motion.contacts:
         return state
     rows = constraint_rows(motion)
     gap = np.concatenate([c.velocity_gap for c in motion.contacts])
-    n = chain.joint_count
+    n, sizes = chain.joint_count, coordinate_sizes(motion)
     matrix = np.hstack([rows.joints, 0.0 * rows.object if hold_object else rows.object])
-    step = np.linalg.lstsq(matrix, gap, rcond=1e-12)[0]
+    step = sizes * np.linalg.lstsq(matrix * sizes, gap, rcond=1e-12)[0]
     return State(state.q, state.qd + step[:n], state.object_pose, state.object_twist + step[n:])
 
 
-def _at(chain: ClosedChain, state: State, given: Inputs) -> tuple[ChainMotion, Array]:
+def _brought_together(
+    chain: ClosedChain, state: State, given: Inputs, names: set[str], hold_object: bool, low: Array, high: Array
+) -> State:
+    """Return the state with the named grasps closed, as far as they can be."""
+    n = chain.joint_count
+    motion, gap = _gap(chain, state, given, names)
+    damping = 1e-6
+    for _ in range(MAX_ITERATIONS):
+        size = float(np.abs(gap).max(initial=0.0))
+        if size <= CLOSED:
+            break
+        sizes = coordinate_sizes(motion)
+        rows = _position_rows(motion, names) * sizes
+        if hold_object:
+            rows[:, n:] = 0.0
+        rows[:, :n][:, _blocked(state.q, rows, gap, low, high)] = 0.0
+        U, s, Vt = np.linalg.svd(rows, full_matrices=False)
+        step = -Vt.T @ (s / (s**2 + damping**2) * (U.T @ gap))
+        step *= min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
+        trial = _clipped(state, sizes * step, low, high)
+        trial_motion, trial_gap = _gap(chain, trial, given, names)
+        if float(np.linalg.norm(trial_gap)) < float(np.linalg.norm(gap)):
+            state, motion, gap = trial, trial_motion, trial_gap
+            damping = max(damping / 10, 1e-9)
+        elif size <= ACCEPTED or damping > 1e3:
+            break  # as closed as rounding allows, or as near as it comes
+        else:
+            damping *= 10
+    return state
+
+
+def _gap(chain: ClosedChain, state: State, given: Inputs, names: Iterable[str]) -> tuple[ChainMotion, Array]:
+    """Return the motion and the named grasps' position residuals, lengths over the arms' reach."""
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), given)
-    parts = [gap.position for gap in residuals(motion, state).values()]
+    reach = coordinate_sizes(motion)[-1]
+    parts = []
+    for name, gap in residuals(motion, state).items():
+        if name in names:
+            lengths = np.arange(len(gap.position)) >= len(gap.position) - 3
+            parts.append(np.where(lengths, gap.position / reach, gap.position))
     return motion, np.concatenate(parts) if parts else np.zeros(0)
 
 
-def _position_rows(motion: ChainMotion) -> Array:
-    """Return d(position residual)/d(q, object): the velocity rows, without a soft finger's spin."""
+def _position_rows(motion: ChainMotion, names: Iterable[str]) -> Array:
+    """Return d(gap)/d(q, object): the velocity rows, without a soft finger's spin."""
     rows = constraint_rows(motion)
+    reach = coordinate_sizes(motion)[-1]
     matrix = -np.hstack([rows.joints, rows.object])
-    keep = np.ones(len(matrix), dtype=bool)
-    for c, part in zip(motion.contacts, rows.slices, strict=True):
-        if c.grasp.kind == "softfinger":
-            keep[part.start] = False  # the row of the moment about the normal
+    keep = np.zeros(len(matrix), dtype=bool)
+    for name, c, part in zip(motion.chain.grasps, motion.contacts, rows.slices, strict=True):
+        matrix[part.stop - 3 : part.stop] /= reach
+        first = part.start + (1 if c.grasp.kind == "softfinger" else 0)  # its moment about the normal
+        keep[first : part.stop] = name in names
     return matrix[keep]
 
 
@@ -119,21 +140,24 @@ def _blocked(q: Array, rows: Array, gap: Array, low: Array, high: Array) -> Arra
     return ((q <= low) & (downhill < 0)) | ((q >= high) & (downhill > 0))
 
 
-def _clipped(state: State, dq: Array, dx: Array, low: Array, high: Array) -> State:
-    """Return the state displaced, its joints kept within the limits."""
-    there = moved(state, dq, dx)
+def _clipped(state: State, step: Array, low: Array, high: Array) -> State:
+    """Return the state displaced by (dq, turn, shift), its joints kept within the limits."""
+    there = moved(state, step[: len(state.q)], step[len(state.q) :])
     return State(np.clip(there.q, low, high), there.qd, there.object_pose, there.object_twist)
 
 
-def _require_reached(motion: ChainMotion, state: State) -> None:
-    missed = {
-        name: float(np.abs(gap.position).max())
-        for name, gap in residuals(motion, state).items()
-        if np.abs(gap.position).max() > ACCEPTED
-    }
-    if missed:
-        listed = ", ".join(f"arm '{name}' misses its grasp by {gap:.3g} (m or rad)" for name, gap in missed.items())
-        raise ClosureError(
-            f"cannot close the chains: {listed}. Try a nearer object pose, another guess for q, other base poses, or"
-            " wider joint limits"
-        )
+def _require_reached(chain: ClosedChain, state: State, given: Inputs) -> None:
+    motion, gap = _gap(chain, state, given, chain.grasps)
+    if float(np.abs(gap).max(initial=0.0)) <= ACCEPTED:
+        return
+    missed = {name: float(np.abs(gap.position).max()) for name, gap in residuals(motion, state).items()}
+    worst = max(missed.values())
+    listed = ", ".join(
+        f"arm '{name}' misses its grasp by {gap:.3g} (m or rad)"
+        for name, gap in missed.items()
+        if gap > WORTH_NAMING * worst
+    )
+    raise ClosureError(
+        f"cannot close the chains: {listed}. Try a closer object pose, another guess for q, other base poses, or wider"
+        " joint limits"
+    )

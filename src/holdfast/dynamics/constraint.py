@@ -30,6 +30,17 @@ class ConstraintRows(NamedTuple):
     slices: list[slice]
 
 
+def coordinate_sizes(motion: ChainMotion) -> Array:
+    """Return what counts as one unit of each joint and of [turn; shift] of the object, (n + 6,).
+
+    1 rad for what turns; for what slides the longest reach of an arm [m], so that no step,
+    norm or rank depends on the unit of length.
+    """
+    length = max(float(np.linalg.norm(r)) for arm in motion.arms.values() for r in arm.at.reach) or 1.0
+    joints = [1.0 if joint.kind == "revolute" else length for arm in motion.chain.arms.values() for joint in arm.joints]
+    return np.array([*joints, 1.0, 1.0, 1.0, length, length, length])
+
+
 def constraint_rows(motion: ChainMotion) -> ConstraintRows:
     """Return K J and -K A of all grasps (velocity rows)."""
     chain = motion.chain

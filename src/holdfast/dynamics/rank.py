@@ -15,17 +15,19 @@ from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.object_filter import object_filter
 from holdfast.dynamics.closed.tip_response import tip_response
 from holdfast.dynamics.closing import close
+from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.dynamics.object_level import motion_basis
 from holdfast.dynamics.projection import moved
 from holdfast.dynamics.result import Status
 from holdfast.errors import ClosureError, SingularChainError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
+from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
 NEIGHBOURS = 8
-NEIGHBOUR_DISTANCE = 0.1  # rad; metres for a prismatic joint and for the object
-TANGENT_STEP = 0.05  # rad, m
+NEIGHBOUR_DISTANCE = 0.1  # rad, or part of the arms' reach
+TANGENT_STEP = 0.05  # the same
 
 
 class Regularity(NamedTuple):
@@ -56,10 +58,10 @@ def generic_constraint_rank(chain: ClosedChain, state: State) -> int:
     A structure without closable neighbours is locked: its own rank is returned.
     """
     best = constraint_rank(chain, state)
+    still, sizes = _still(chain, state)
     for seed in range(NEIGHBOURS):
-        random = np.random.default_rng(seed)
-        step = NEIGHBOUR_DISTANCE * random.uniform(-1, 1, len(state.q) + 6)
-        there = moved(State(state.q, 0.0 * state.qd, state.object_pose), *np.split(step, [len(state.q)]))
+        step = NEIGHBOUR_DISTANCE * sizes * np.random.default_rng(seed).uniform(-1, 1, len(sizes))
+        there = moved(still, *np.split(step, [chain.joint_count]))
         try:
             neighbour = close(chain, there, limits=False)
         except ClosureError:
@@ -77,20 +79,30 @@ def velocities_are_motions(chain: ClosedChain, state: State) -> bool:
     step survives; where the rank is low only to first order (two arms stretched against
     each other) it is taken back.
     """
-    basis = motion_basis(chain, state)
+    still, sizes = _still(chain, state)
+    basis = motion_basis(chain, state) / sizes[:, None]
+    basis, _ = np.linalg.qr(basis)
     if not basis.shape[1]:
         return True  # a locked structure has no velocities to test
     kept = []
-    for direction in TANGENT_STEP * basis.T:
-        there = moved(State(state.q, 0.0 * state.qd, state.object_pose), *np.split(direction, [chain.joint_count]))
+    for direction in basis.T:
+        there = moved(still, *np.split(TANGENT_STEP * sizes * direction, [chain.joint_count]))
         try:
             closed = close(chain, there, limits=False)
         except ClosureError:
             return False
         turn = rotation.log(closed.object_frame.R @ state.object_frame.R.T)
         shift = closed.object_pose[4:] - state.object_pose[4:]
-        kept.append(basis.T @ np.concatenate([closed.q - state.q, turn, shift]) / TANGENT_STEP)
+        moved_by = np.concatenate([closed.q - state.q, turn, shift]) / sizes
+        kept.append(basis.T @ moved_by / TANGENT_STEP)
     return bool(np.linalg.svd(np.array(kept), compute_uv=False)[-1] > 0.5)
+
+
+def _still(chain: ClosedChain, state: State) -> tuple[State, Array]:
+    """Return the configuration at rest, and the size of one unit of each coordinate."""
+    still = State(state.q, 0.0 * state.qd, state.object_pose)
+    motion = chain_motion(chain, still, np.zeros(chain.joint_count), Inputs().shaped(chain))
+    return still, coordinate_sizes(motion)
 
 
 def regularity(chain: ClosedChain, state: State, rank: int, generic: int | None = None) -> Regularity:

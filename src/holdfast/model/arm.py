@@ -71,14 +71,14 @@ class Arm:
     @cached_property
     def position_limits(self) -> Array:
         """(N, 2) lowest and highest joint positions [rad or m]."""
-        return np.array([j.position_limits for j in self.joints])
+        return checks.read_only(np.array([j.position_limits for j in self.joints]))
 
     @cached_property
     def armature(self) -> Array:
         """(N,) drive inertia felt at the joints [kg m^2 or kg]."""
-        return np.array([j.armature for j in self.joints])
+        return checks.read_only(np.array([j.armature for j in self.joints]))
 
     @cached_property
     def damping(self) -> Array:
         """(N,) viscous damping [N m s/rad or N s/m]."""
-        return np.array([j.damping for j in self.joints])
+        return checks.read_only(np.array([j.damping for j in self.joints]))

@@ -58,7 +58,7 @@ def unit_vector(value: Any, what: str) -> Array:
     length = math.hypot(*a)
     if abs(length - 1) > ROTATION_TOLERANCE:
         raise ModelError(f"{what}: expected a unit vector, got length {length:.9g}; try dividing by it")
-    return a if abs(length - 1) < 1e-15 else _frozen(a / length)
+    return a if abs(length - 1) < 1e-15 else read_only(a / length)
 
 
 def pose(value: Any, what: str) -> Pose:
@@ -71,7 +71,7 @@ def pose(value: Any, what: str) -> Pose:
                 f"{what}: expected a unit quaternion (w, x, y, z), got length {length:.9g}; try dividing by it"
             )
         made = Pose.from_wxyz_xyz(np.concatenate([a[:4] / length, a[4:]]))
-        return Pose(_frozen(made.R), _frozen(made.p))
+        return Pose(read_only(made.R), read_only(made.p))
     R = numbers(value.R, (3, 3), f"{what}: rotation")
     p = numbers(value.p, (3,), f"{what}: position")
     if R.dtype == object:
@@ -89,7 +89,7 @@ def rotation_matrix(value: Any, what: str) -> Array:
                 f"{what}: expected a rotation matrix (R^T R = 1, det R = +1), got |R^T R - 1| = {defect:.3g},"
                 f" det R = {det:.9g}"
             )
-    return R if rotation.is_rotation(R, 1e-14) else _frozen(rotation.nearest(R))
+    return R if rotation.is_rotation(R, 1e-14) else read_only(rotation.nearest(R))
 
 
 def rotational_inertia(value: Any, what: str, *, definite: bool = False, physical: bool = True) -> Array:
@@ -123,7 +123,7 @@ def symmetric_matrix(value: Any, what: str) -> Array:
         asymmetry = float(np.abs(J - J.T).max())
     if asymmetry > 1e-9 * float(np.abs(J).max()):
         raise ModelError(f"{what}: expected a symmetric matrix, got asymmetry {asymmetry:.3g}")
-    return _frozen(0.5 * J + 0.5 * J.T)
+    return read_only(0.5 * J + 0.5 * J.T)
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
@@ -133,7 +133,8 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return f" Did you mean '{near[0]}'?" if near else f" Known: {', '.join(known) or 'none'}."
 
 
-def _frozen(a: Array) -> Array:
+def read_only(a: Array) -> Array:
+    """Return the array itself, no longer writeable."""
     a.flags.writeable = False
     return a
 

@@ -102,6 +102,9 @@ class ClosedChain:
 
     def with_bases(self, bases: Mapping[str, object]) -> ClosedChain:
         """Return the chain with the named arms mounted elsewhere (Pose or wxyz_xyz)."""
+        for name in bases:
+            if name not in self.arms:
+                raise ModelError(f"base of '{name}': no such arm.{checks.did_you_mean(name, self.arms)}")
         return replace(self, arms={n: a.at(bases[n]) if n in bases else a for n, a in self.arms.items()})
 
     def without_grasp(self, name: str) -> ClosedChain:

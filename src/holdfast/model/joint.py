@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from numbers import Real
 from typing import Literal
 
 import numpy as np
@@ -59,8 +60,9 @@ class Joint:
             put(self, quantity, checks.number(getattr(self, quantity), f"{label}: {quantity}", at_least=0.0))
         for quantity in ("rate_limit", "effort_limit"):
             limit = getattr(self, quantity)
-            if not isinstance(limit, (int, float)) or not limit > 0:
+            if not isinstance(limit, (Real, np.number)) or not limit > 0:
                 raise ModelError(f"{label}: {quantity}: expected a number > 0, got {limit!r}")
+            put(self, quantity, float(limit))
         try:
             low, high = map(float, self.position_limits)
         except (TypeError, ValueError) as cause:

@@ -28,20 +28,22 @@ def gauss_solve(matrix: Array, rhs: Array) -> tuple[Array, int]:
     A = (matrix.T * rows).T * columns
     b = rhs * rows
     A, b = np.array(A), np.array(b)
-    nullity = 0
+    row = 0  # stays behind the column once a column has no pivot
     for j in range(n):
-        pivot = j + int(np.argmax(np.abs(_values(A[j:, j]))))
+        pivot = row + int(np.argmax(np.abs(_values(A[row:, j]))))
         if abs(_values(A[pivot, j])) <= NULL_PIVOT:
-            nullity += 1
             continue
-        if pivot != j:
-            A[[j, pivot]] = A[[pivot, j]]
-            b[[j, pivot]] = b[[pivot, j]]
-        factors = A[j + 1 :, j] / A[j, j]
-        A[j + 1 :, j + 1 :] = A[j + 1 :, j + 1 :] - outer(factors, A[j, j + 1 :])
-        b[j + 1 :] = b[j + 1 :] - factors * b[j]
-    if nullity:
-        return 0.0 * rhs, nullity
+        if pivot != row:
+            A[[row, pivot]] = A[[pivot, row]]
+            b[[row, pivot]] = b[[pivot, row]]
+        factors = A[row + 1 :, j] / A[row, j]
+        A[row + 1 :, j + 1 :] = A[row + 1 :, j + 1 :] - outer(factors, A[row, j + 1 :])
+        b[row + 1 :] = b[row + 1 :] - factors * b[row]
+        row += 1
+        if row == n:
+            break
+    if row < n:
+        return 0.0 * rhs, n - row
     x = b
     for j in reversed(range(n)):
         x[j] = (b[j] - A[j, j + 1 :] @ x[j + 1 :]) / A[j, j]

@@ -28,7 +28,7 @@ def test_pivots(seed):
     """D are the pivots of M eliminated from the tip to the base; their product is det M."""
     motion = random_motion(seed)
     filter = articulated_filter(motion.arm, motion.at)
-    assert relative_gap(filter.D, tip_to_base(motion)[1]) < 1e-11
+    assert relative_gap(filter.D, tip_to_base(motion)[1]) < 1e-12
     M = mass_matrix(motion.arm, motion.at)[0]
     assert np.log(filter.D).sum() == pytest.approx(np.linalg.slogdet(M)[1], rel=1e-11)
 
@@ -41,8 +41,8 @@ def test_whitening_and_smoothing(seed):
     filter = articulated_filter(arm, at)
     L, _ = tip_to_base(motion)
     T = np.random.default_rng(seed).normal(size=len(L))
-    assert relative_gap(whiten(arm, at, filter, T, None, None)[0], np.linalg.solve(L, T)) < 1e-11
-    assert relative_gap(smooth(arm, at, filter, T)[0], np.linalg.solve(L.T, T)) < 1e-11
+    assert relative_gap(whiten(arm, at, filter, T, None, None)[0], np.linalg.solve(L, T)) < 1e-12
+    assert relative_gap(smooth(arm, at, filter, T)[0], np.linalg.solve(L.T, T)) < 1e-12
 
 
 @seeds
@@ -67,7 +67,7 @@ def test_whitening_is_linear(seed):
     together, _ = whiten(arm, at, filter, T, motion.bias.wrenches, tip)
     before, _ = whiten(arm, at, filter, T - C - jacobian(arm, at).T @ f, None, None)
     apart = [whiten(arm, at, filter, *part)[0] for part in ((T, motion.bias.wrenches, None), (None, None, tip))]
-    assert relative_gap(together, before) < 1e-11
+    assert relative_gap(together, before) < 1e-12
     assert relative_gap(sum(apart), together) < 1e-12
 
 
@@ -80,4 +80,4 @@ def test_wrench_left_at_the_base(seed):
     f = np.random.default_rng(seed).normal(size=6)
     eps, z = whiten(arm, at, filter, motion.torque, motion.bias.wrenches, unrotate(at.R[-1], f))
     qdd, _ = smooth(arm, at, filter, eps / filter.D)
-    assert relative_gap(rotate(arm.base.R, z), newton_euler(motion, qdd, f)[1]) < 1e-11
+    assert relative_gap(rotate(arm.base.R, z), newton_euler(motion, qdd, f)[1]) < 1e-12

@@ -34,7 +34,7 @@ def test_equation_of_motion(seed, solver):
     f = 5 * np.random.default_rng(seed).normal(size=6)
     C, _ = bias_torque(arm, at, motion.bias.wrenches)
     expected = np.linalg.solve(mass_matrix(arm, at)[0], motion.torque - C - jacobian(arm, at).T @ f)
-    assert relative_gap(solver(motion, motion.torque, f), expected) < 1e-10
+    assert relative_gap(solver(motion, motion.torque, f), expected) < 1e-12
 
 
 @pytest.mark.parametrize("joints", [1, 30, 60])
@@ -43,7 +43,7 @@ def test_short_and_long_arms(joints):
     motion = random_motion(0, joints=joints, grasps="ball")
     answers = [solver(motion, motion.torque, np.ones(6)) for solver in SOLVERS]
     for answer in answers[1:]:
-        assert relative_gap(answer, answers[0]) < 1e-9
+        assert relative_gap(answer, answers[0]) < 1e-11
 
 
 @solvers
@@ -58,7 +58,7 @@ def test_derivative(seed, solver):
     torques, _ = newton_euler(motion, qdd, f)
     assert np.abs(slopes_of(qdd)).max() > 1
     assert np.abs(slopes_of(torques)).max() < 1e-9 * np.abs(slopes_of(qdd)).max()
-    assert relative_gap(values_of(qdd), solver(arm_motion(given), arm_motion(given).torque, f)) < 1e-10
+    assert relative_gap(values_of(qdd), solver(arm_motion(given), arm_motion(given).torque, f)) < 1e-12
 
 
 @seeds

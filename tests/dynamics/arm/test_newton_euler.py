@@ -41,7 +41,7 @@ def test_forward_undoes_inverse(seed, solver):
     motion = random_motion(seed)
     qdd, f = drawn(seed, motion.arm.joint_count)
     torques, _ = newton_euler(motion, qdd, f)
-    assert relative_gap(solver(motion, torques, f), qdd) < 1e-10
+    assert relative_gap(solver(motion, torques, f), qdd) < 1e-12
 
 
 @seeds

@@ -27,7 +27,7 @@ def test_recursion(seed):
     J, M = jacobian(motion.arm, motion.at), mass_matrix(motion.arm, motion.at)[0]
     mobility = in_world(motion)
     np.testing.assert_array_equal(mobility, mobility.T)
-    assert relative_gap(mobility, J @ np.linalg.solve(M, J.T)) < 1e-11
+    assert relative_gap(mobility, J @ np.linalg.solve(M, J.T)) < 1e-12
     assert np.linalg.eigvalsh(mobility)[0] > -1e-13 * np.abs(mobility).max()
 
 
@@ -37,4 +37,4 @@ def test_response_to_a_wrench(seed):
     motion = at_rest(random_motion(seed))
     f = np.random.default_rng(seed).normal(size=6)
     qdd = articulated(motion, np.zeros(motion.arm.joint_count), -f)
-    assert relative_gap(jacobian(motion.arm, motion.at) @ qdd, in_world(motion) @ f) < 1e-11
+    assert relative_gap(jacobian(motion.arm, motion.at) @ qdd, in_world(motion) @ f) < 1e-12

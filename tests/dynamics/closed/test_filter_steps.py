@@ -23,7 +23,8 @@ def drawn(seed: int, rows: int, rank: int | None = None):
     rng = np.random.default_rng(seed)
     P = definite(rng, 6)
     C = np.eye(6) if rows == 6 else rng.normal(size=(rows, 6))
-    m = Measurement(C, definite(rng, rows, rank), rng.normal(size=rows), np.diag(C @ P @ C.T))
+    sizes = np.diag(C @ P @ C.T)
+    m = Measurement(C, definite(rng, rows, rank), rng.normal(size=rows), sizes, most=rank or rows, carried=rows == 6)
     return rng.normal(size=6), P, m, np.diag(m.R) + m.object_size, rng.normal(size=6)
 
 

@@ -16,7 +16,7 @@ RIGID_ONLY = [name for name, method in METHODS.items() if method.rigid_only]
 ANY_GRASP = [name for name in METHODS if name not in RIGID_ONLY]
 RIGID = {"grasps": "rigid", "joints": (7, 6, 8), "moving_base": True}
 MIXED = {"grasps": ("rigid", "hinge", "softfinger", "ball"), "joints": (6, 7, 7, 8), "moving_base": True}
-TOLERANCE = 1e-10
+TOLERANCE = 1e-11
 
 
 def answer(p: Problem, **options):

@@ -8,7 +8,7 @@ from tests.dynamics.closed.answered import rigid
 from tests.dynamics.problems import relative_gap
 
 SEEDS = range(8)
-TOLERANCE = 1e-9
+TOLERANCE = 1e-11
 
 
 def reduced(o):

@@ -87,5 +87,5 @@ def by_mass_matrix(motion: ArmMotion) -> TipResponse:
         to_tip = arm.base.R @ at.l[0] + at.reach[0]
         return qdd, base + shift_wrench(to_tip, f)
 
-    pivots = np.diag(L) ** 2
+    pivots = np.diag(L) * np.diag(L)
     return TipResponse(symmetric6(X.T @ X), x @ X + motion.bias.tip_acceleration, pivots, back)

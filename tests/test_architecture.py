@@ -1,0 +1,155 @@
+"""The rooms of the house: who may import whom, how large files get, what is documented, what loads."""
+
+import ast
+import statistics
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import holdfast
+
+ROOT = Path(holdfast.__file__).parent
+FILES = sorted(ROOT.rglob("*.py"))
+ROOMS = {path.relative_to(ROOT).parts[0].removesuffix(".py") for path in FILES}
+
+# Dependency only leftward: each room and the rooms it may look into. `errors` is open to all.
+MATHEMATICS = {"spatial"}
+MODEL = MATHEMATICS | {"model"}
+DYNAMICS = MODEL | {"state", "dynamics", "compiler", "compiled"}
+USE = DYNAMICS | {"simulation", "control"}
+FILES_AND_SCENES = USE | {"robots", "scenario", "io"}
+MAY_IMPORT = {
+    "errors": set(),
+    "spatial": set(),
+    "model": MATHEMATICS,
+    "state": MODEL,
+    "dynamics": MODEL | {"state"},
+    "compiler": set(),  # knows nothing of robots
+    "compiled": DYNAMICS - {"compiled"},
+    "simulation": DYNAMICS,
+    "control": DYNAMICS,
+    "robots": MODEL,
+    "scenario": FILES_AND_SCENES - {"scenario"},
+    "io": FILES_AND_SCENES - {"scenario", "io"},
+    "view": FILES_AND_SCENES,
+    "cli": FILES_AND_SCENES | {"view", "holdfast"},
+}
+HEAVY = ("scipy", "llvmlite", "tyro", "rich", "matplotlib", "pinocchio", "mujoco", "viser", "mpmath", "pandas")
+
+
+def room(path: Path) -> str:
+    """Return the room a source file is in."""
+    return path.relative_to(ROOT).parts[0].removesuffix(".py")
+
+
+def imported_rooms(path: Path) -> set[str]:
+    """Return the rooms that a file imports, inside functions too; `holdfast` is the package itself."""
+    names = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            assert all(alias.name != "*" for alias in node.names), f"{path}: star import"
+            names += [f"{node.module}.{alias.name}" for alias in node.names]
+    ours = [name.split(".") for name in names if name.split(".")[0] == "holdfast" and name != "holdfast.__version__"]
+    return {parts[1] if len(parts) > 1 and parts[1] in ROOMS else "holdfast" for parts in ours}
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_imports_go_left(path):
+    """No room imports one to its right; only the top and the command line know the whole package."""
+    here = room(path)
+    if here == "__init__":
+        return
+    assert here in MAY_IMPORT, f"a new room: say in MAY_IMPORT where {here} belongs"
+    assert imported_rooms(path) <= MAY_IMPORT[here] | {here, "errors"}
+
+
+def test_rooms_are_not_circular():
+    """Ordering the rooms by what they may import leaves none that wait for each other."""
+    waiting = {name: set(rooms) - {"holdfast"} for name, rooms in MAY_IMPORT.items()}
+    while waiting:
+        ready = {name for name, rooms in waiting.items() if not rooms & waiting.keys()}
+        assert ready, waiting
+        waiting = {name: rooms for name, rooms in waiting.items() if name not in ready}
+
+
+def test_file_sizes():
+    """One algorithm a file, one screen an algorithm: none over 400 lines, median at most 120."""
+    lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in FILES}
+    assert max(lines.values()) <= 400, max(lines, key=lines.__getitem__)
+    assert statistics.median(lines.values()) <= 120
+
+
+def test_names_of_rooms():
+    """No catch-all: what a file is for stands in its name."""
+    vague = {"utils", "util", "core", "helpers", "misc", "common", "manager"}
+    assert not {path.stem for path in FILES} & vague
+    assert not {path.parent.name for path in FILES} & vague
+
+
+def public_definitions(path: Path):
+    """Yield qualified name and node of every public function, class and method of a file."""
+
+    def visit(node, prefix):
+        for child in ast.iter_child_nodes(node):
+            if not isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+                continue
+            if child.name.startswith("_"):
+                continue
+            yield prefix + child.name, child
+            if isinstance(child, ast.ClassDef):
+                yield from visit(child, prefix + child.name + ".")
+
+    yield from visit(ast.parse(path.read_text(encoding="utf-8")), "")
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_docstrings(path):
+    """Every file, public function, class and method begins with a sentence."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    documented = {"file": tree, **dict(public_definitions(path))}
+    lacking = []
+    for name, node in documented.items():
+        first = (ast.get_docstring(node) or "").split("\n")[0].strip()
+        if not first or (name != "file" and not first.endswith(".")):
+            lacking.append(f"{name}: {first!r}")
+    assert not lacking, lacking
+
+
+def test_public_names():
+    """Every name in holdfast.__all__ exists, once and in order; modules do not leak into it."""
+    names = holdfast.__all__
+    assert len(set(names)) == len(names)
+    for name in names:
+        thing = getattr(holdfast, name)
+        assert type(thing).__name__ != "module", name
+    exported = {name for name, thing in vars(holdfast).items() if not name.startswith("_") and _ours(thing)}
+    assert exported <= set(names)
+
+
+def _ours(thing) -> bool:
+    """Return whether a thing is a class or function of the library."""
+    return callable(thing) and getattr(thing, "__module__", "").startswith("holdfast.")
+
+
+def fresh(code: str) -> str:
+    """Return what a fresh interpreter prints."""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return run.stdout.strip()
+
+
+def test_import_loads_little():
+    """`import holdfast` brings NumPy and nothing heavy."""
+    loaded = fresh("import sys, holdfast; print(*{m.split('.')[0] for m in sys.modules})").split()
+    assert "numpy" in loaded
+    assert not set(loaded) & set(HEAVY)
+
+
+def test_import_is_quick():
+    """`import holdfast` takes at most 0.15 s of processor time, the best of five."""
+    code = "import time; t = time.process_time(); import holdfast; print(time.process_time() - t)"
+    assert min(float(fresh(code)) for _ in range(5)) <= 0.15
