@@ -76,7 +76,7 @@ def solve_by_elimination(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:
     Raises:
         ZeroDivisionError: the matrix is exactly singular.
     """
-    rows = [list(row) + [value] for row, value in zip(matrix, rhs, strict=True)]
+    rows = [[*list(row), value] for row, value in zip(matrix, rhs, strict=True)]
     size = len(rows)
     for column in range(size):
         _bring_up_pivot(rows, column)
