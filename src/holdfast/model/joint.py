@@ -60,7 +60,7 @@ class Joint:
             put(self, quantity, checks.number(getattr(self, quantity), f"{label}: {quantity}", at_least=0.0))
         for quantity in ("rate_limit", "effort_limit"):
             limit = getattr(self, quantity)
-            if not isinstance(limit, (Real, np.number)) or not limit > 0:
+            if not isinstance(limit, (Real, np.number)) or not float(limit) > 0:
                 raise ModelError(f"{label}: {quantity}: expected a number > 0, got {limit!r}")
             put(self, quantity, float(limit))
         try:
