@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, sqrt, where
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, reciprocal, sqrt, where
 from holdfast.spatial.vector import outer
 
 RANK_TOLERANCE = 1e-12
@@ -75,7 +75,7 @@ def cholesky(S: Array) -> Array:
     rest, columns = S, []
     for j in range(n):
         diagonal = sqrt(rest[0, 0])
-        below = rest[1:, 0] / diagonal
+        below = rest[1:, 0] * reciprocal(diagonal)  # one division a column
         columns.append(concatenate([np.zeros(j), [diagonal], below]))
         rest = rest[1:, 1:] - outer(below, below)
     return array(columns).T
@@ -86,7 +86,7 @@ def forward_substitution(L: Array, b: Array) -> Array:
     rows = []
     for j in range(len(L)):
         known = sum((L[j, i] * rows[i] for i in range(j)), start=0.0 * b[j])
-        rows.append((b[j] - known) / L[j, j])
+        rows.append((b[j] - known) * reciprocal(L[j, j]))  # one division for all columns
     return array(rows)
 
 
@@ -96,5 +96,5 @@ def back_substitution(L: Array, b: Array) -> Array:
     rows: list[Array] = [b[0]] * n
     for j in reversed(range(n)):
         known = sum((L[i, j] * rows[i] for i in range(j + 1, n)), start=0.0 * b[j])
-        rows[j] = (b[j] - known) / L[j, j]
+        rows[j] = (b[j] - known) * reciprocal(L[j, j])
     return array(rows)

@@ -31,6 +31,11 @@ def sqrt(x: Scalar) -> Scalar:
     return x.sqrt() if hasattr(x, "sqrt") else math.sqrt(x) if x >= 0 else math.nan
 
 
+def reciprocal(x: Scalar) -> Scalar:
+    """Return 1 / x; infinite at zero."""
+    return 1.0 / x if hasattr(x, "where") or x != 0 else math.inf
+
+
 def where(condition: Scalar, a: Scalar, b: Scalar) -> Scalar:
     """Return `a` if the condition holds, else `b`; both are evaluated beforehand."""
     return condition.where(a, b) if hasattr(condition, "where") else (a if condition else b)

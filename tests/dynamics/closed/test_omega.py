@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from holdfast import MethodNotApplicable
-from holdfast.dynamics.arm.articulated import articulated_filter
+from holdfast.dynamics.closed.filtered_arm import filtered_arms
 from holdfast.dynamics.closed.omega import Omega, omega_from_matrices, omega_recursive
 from holdfast.dynamics.closed.stacked import block_diagonal
 from tests.dynamics.closed.answered import nonrigid, rigid
@@ -16,8 +16,7 @@ from tests.dynamics.problems import relative_gap
 def test_two_ways(make, seed):
     """(4.9c) from matrices and (6.11d, e) from recursions, symmetric, equal to (3.1)."""
     o = make(seed)
-    filters = [articulated_filter(arm.arm, arm.at) for arm in o.motion.holding]
-    for omega in (omega_from_matrices(o.stacked), omega_recursive(o.motion, o.stacked, filters)):
+    for omega in (omega_from_matrices(o.stacked), omega_recursive(o.stacked, filtered_arms(o.motion))):
         assert relative_gap(omega.matrix, o.Omega) < 1e-11
         x = np.random.default_rng(seed).normal(size=(len(o.f), 2))
         assert relative_gap(omega.solve(omega.matrix @ x), x) < 1e-9

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast.dynamics.arm.articulated import Filter
 from holdfast.dynamics.arm.tip_mobility import tip_mobility
-from holdfast.dynamics.closed.chain_motion import ChainMotion
+from holdfast.dynamics.closed.filtered_arm import FilteredArm
 from holdfast.dynamics.closed.stacked import Stacked, block_diagonal
 from holdfast.errors import MethodNotApplicable
 from holdfast.spatial.linalg import MaskedLDL, ldl, ldl_solve
@@ -48,10 +47,9 @@ def omega_from_matrices(s: Stacked) -> Omega:
     return Omega(s.J @ s.mass_solve(s.J.T) + s.A @ s.M_C_inverse @ s.A.T)
 
 
-def omega_recursive(motion: ChainMotion, s: Stacked, filters: list[Filter]) -> Omega:
+def omega_recursive(s: Stacked, arms: list[FilteredArm]) -> Omega:
     """Return Omega from the recursion (6.10) for each arm (6.11d, e)."""
     mobilities = [
-        tip_mobility(arm.arm, arm.at, filter).rotated(arm.at.R[-1]).dense()
-        for arm, filter in zip(motion.holding, filters, strict=True)
+        tip_mobility(arm.motion.arm, arm.motion.at, arm.filter).rotated(arm.motion.at.R[-1]).dense() for arm in arms
     ]
     return Omega(block_diagonal(mobilities) + s.A @ s.M_C_inverse @ s.A.T)

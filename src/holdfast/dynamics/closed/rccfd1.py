@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from holdfast.dynamics.arm.articulated import articulated_filter, smooth, whiten
-from holdfast.dynamics.arm.bias import bias_torque
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
+from holdfast.dynamics.closed.filtered_arm import filtered_arms, per_arm
 from holdfast.dynamics.closed.omega import omega_recursive
 from holdfast.dynamics.closed.stacked import Stacked
 from holdfast.spatial.scalar import concatenate
-from holdfast.spatial.spatial_vector import rotate, unrotate
 
 
 def rccfd1(motion: ChainMotion) -> Solution:
@@ -23,24 +21,14 @@ def rccfd1(motion: ChainMotion) -> Solution:
         MethodNotApplicable: if Omega is singular or has lost its digits.
     """
     s = Stacked(motion)
-    arms = motion.holding
-    filters = [articulated_filter(arm.arm, arm.at) for arm in arms]
+    arms = filtered_arms(motion)
 
-    free, alpha_f = [], []
-    for arm, filter in zip(arms, filters, strict=True):
-        C, _ = bias_torque(arm.arm, arm.at, arm.bias.wrenches)
-        eps, _ = whiten(arm.arm, arm.at, filter, arm.torque - C, None, None)
-        qdd_f, tip = smooth(arm.arm, arm.at, filter, eps / filter.D)
-        free.append(qdd_f)
-        alpha_f.append(rotate(arm.at.R[-1], tip) + arm.bias.tip_acceleration)
+    free = [arm.smoothed(arm.residual(arm.T_free)) for arm in arms]
+    alpha_f = concatenate(tip + arm.motion.bias.tip_acceleration for arm, (_, tip) in zip(arms, free, strict=True))
 
-    omega = omega_recursive(motion, s, filters)
-    f = omega.solve(concatenate(alpha_f) - s.A @ s.object_free - s.a)
+    f = omega_recursive(s, arms).solve(alpha_f - s.A @ s.object_free - s.a)
 
-    qdd = []
-    for i, (arm, filter) in enumerate(zip(arms, filters, strict=True)):
-        # whiten(0, f) = -H psi B f, the sign that (6.11g) lacks in print
-        share, _ = whiten(arm.arm, arm.at, filter, None, None, unrotate(arm.at.R[-1], f[6 * i : 6 * i + 6]))
-        change, _ = smooth(arm.arm, arm.at, filter, share / filter.D)
-        qdd.append(free[i] + change)
+    # residual(0, f) = -H psi B f carries the sign that (6.11g) lacks in print
+    changes = [arm.smoothed(arm.residual(None, f_i))[0] for arm, f_i in zip(arms, per_arm(f), strict=True)]
+    qdd = [qdd_f + change for (qdd_f, _), change in zip(free, changes, strict=True)]
     return s.solution(concatenate(qdd), f)

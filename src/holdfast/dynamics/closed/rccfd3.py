@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from holdfast.dynamics.arm.articulated import articulated_filter, smooth, whiten
-from holdfast.dynamics.arm.bias import bias_torque
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
+from holdfast.dynamics.closed.filtered_arm import filtered_arms, per_arm
 from holdfast.dynamics.closed.omega import omega_recursive
 from holdfast.dynamics.closed.stacked import Stacked
 from holdfast.spatial.scalar import concatenate
-from holdfast.spatial.spatial_vector import rotate, unrotate
 
 
 def rccfd3(motion: ChainMotion) -> Solution:
@@ -24,25 +22,18 @@ def rccfd3(motion: ChainMotion) -> Solution:
         MethodNotApplicable: if Omega is singular or has lost its digits.
     """
     s = Stacked(motion)
-    arms = motion.holding
-    filters = [articulated_filter(arm.arm, arm.at) for arm in arms]
-    omega = omega_recursive(motion, s, filters)
+    arms = filtered_arms(motion)
+    omega = omega_recursive(s, arms)
     zeta = omega.solve(s.a_prime)
 
-    residuals, tips = [], []
-    for arm, filter in zip(arms, filters, strict=True):
-        C, _ = bias_torque(arm.arm, arm.at, arm.bias.wrenches)
-        eps, _ = whiten(arm.arm, arm.at, filter, arm.torque - C, None, None)
-        residuals.append(eps)
-        tips.append(rotate(arm.at.R[-1], smooth(arm.arm, arm.at, filter, eps / filter.D)[1]))
-    x = omega.solve(concatenate(tips))
+    residuals = [arm.residual(arm.T_free) for arm in arms]
+    tips = concatenate(arm.smoothed(eps)[1] for arm, eps in zip(arms, residuals, strict=True))
+    x = omega.solve(tips)
 
     qdd = []
-    for i, (arm, filter, eps) in enumerate(zip(arms, filters, residuals, strict=True)):
-        R, part = arm.at.R[-1], slice(6 * i, 6 * i + 6)
-        minus_HpsiB_x, _ = whiten(arm.arm, arm.at, filter, None, None, unrotate(R, x[part]))
-        minus_HpsiB_zeta, _ = whiten(arm.arm, arm.at, filter, None, None, unrotate(R, zeta[part]))
-        qdd1, _ = smooth(arm.arm, arm.at, filter, (eps + minus_HpsiB_x) / filter.D)
-        qdd2, _ = smooth(arm.arm, arm.at, filter, -minus_HpsiB_zeta / filter.D)
+    for arm, eps, x_i, zeta_i in zip(arms, residuals, per_arm(x), per_arm(zeta), strict=True):
+        # residual(0, v) = -H psi B v
+        qdd1, _ = arm.smoothed(eps + arm.residual(None, x_i))
+        qdd2, _ = arm.smoothed(-arm.residual(None, zeta_i))
         qdd.append(qdd1 + qdd2)
     return s.solution(concatenate(qdd), x - zeta)

@@ -12,6 +12,7 @@ from holdfast.spatial.vector import outer
 
 # A pivot of K Lambda K^T below this part of its scale is rounding: the arm cannot move there.
 ROUNDING = 1e-15
+SAME = 1e-12  # scaled pivots closer than this are taken for equal
 
 
 def row_steps(x: Array, P: FactoredMobility, m: Measurement, scale: Array) -> tuple[Array, FactoredMobility, Step]:
@@ -58,7 +59,8 @@ def independent_rows(m: Measurement, scale: Array) -> tuple[list[Scalar], Array]
         for i in range(j + 1, count):
             order = list(range(count))
             order[i], order[j] = j, i
-            larger = R[i, i] * rows[j, 7] > R[j, j] * rows[i, 7]
+            # by more than rounding: rows that are equally immobile keep their order
+            larger = R[i, i] * rows[j, 7] > (R[j, j] + SAME * rows[j, 7]) * rows[i, 7]
             R = select(larger, R[np.ix_(order, order)], R)
             rows = select(larger, rows[order], rows)
         if j >= m.most:  # what is left of R is the rounding of zero

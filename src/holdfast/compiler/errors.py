@@ -1,0 +1,46 @@
+"""The compiler's error, and where in the algorithm's text it happened."""
+
+from __future__ import annotations
+
+import linecache
+import sys
+import traceback
+from pathlib import Path
+
+import numpy as np
+
+from holdfast.errors import HoldfastError
+
+# Frames of these folders are machinery, not the text somebody wrote.
+_MACHINERY = (str(Path(__file__).parent), str(Path(np.__file__).parent))
+
+
+class CompileError(HoldfastError):
+    """An algorithm's text, a program or a kernel's arguments ask for what the compiler cannot do."""
+
+
+def place_of_call() -> str:
+    """Return file, line and source of the innermost running line of an algorithm's text."""
+    frame = sys._getframe(1)
+    while frame is not None:
+        if not _is_machinery(frame.f_code.co_filename):
+            return _described(frame.f_code.co_filename, frame.f_lineno)
+        frame = frame.f_back
+    return "an unknown place"
+
+
+def place_of_failure(error: BaseException) -> str:
+    """Return file, line and source of the innermost line of an algorithm's text that an exception went through."""
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        if not _is_machinery(frame.filename):
+            return _described(frame.filename, frame.lineno or 0)
+    return "an unknown place"
+
+
+def _is_machinery(filename: str) -> bool:
+    return filename.startswith(_MACHINERY) or filename.startswith("<__array_function__")
+
+
+def _described(filename: str, line: int) -> str:
+    source = linecache.getline(filename, line).strip()
+    return f"{filename}:{line}" + (f": `{source}`" if source else "")

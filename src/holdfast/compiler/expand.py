@@ -1,0 +1,67 @@
+"""Sines and cosines of a program written out in elementary operations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from holdfast.compiler import trigonometry
+from holdfast.compiler.fuse import fuse
+from holdfast.compiler.graph import Graph, Value
+from holdfast.compiler.node import Node
+from holdfast.compiler.program import Output, Program
+from holdfast.compiler.trace import program_of
+
+
+def expand(program: Program) -> Program:
+    """Return the program with sines and cosines written out; it is the same one if there are none."""
+    if not program.counts["sin"] and not program.counts["cos"]:
+        return program
+    written = {"sin": trigonometry.sin, "cos": trigonometry.cos}
+    graph = Graph()
+    values = _replayed(program, graph, lambda kind, args: written[kind](*args) if kind in written else None)
+    return program_of(graph, program.input_shapes, [_result(graph, values, output) for output in program.outputs])
+
+
+def lowered(program: Program, fused: bool = True) -> Program:
+    """Return the program as interpreter and machine run it: expanded, then fused."""
+    program = expand(program)
+    return fuse(program) if fused else program
+
+
+def with_status(program: Program) -> Program:
+    """Return the program with one more result, of shape (): 1.0 if an argument of `sin` or `cos` is too large.
+
+    Too large is beyond 1e5 rad or not a number; otherwise the result is 0.0.
+    """
+    graph = Graph()
+    values = _replayed(program, graph, lambda kind, args: None)
+    status: Value = 0.0
+    for instruction in program.instructions:
+        if instruction.kind in ("sin", "cos"):
+            small = graph.apply("less_equal", abs(values[instruction.args[0]]), trigonometry.LARGEST_ARGUMENT)
+            status = graph.apply("select", small, status, 1.0)
+    results = [_result(graph, values, output) for output in program.outputs]
+    return program_of(graph, program.input_shapes, [*results, ((), [_node(graph, status)])])
+
+
+def _replayed(program: Program, graph: Graph, rewrite: Callable[[str, list[Value]], Value | None]) -> list[Value]:
+    """Return what every instruction is in a new graph, where `rewrite` may replace operations."""
+    values: list[Value] = []
+    for kind, places, number in program.instructions:
+        args = [values[p] for p in places]
+        if kind == "input":
+            values.append(graph.input())
+        elif kind == "constant":
+            values.append(number)
+        else:
+            new = rewrite(kind, args)
+            values.append(graph.apply(kind, *args) if new is None else new)
+    return values
+
+
+def _result(graph: Graph, values: list[Value], output: Output) -> tuple[tuple[int, ...], list[Node]]:
+    return output.shape, [_node(graph, values[p]) for p in output.places]
+
+
+def _node(graph: Graph, x: Value) -> Node:
+    return x if isinstance(x, Node) else graph.constant(x)

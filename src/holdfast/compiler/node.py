@@ -1,0 +1,149 @@
+"""One scalar whose value is not known yet: what an algorithm's text computes with while it is traced."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import numpy as np
+
+from holdfast.compiler.arithmetic import TRUTHS
+from holdfast.compiler.errors import CompileError, place_of_call
+
+if TYPE_CHECKING:
+    from holdfast.compiler.graph import Graph
+
+_NUMBERS = (float, int, np.floating, np.integer, np.bool_)
+
+
+def _binary(kind: str, swapped: bool = False) -> Callable[[Node, Any], Any]:
+    """Return an operator method; arrays are left to NumPy, which comes back element by element."""
+
+    def operator(self: Node, other: Any) -> Any:
+        if not isinstance(other, Node):
+            if not isinstance(other, _NUMBERS):
+                return NotImplemented
+            other = float(other)
+        return self.graph.apply(kind, other, self) if swapped else self.graph.apply(kind, self, other)
+
+    return operator
+
+
+def _misuse(what: str, instead: str) -> Callable[..., NoReturn]:
+    """Return a method that refuses what would silently bake one value into the program."""
+
+    def refuse(self: Node, *_: Any) -> NoReturn:
+        raise CompileError(f"{place_of_call()}: {what} of a traced value, which is known only at run time; {instead}")
+
+    return refuse
+
+
+class Node:
+    """One operation on other nodes: a float64, or a truth value if it is a comparison.
+
+    Made by a `Graph` only; equal operations are the same object.
+
+    Attributes:
+        graph: where it lives.
+        serial: its place in the order of making.
+        kind: `input`, `constant` or an operation of `arithmetic.OPERATIONS`, `sin`, `cos`.
+        args: the operands.
+        value: the number, of a constant.
+    """
+
+    __slots__ = ("args", "graph", "kind", "serial", "value")
+
+    # Between NumPy's scalars and its arrays: np.float64(2) * node comes to the node at once,
+    # array * node goes element by element.
+    __array_priority__ = -1.0
+
+    def __init__(self, graph: Graph, serial: int, kind: str, args: tuple[Node, ...], value: float) -> None:
+        self.graph, self.serial, self.kind, self.args, self.value = graph, serial, kind, args, value
+
+    @property
+    def is_truth(self) -> bool:
+        """Whether it is a truth value rather than a number."""
+        return self.kind in TRUTHS
+
+    __add__ = _binary("add")
+    __radd__ = _binary("add", swapped=True)
+    __sub__ = _binary("subtract")
+    __rsub__ = _binary("subtract", swapped=True)
+    __mul__ = _binary("multiply")
+    __rmul__ = _binary("multiply", swapped=True)
+    __truediv__ = _binary("divide")
+    __rtruediv__ = _binary("divide", swapped=True)
+    __lt__ = _binary("less")
+    __gt__ = _binary("less", swapped=True)
+    __le__ = _binary("less_equal")
+    __ge__ = _binary("less_equal", swapped=True)
+
+    def __neg__(self) -> Any:
+        return self.graph.apply("negate", self)
+
+    def __pos__(self) -> Node:
+        return self
+
+    def __abs__(self) -> Any:
+        return self.graph.apply("absolute", self)
+
+    def __pow__(self, power: Any) -> Any:
+        """Return an integer power, by repeated squaring."""
+        if isinstance(power, Node) or not isinstance(power, _NUMBERS) or power != int(power):
+            raise CompileError(f"{place_of_call()}: expected an integer power of a traced value, got {power!r}")
+        exponent, square, result = abs(int(power)), self, 1.0
+        while exponent:
+            if exponent & 1:
+                result = square * result
+            exponent >>= 1
+            if exponent:
+                square = square * square
+        return 1.0 / result if power < 0 else result
+
+    def sqrt(self) -> Any:
+        """Return the square root."""
+        return self.graph.apply("sqrt", self)
+
+    def sin(self) -> Any:
+        """Return the sine."""
+        return self.graph.apply("sin", self)
+
+    def cos(self) -> Any:
+        """Return the cosine."""
+        return self.graph.apply("cos", self)
+
+    def fma(self, b: Any, c: Any) -> Any:
+        """Return self b + c, rounded once."""
+        return self.graph.apply("fma", self, _operand(b), _operand(c))
+
+    def where(self, a: Any, b: Any) -> Any:
+        """Return a if this truth value holds, else b; both are evaluated."""
+        if not self.is_truth:
+            raise CompileError(f"{place_of_call()}: expected a comparison as the condition of `where`, got a number")
+        return self.graph.apply("select", self, _operand(a), _operand(b))
+
+    __hash__ = object.__hash__
+    _choose = "try where(condition, a, b)"
+    __bool__ = _misuse("the truth (`if`, `and`, `not`, max, sorting)", _choose)
+    __eq__ = _misuse("equality (==, in)", "compare with < or <=, or with `is` for identity")  # type: ignore[assignment]
+    __ne__ = _misuse("inequality (!=)", "compare with < or <=")  # type: ignore[assignment]
+    __float__ = _misuse(
+        "the number (float, math.*, writing into a float array)", "try holdfast.spatial.scalar's functions"
+    )
+    __int__ = _misuse("the integer (int)", _choose)
+    __index__ = _misuse("an index", _choose)
+    __complex__ = _misuse("the complex number", "use real arithmetic")
+
+    def __repr__(self) -> str:
+        """Return a short text; operands by serial number."""
+        return f"<{self.kind} #{self.serial} of {', '.join(f'#{a.serial}' for a in self.args) or 'nothing'}>"
+
+
+def _operand(x: Any) -> Any:
+    if isinstance(x, Node):
+        return x
+    if isinstance(x, _NUMBERS):
+        return float(x)
+    raise CompileError(
+        f"{place_of_call()}: expected a number, got {type(x).__name__}; arrays go entry by entry (select)"
+    )

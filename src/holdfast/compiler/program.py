@@ -1,0 +1,96 @@
+"""A traced algorithm as a list of instructions, operands before their uses."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+Shape = tuple[int, ...]
+
+
+class Instruction(NamedTuple):
+    """One operation.
+
+    Attributes:
+        kind: `input`, `constant`, or an operation.
+        args: places of the operands in the list.
+        value: the number, of a constant.
+    """
+
+    kind: str
+    args: tuple[int, ...] = ()
+    value: float = 0.0
+
+
+class Output(NamedTuple):
+    """One array of results.
+
+    Attributes:
+        shape: its shape.
+        places: where its entries are computed, in C order.
+    """
+
+    shape: Shape
+    places: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Program:
+    """A function of float64 arrays without branches or loops.
+
+    Attributes:
+        input_shapes: shapes of the arguments.
+        instructions: the inputs in C order, argument by argument, then constants and operations.
+        outputs: the results.
+    """
+
+    input_shapes: tuple[Shape, ...]
+    instructions: tuple[Instruction, ...]
+    outputs: tuple[Output, ...]
+
+    @property
+    def input_size(self) -> int:
+        """How many numbers go in."""
+        return sum(math.prod(shape) for shape in self.input_shapes)
+
+    @property
+    def output_size(self) -> int:
+        """How many numbers come out."""
+        return sum(len(output.places) for output in self.outputs)
+
+    @cached_property
+    def counts(self) -> Counter[str]:
+        """How many instructions of each kind there are, inputs and constants apart."""
+        return Counter(i.kind for i in self.instructions if i.kind not in ("input", "constant"))
+
+    @property
+    def operation_count(self) -> int:
+        """How many arithmetic operations there are: signs, comparisons and selections are not counted."""
+        free = ("negate", "absolute", "less", "less_equal", "select")
+        return sum(n for kind, n in self.counts.items() if kind not in free)
+
+
+def pruned(input_shapes: tuple[Shape, ...], instructions: list[Instruction], outputs: Iterable[Output]) -> Program:
+    """Return the program without instructions that no output needs; unused inputs stay."""
+    outputs = tuple(outputs)
+    needed = [i.kind == "input" for i in instructions]
+    for output in outputs:
+        for place in output.places:
+            needed[place] = True
+    for place in reversed(range(len(instructions))):
+        if needed[place]:
+            for arg in instructions[place].args:
+                needed[arg] = True
+    kept = [place for place, wanted in enumerate(needed) if wanted]
+    new = {old: place for place, old in enumerate(kept)}
+    return Program(
+        input_shapes,
+        tuple(
+            Instruction(i.kind, tuple(new[a] for a in i.args), i.value) for i in (instructions[place] for place in kept)
+        ),
+        tuple(Output(output.shape, tuple(new[p] for p in output.places)) for output in outputs),
+    )

@@ -1,0 +1,74 @@
+"""Running an algorithm's text once on nodes, to learn what it computes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+
+from holdfast.compiler.errors import CompileError, place_of_failure
+from holdfast.compiler.graph import Graph
+from holdfast.compiler.node import Node
+from holdfast.compiler.program import Instruction, Output, Program, Shape, pruned
+from holdfast.errors import HoldfastError
+
+
+def trace(function: Callable[..., tuple[Any, ...]], input_shapes: Iterable[Shape]) -> Program:
+    """Return what a function computes as a program.
+
+    Args:
+        function: takes one array per shape, returns a tuple of arrays and numbers. Numbers of the
+            text become constants of the program; truth values come out as 1.0 and 0.0.
+        input_shapes: the arguments' shapes.
+
+    Raises:
+        CompileError: naming the line of the text that does what cannot be traced.
+    """
+    graph = Graph()
+    shapes = tuple(tuple(shape) for shape in input_shapes)
+    try:
+        results = function(*[_inputs(graph, shape) for shape in shapes])
+    except HoldfastError:
+        raise
+    except Exception as error:
+        raise CompileError(
+            f"{place_of_failure(error)}: this cannot be traced ({type(error).__name__}: {error}); an algorithm's text"
+            " uses + - * /, comparisons and holdfast.spatial.scalar on small arrays"
+        ) from error
+    if not isinstance(results, tuple):
+        raise CompileError(f"trace: expected the function to return a tuple of arrays, got {type(results).__name__}")
+    return program_of(graph, shapes, [_result(graph, k, x) for k, x in enumerate(results)])
+
+
+def program_of(graph: Graph, input_shapes: tuple[Shape, ...], results: list[tuple[Shape, list[Node]]]) -> Program:
+    """Return the program that computes the given nodes of a graph, in the order of their making."""
+    instructions = [Instruction(n.kind, tuple(a.serial for a in n.args), n.value) for n in graph.nodes]
+    outputs = [Output(shape, tuple(n.serial for n in nodes)) for shape, nodes in results]
+    return pruned(input_shapes, instructions, outputs)
+
+
+def _inputs(graph: Graph, shape: Shape) -> np.ndarray:
+    entries = np.empty(math.prod(shape), dtype=object)
+    for i in range(len(entries)):
+        entries[i] = graph.input()
+    entries = entries.reshape(shape)
+    entries.flags.writeable = False  # a text that writes into its arguments is refused where it does
+    return entries
+
+
+def _result(graph: Graph, number: int, result: Any) -> tuple[Shape, list[Node]]:
+    entries = np.asarray(result, dtype=object)
+    return entries.shape, [_output(graph, number, x) for x in entries.flat]
+
+
+def _output(graph: Graph, number: int, x: Any) -> Node:
+    if isinstance(x, Node):
+        if x.graph is not graph:
+            raise CompileError(f"trace: result {number} holds a value of another trace")
+        return graph.make("select", x, 1.0, 0.0) if x.is_truth else x
+    try:
+        return graph.constant(float(x))
+    except (TypeError, ValueError) as error:
+        raise CompileError(f"trace: expected numbers in result {number}, got {x!r}") from error

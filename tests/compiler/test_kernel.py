@@ -1,0 +1,191 @@
+"""Machine code: the interpreter's bits, alone, in lanes, in tails, in threads; and what is refused."""
+
+import gc
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from holdfast.compiler import cpu
+from holdfast.compiler.errors import CompileError
+from holdfast.compiler.interpret import interpret
+from holdfast.compiler.kernel import compile_program
+from holdfast.compiler.trace import trace
+from tests.compiler.programs import NUMBERS, all_same_bits, programs
+
+SIZES = st.sampled_from([1, 2, 3, 7, 8, 9, 17])
+
+
+@settings(max_examples=60, deadline=None)
+@given(programs(), SIZES, st.data())
+def test_same_bits(program, batch, data):
+    """Interpreter = single = lanes = tails = threads on random programs and inputs."""
+    assert cpu.has_fma()
+    values = data.draw(st.lists(NUMBERS, min_size=7, max_size=7))
+    random = np.random.default_rng(batch)
+    with np.errstate(over="ignore"):
+        x = np.array(values) * np.concatenate([[np.ones(7)], random.uniform(-2, 2, (batch - 1, 7))])
+    a, b = x[:, :3].copy(), x[:, 3:].reshape(batch, 2, 2).copy()
+    kernel = compile_program(program)
+    singles = [kernel(a[i], b[i]) for i in range(batch)]
+    for i in (0, batch - 1):
+        assert all_same_bits(singles[i], interpret(program, a[i], b[i]))
+    stacked = tuple(np.stack([s[k] for s in singles]) for k in range(2))
+    for threads in (1, 3):
+        assert all_same_bits(kernel(a, b, threads=threads), stacked)
+    assert all_same_bits(compile_program(program, lanes=2)(a, b), stacked)
+
+
+@settings(max_examples=20, deadline=None)
+@given(programs())
+def test_unfused(program):
+    """LLVM does not fuse on its own."""
+    x = (np.array([0.3, -1.7, 2.9]), np.array([[0.1, 5.3], [-0.7, 1.1]]))
+    assert all_same_bits(compile_program(program, fused=False)(*x), interpret(program, *x, fused=False))
+
+
+@pytest.fixture(scope="module")
+def kernel():
+    """A kernel of A (2, 2), x (2,), s () with a matrix, a vector and a number as results."""
+    return compile_program(trace(lambda A, x, s: (A @ A * s[()], A @ x, x @ x), [(2, 2), (2,), ()]))
+
+
+def numbers(batch):
+    """Return random inputs of the kernel."""
+    random = np.random.default_rng(0)
+    return random.normal(size=(batch, 2, 2)), random.normal(size=(batch, 2)), random.normal(size=batch)
+
+
+def test_values(kernel):
+    """Against NumPy."""
+    A, x, s = numbers(13)
+    AA, Ax, xx = kernel(A, x, s)
+    np.testing.assert_allclose(AA, A @ A * s[:, None, None], rtol=1e-14)
+    np.testing.assert_allclose(Ax, np.einsum("bij,bj->bi", A, x), rtol=1e-13)
+    np.testing.assert_allclose(xx, (x * x).sum(1), rtol=1e-14)
+    assert [r.shape for r in kernel(A[0], x[0], s[0])] == [(2, 2), (2,), ()]
+
+
+def test_shared_inputs(kernel):
+    """An input without the batch axis is the same for all systems."""
+    A, x, _ = numbers(5)
+    found = kernel(A[2], x, 0.5)
+    assert all_same_bits(found, kernel(np.repeat(A[2:3], 5, 0), x, np.full(5, 0.5)))
+
+
+def test_other_arrays(kernel):
+    """Lists, integers, single precision and strided views are taken at their value."""
+    A, x, s = numbers(5)
+    assert all_same_bits(
+        kernel([[1, 2], [3, 4]], [5, 6], 7), kernel(np.array([[1.0, 2], [3, 4]]), np.array([5.0, 6]), 7.0)
+    )
+    wide = np.zeros((5, 4))
+    wide[:, ::2] = x
+    assert all_same_bits(kernel(A, wide[:, ::2], s), kernel(A, x, s))
+    assert all_same_bits(kernel(A.transpose(0, 2, 1), x, s), kernel(A.transpose(0, 2, 1).copy(), x, s))
+    assert all_same_bits(kernel(A[0].T, x[0], s[0]), kernel(A[0].T.copy(), x[0], s[0]))
+
+
+@pytest.mark.parametrize("batch", [None, 0, 1, 11])
+def test_out(kernel, batch):
+    """Results go where the caller wants them, and only there."""
+    given = numbers(batch) if batch is not None else tuple(a[0] for a in numbers(1))
+    expected = kernel(*given)
+    around = [np.full((r.size + 2,), 7.0) for r in expected]
+    out = tuple(a[1:-1].reshape(r.shape) for a, r in zip(around, expected, strict=True))
+    assert kernel(*given, out=out, threads=2) is out
+    assert all_same_bits(out, expected)
+    assert all(a[0] == a[-1] == 7.0 for a in around)
+
+
+def test_results_are_the_callers(kernel):
+    """A later call leaves earlier results alone."""
+    A, x, s = numbers(2)
+    first = kernel(A[0], x[0], s[0])
+    kept = [r.copy() for r in first]
+    kernel(A[1], x[1], s[1])
+    assert all_same_bits(first, tuple(kept))
+
+
+def test_bound(kernel):
+    """Arrays of its own, written and read in place; two of them are apart, and outlive the kernel."""
+    A, x, s = numbers(2)
+    one, other = kernel.bind(), kernel.bind()
+    for bound, i in ((one, 0), (other, 1)):
+        for view, value in zip(bound.inputs, (A[i], x[i], s[i]), strict=True):
+            view[...] = value
+        bound()
+    assert all_same_bits(one.outputs, kernel(A[0], x[0], s[0]))
+    assert all_same_bits(other.outputs, kernel(A[1], x[1], s[1]))
+    alone = compile_program(trace(lambda x: (x * 2.0,), [(2,)])).bind()
+    gc.collect()
+    alone.inputs[0][...] = 1.5
+    alone()
+    assert np.array_equal(alone.outputs[0], [3.0, 3.0])
+
+
+def test_threads_of_the_caller(kernel):
+    """Single calls and batches from many threads do not disturb each other."""
+    A, x, s = numbers(64)
+    expected = kernel(A, x, s)
+
+    def call(i: int) -> bool:
+        single = all_same_bits(kernel(A[i], x[i], s[i]), tuple(r[i] for r in expected))
+        return single and all_same_bits(kernel(A, x, s), expected)
+
+    with ThreadPoolExecutor(8) as pool:
+        assert all(pool.map(call, [*range(64)] * 20))
+
+
+def test_refusals(kernel):
+    """Whatever does not fit is named before machine code sees an address."""
+    A, x, s = numbers(4)
+    out = kernel(A, x, s)
+    for message, call in {
+        "expected 3 inputs": lambda: kernel(A, x),
+        r"input 1: expected shape \(2,\)": lambda: kernel(A, x[:, :1], s),
+        "input 1: expected 4 systems": lambda: kernel(A, x[:3], s),
+        "input 0: expected real numbers": lambda: kernel(A.astype(complex), x, s),
+        "threads": lambda: kernel(A, x, s, threads=0),
+        "out: expected a tuple of 3": lambda: kernel(A, x, s, out=out[:2]),
+        "out 1: expected float64 of shape": lambda: kernel(A, x, s, out=(out[0], out[1][:3], out[2])),
+        "out 2: expected float64": lambda: kernel(A, x, s, out=(out[0], out[1], out[2].astype(np.float32))),
+        "out 0: expected a writable array in C order": lambda: kernel(
+            A, x, s, out=(out[0].transpose(0, 2, 1), out[1], out[2])
+        ),
+        "out 0: expected memory of its own": lambda: kernel(A, x, s, out=(A, out[1], out[2])),
+        "out 2: expected memory of its own": lambda: kernel(A, x, s, out=(*out[:2], out[1].reshape(-1)[:4])),
+    }.items():
+        with pytest.raises(CompileError, match=message):
+            call()
+
+
+def test_nothing_in_or_out():
+    """Programs without inputs, with empty ones, or without results."""
+    constant = compile_program(trace(lambda: (np.arange(3.0), 2.0), []))
+    assert np.array_equal(constant()[0], np.arange(3.0)) and constant()[1] == 2.0
+    empty = compile_program(trace(lambda x, y: (x, y * 2.0), [(0,), (2,)]))
+    first, second = empty(np.zeros((3, 0)), np.ones((3, 2)))
+    assert first.shape == (3, 0) and np.array_equal(second, np.full((3, 2), 2.0))
+    first, second = empty(np.zeros(0), np.ones(2))
+    assert first.shape == (0,) and np.array_equal(second, np.full(2, 2.0))
+    assert compile_program(trace(lambda x: (), [(2,)]))(np.ones((9, 2))) == ()
+
+
+def test_long_programs():
+    """More instructions than one block takes."""
+
+    def text(x):
+        for k in range(2500):
+            x = np.array([x[1] + 0.5 * x[0] * x[0], x[0] / (1.25 + x[1] * x[1])]) if k % 2 else x - x * x * 0.25
+        return (x, x[0])
+
+    program = trace(text, [(2,)])
+    assert len(program.instructions) > 10000
+    kernel = compile_program(program)
+    x = np.random.default_rng(1).uniform(0, 1, (9, 2))
+    singles = [kernel(row) for row in x]
+    assert all_same_bits(singles[3], interpret(program, x[3]))
+    assert all_same_bits(kernel(x), tuple(np.stack(r) for r in zip(*singles, strict=True)))

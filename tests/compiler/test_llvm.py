@@ -1,0 +1,42 @@
+"""The text given to LLVM."""
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from holdfast.compiler import cpu
+from holdfast.compiler.errors import CompileError
+from holdfast.compiler.expand import lowered
+from holdfast.compiler.llvm import batch_module, single_module
+from holdfast.compiler.trace import trace
+from tests.compiler.programs import programs
+
+FLAGS = re.compile(r"\b(fast|reassoc|contract|arcp|afn|nnan|ninf|nsz|unsafe-fp-math|fmuladd)\b")
+
+
+@settings(max_examples=50, deadline=None)
+@given(programs())
+def test_no_fast_math(program):
+    """No flag that would let LLVM change a bit, in any module."""
+    for text in (single_module(lowered(program)), batch_module(lowered(program), 4)):
+        assert not FLAGS.search(text)
+
+
+def test_constants_by_bits():
+    """Constants are written as bits, not rounded decimals."""
+    text = single_module(trace(lambda x: (x * 0.1, x + -0.0), [()]))
+    assert "0x3FB999999999999A" in text
+
+
+def test_refused_text():
+    """LLVM's own complaint comes through as ours."""
+    with pytest.raises(CompileError, match="LLVM refuses"):
+        cpu.Code("define nothing", "single")
+
+
+def test_lanes():
+    """Lanes are vectors; selections and comparisons too."""
+    text = batch_module(lowered(trace(lambda x: (np.sqrt(x), (x[0] < x[1]).where(x[0], 2.0)), [(2,)])), 4)
+    assert "@llvm.sqrt.v4f64" in text and "select <4 x i1>" in text and "fcmp olt <4 x double>" in text

@@ -1,0 +1,110 @@
+"""A real text: two seven-joint arms hold a box, `sequential` with q, qd, tau, object pose and twist as inputs."""
+
+import time
+import timeit
+
+import numpy as np
+import pytest
+
+from holdfast import ClosedChain, Grasp, HeldObject, Inputs, Pose, State
+from holdfast.compiler import cpu
+from holdfast.compiler.expand import lowered
+from holdfast.compiler.interpret import interpret
+from holdfast.compiler.kernel import Kernel, compile_program
+from holdfast.compiler.program import Program
+from holdfast.compiler.trace import trace
+from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.closed.sequential import sequential
+from holdfast.robots import ROBOTS
+from tests.compiler.programs import all_same_bits
+
+ARMS = {"left": ROBOTS["panda"](), "right": ROBOTS["panda"]().at(Pose.translation(1.0, 0.0, 0.0))}
+SIDES = {"left": -0.2, "right": 0.2}
+
+
+def chain(kind: str) -> ClosedChain:
+    """Return two arms and a box, both grasps of one kind."""
+    grasps = {name: Grasp(kind, Pose.translation(x, 0.0, 0.0)) for name, x in SIDES.items()}
+    return ClosedChain(ARMS, HeldObject.box(3.0, 0.4, 0.3, 0.2), grasps)
+
+
+def text(kind: str):
+    """Return the algorithm as a function of arrays."""
+    held = chain(kind)
+
+    def accelerations(q, qd, tau, pose, twist):
+        motion = chain_motion(held, State(q, qd, pose, twist), tau, Inputs().shaped(held))
+        found = sequential(motion)
+        assert found.base_wrenches is not None
+        joined = [np.concatenate(x) for x in (found.qdd, found.wrenches, found.base_wrenches)]
+        return (*joined, found.object_acceleration, found.rank, found.weakest_pivot)
+
+    return accelerations
+
+
+def states(batch: int) -> tuple[np.ndarray, ...]:
+    """Return random q, qd, tau, pose, twist."""
+    random = np.random.default_rng(6)
+    q, qd, tau = (random.uniform(-1, 1, (batch, 14)) for _ in range(3))
+    quaternions = random.normal(size=(batch, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
+    return q, qd, tau, np.hstack([quaternions, random.normal(size=(batch, 3))]), random.normal(size=(batch, 6))
+
+
+SHAPES = [(14,), (14,), (14,), (7,), (6,)]
+
+
+@pytest.fixture(scope="module", params=["rigid", "hinge", "softfinger", "ball"])
+def traced(request) -> tuple[str, Program, Kernel]:
+    """Grasp kind, program and kernel."""
+    program = trace(text(request.param), SHAPES)
+    return request.param, program, compile_program(program)
+
+
+def test_against_the_float_reading(traced):
+    """The same text on floats agrees to 1e-11 of each result's size."""
+    kind, _, kernel = traced
+    batch = states(11)
+    results = kernel(*batch)
+    for i in range(11):
+        for found, expected in zip(results, text(kind)(*(x[i] for x in batch)), strict=True):
+            assert np.abs(found[i] - expected).max() <= 1e-11 * max(1.0, np.abs(expected).max())
+
+
+def test_same_bits(traced):
+    """Interpreter = single = lanes = tails = threads."""
+    _, program, kernel = traced
+    batch = states(2 * kernel.lanes + 3)
+    singles = [kernel(*(x[i] for x in batch)) for i in range(len(batch[0]))]
+    for i in (0, 1):
+        assert all_same_bits(singles[i], interpret(program, *(x[i] for x in batch)))
+    stacked = tuple(np.stack(results) for results in zip(*singles, strict=True))
+    for threads in (1, 2):
+        assert all_same_bits(kernel(*batch, threads=threads), stacked)
+
+
+def test_times(capsys):
+    """Counts and times, printed, not asserted: they are the machine's."""
+    clock = time.perf_counter
+    start = clock()
+    program = trace(text("rigid"), SHAPES)
+    traced = clock()
+    kernel = compile_program(program)
+    compiled = clock()
+    batch = states(2048)
+    out = kernel(*batch)
+    in_lanes = clock()
+    one = tuple(x[0] for x in states(1))
+
+    def best(call, number: int) -> float:
+        return 1e6 * min(timeit.repeat(call, number=number, repeat=5)) / number
+
+    small = lowered(program)
+    with capsys.disabled():
+        print(
+            f"\n2 x 7 joints, {cpu.lanes()} lanes: {program.operation_count} operations,"
+            f" {small.operation_count} after {small.counts['fma']} fma;"
+            f" trace {traced - start:.2f} s, compile {compiled - traced:.2f} s, for lanes {in_lanes - compiled:.2f} s;"
+            f" single call {best(lambda: kernel(*one), 1000):.2f} us, bound {best(kernel.bind(), 1000):.2f} us,"
+            f" in a batch {best(lambda: kernel(*batch, out=out), 3) / 2048:.3f} us per system"
+        )
