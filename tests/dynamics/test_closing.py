@@ -92,6 +92,19 @@ def test_limits(seed):
     assert np.abs(free.q - found.q).max() > 1e-3
 
 
+@pytest.mark.parametrize("room", [0.02, 0.1])
+@systems
+def test_narrow_limits(kind, seed, room):
+    """Joints that stand at a limit are left out of the step: the others still close the chains."""
+    p = random_problem(seed, **KINDS[kind])
+    off = 0.9 * room * np.random.default_rng(seed).uniform(-1, 1, p.chain.joint_count)
+    chain = limited(p.chain, p.state.q + off, room)  # a closed state lies within, near some limits
+    found = close(chain, perturbed(p, seed), inputs=p.inputs)
+    low, high = np.concatenate([a.position_limits for a in chain.arms.values()]).T
+    assert ((low <= found.q) & (found.q <= high)).all()
+    assert max(largest_gap(chain, found, p.inputs)) < 1e-12
+
+
 def test_limits_can_forbid():
     """Where no position within the limits closes the chains, that is an error."""
     p = stored("rigid_2arm_7R_gravity")

@@ -6,6 +6,7 @@ import pytest
 from holdfast import ClosureError, State, closure, project
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.stacked import Stacked, block_diagonal
+from holdfast.dynamics.constraint import constraint_rows
 from holdfast.dynamics.object_level import motion_basis
 from holdfast.dynamics.projection import constraint_impulses, moved, project_velocities
 from holdfast.spatial import rotation
@@ -68,6 +69,26 @@ def test_velocity_change_is_smallest(seed):
     change = np.r_[found.qd - rough.qd, found.object_twist - rough.object_twist]
     along = kinetic_metric(motion) @ motion_basis(p.chain, p.state)
     assert np.abs(change @ along).max() < 1e-11 * np.abs(along).max() * np.abs(change).max()
+
+
+@seeds
+def test_position_change_is_smallest(seed):
+    """So is the position change, on the position rows: a soft finger's spin is free to follow."""
+    p = random_problem(seed, **OPTIONS)
+    n, size = p.chain.joint_count, 1e-7
+    rng = np.random.default_rng(seed)
+    dq, dx = size * rng.normal(size=n), size * rng.normal(size=6)
+    off = moved(p.state, dq, dx)
+    found, motion = project(p.chain, off, p.inputs)
+    turn = rotation.log(found.object_frame.R @ off.object_frame.R.T)
+    change = np.r_[found.q - off.q, turn, found.object_pose[4:] - off.object_pose[4:]]
+    rows = constraint_rows(motion)
+    spin = rows.slices[2].start
+    assert p.chain.grasps["arm3"].kind == "softfinger"
+    held = np.delete(np.hstack([rows.joints, rows.object]), spin, axis=0)
+    _, sizes, Vt = np.linalg.svd(held)
+    along = kinetic_metric(motion) @ Vt[int((sizes > 1e-10 * sizes[0]).sum()) :].T
+    assert np.abs(change @ along).max() < 1e-4 * np.abs(along).max() * np.abs(change).max()
 
 
 @seeds

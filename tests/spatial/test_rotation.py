@@ -9,7 +9,20 @@ from holdfast.spatial import rotation
 from tests.systems.random_parts import rotation as random_rotation
 from tests.systems.random_parts import rotation_vector_matrix, unit_vector
 
-ANGLES = (0.0, 1e-300, 1e-12, 1e-9, 0.9999e-4, 1.0001e-4, 2e-4, 0.5, 2.0, 3.0, *(math.pi - d for d in (1e-3, 1e-8)))
+ANGLES = (
+    0.0,
+    1e-300,
+    1e-12,
+    1e-9,
+    0.9999e-4,
+    1.0001e-4,
+    2e-4,
+    1e-2,
+    0.5,
+    2.0,
+    3.0,
+    *(math.pi - d for d in (1e-3, 1e-8)),
+)
 AXES = [*np.eye(3), *-np.eye(3), *(unit_vector(np.random.default_rng(seed)) for seed in range(6))]
 
 

@@ -77,6 +77,16 @@ def test_mobility_of_light_objects(scale):
     assert (ratio < 1e-2) == (scale < 1e-2)
 
 
+@pytest.mark.parametrize("kind", ["rigid", "hinge", "softfinger", "ball"])
+@pytest.mark.parametrize("scale", [1e-16, 1e-12, 1e12])
+def test_rank_of_light_and_heavy_objects(kind, scale):
+    """Sound rows stay sound, however mobile the object would be by itself."""
+    motion = motion_of(random_problem(4, arms=3, joints=7, grasps=kind, object_scale=scale))
+    found, _ = filtered(motion)
+    assert found.rank == 18
+    assert found.weakest_pivot > 1e-9
+
+
 def test_nobody_holds():
     """Without grasps the object falls: alpha = M(C)^-1 (w - b), P = M(C)^-1, rank 0."""
     body = motion_of(random_problem(1, grasps="ball", arms=2)).body
