@@ -13,7 +13,7 @@ import numpy as np
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.spatial.scalar import Array
-from holdfast.spatial.spatial_vector import shift_twist
+from holdfast.spatial.spatial_vector import twist_shift
 
 
 class ConstraintRows(NamedTuple):
@@ -49,9 +49,8 @@ def constraint_rows(motion: ChainMotion) -> ConstraintRows:
         arm = motion.arms[name]
         rows = np.zeros((len(c.K), chain.joint_count))
         rows[:, chain.joints[name]] = c.K @ jacobian(arm.arm, arm.at)
-        A = np.array([shift_twist(c.offset, unit) for unit in np.eye(6)]).T
         joint_rows.append(rows)
-        object_rows.append(-c.K @ A)
+        object_rows.append(-c.K @ twist_shift(c.offset))
         slices.append(slice(start, start + len(rows)))
         start += len(rows)
     if not slices:

@@ -11,7 +11,7 @@ from holdfast.errors import MethodNotApplicable
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
-from holdfast.spatial.spatial_vector import shift_twist
+from holdfast.spatial.spatial_vector import twist_shift
 from holdfast.state import Inputs, State
 
 
@@ -45,7 +45,7 @@ def state_from_joints(
     tips = {name: _tip(chain, start, given, name) for name in chain.grasps}
     (first, (tip, _)), *_ = tips.items()
     pose = tip @ chain.grasps[first].frame.inverse()
-    A = np.concatenate([_shift(pose.R @ grasp.frame.p) for grasp in chain.grasps.values()])
+    A = np.concatenate([twist_shift(pose.R @ grasp.frame.p) for grasp in chain.grasps.values()])
     V = np.concatenate([twist for _, twist in tips.values()])
     state = State(q, qd, pose.wxyz_xyz, np.linalg.lstsq(A, V, rcond=None)[0])
     if check:
@@ -60,8 +60,3 @@ def _tip(chain: ClosedChain, state: State, given: Inputs, name: str) -> tuple[Po
     none = np.zeros(chain.arms[name].joint_count)
     motion = arm_motion(ArmInputs(chain.arms[name], state.q[part], state.qd[part], none, base, np.zeros(6)))
     return motion.at.tip, motion.tip_twist
-
-
-def _shift(offset: Array) -> Array:
-    """Return A_i = phi^T(C, O_i), (6, 6)."""
-    return np.array([shift_twist(offset, unit) for unit in np.eye(6)]).T

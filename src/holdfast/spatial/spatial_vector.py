@@ -4,7 +4,9 @@ phi(a, b) = [I, l~; 0, I] with l = b - a moves a wrench from point b to point a;
 phi^T(a, b) moves a twist from point a to point b (operators.md 1; paper after (2.5)).
 """
 
-from holdfast.spatial.scalar import Array, concatenate
+import numpy as np
+
+from holdfast.spatial.scalar import Array, array, concatenate
 from holdfast.spatial.vector import cross
 
 
@@ -16,6 +18,11 @@ def shift_wrench(l: Array, f: Array) -> Array:
 def shift_twist(l: Array, V: Array) -> Array:
     """Return phi^T V = [w; v + w x l]: the twist at a seen at b, l from a to b [m]."""
     return concatenate([V[:3], V[3:] + cross(V[:3], l)])
+
+
+def twist_shift(l: Array) -> Array:
+    """Return phi^T as a (6, 6) matrix: what `shift_twist` does, l from a to b [m]."""
+    return array([shift_twist(l, unit) for unit in np.eye(6)]).T
 
 
 def rotate(R: Array, x: Array) -> Array:

@@ -15,7 +15,7 @@ from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
 from holdfast.spatial.linalg import back_substitution, cholesky, forward_substitution
 from holdfast.spatial.scalar import Array, concatenate
-from holdfast.spatial.spatial_vector import shift_twist
+from holdfast.spatial.spatial_vector import twist_shift
 
 
 class Stacked:
@@ -62,7 +62,7 @@ class Stacked:
     @cached_property
     def A(self) -> Array:
         """A = [phi^T(C, O_i)] (2.6), (6l, 6): V(0) = A V(C)."""
-        blocks = [np.array([shift_twist(c.offset, unit) for unit in np.eye(6)]).T for c in self.motion.contacts]
+        blocks = [twist_shift(c.offset) for c in self.motion.contacts]
         return np.concatenate(blocks) if blocks else np.zeros((0, 6))
 
     @cached_property
