@@ -114,16 +114,17 @@ def test_bound(kernel):
     A, x, s = numbers(2)
     one, other = kernel.bind(), kernel.bind()
     for bound, i in ((one, 0), (other, 1)):
-        for view, value in zip(bound.inputs, (A[i], x[i], s[i]), strict=True):
-            view[...] = value
-        bound()
-    assert all_same_bits(one.outputs, kernel(A[0], x[0], s[0]))
-    assert all_same_bits(other.outputs, kernel(A[1], x[1], s[1]))
+        for name, value in zip(("in0", "in1", "in2"), (A[i], x[i], s[i]), strict=True):
+            bound.arrays[name][...] = value
+        assert bound.run() == 0
+    for bound, i in ((one, 0), (other, 1)):
+        outputs = tuple(bound.arrays[name] for name in ("out0", "out1", "out2"))
+        assert all_same_bits(outputs, kernel(A[i], x[i], s[i]))
     alone = compile_program(trace(lambda x: (x * 2.0,), [(2,)])).bind()
     gc.collect()
-    alone.inputs[0][...] = 1.5
-    alone()
-    assert np.array_equal(alone.outputs[0], [3.0, 3.0])
+    alone.arrays["in0"][...] = 1.5
+    alone.run()
+    assert np.array_equal(alone.arrays["out0"], [3.0, 3.0])
 
 
 def test_threads_of_the_caller(kernel):

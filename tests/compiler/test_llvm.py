@@ -7,11 +7,21 @@ import pytest
 from hypothesis import given, settings
 
 from holdfast.compiler import cpu
+from holdfast.compiler.batch_entry import batch_module
 from holdfast.compiler.errors import CompileError
 from holdfast.compiler.expand import lowered
-from holdfast.compiler.llvm import batch_module, single_module
+from holdfast.compiler.program import Program
+from holdfast.compiler.program_schedule import schedule_of
+from holdfast.compiler.single_entry import single_module
 from holdfast.compiler.trace import trace
 from tests.compiler.programs import programs
+
+
+def modules(program: Program, lanes: int = 4) -> tuple[str, str]:
+    """Return the texts of both modules of a program."""
+    schedule = schedule_of(lowered(program))
+    return single_module(schedule, lanes)[0], batch_module(schedule, lanes)[0]
+
 
 FLAGS = re.compile(r"\b(fast|reassoc|contract|arcp|afn|nnan|ninf|nsz|unsafe-fp-math|fmuladd)\b")
 
@@ -20,13 +30,13 @@ FLAGS = re.compile(r"\b(fast|reassoc|contract|arcp|afn|nnan|ninf|nsz|unsafe-fp-m
 @given(programs())
 def test_no_fast_math(program):
     """No flag that would let LLVM change a bit, in any module."""
-    for text in (single_module(lowered(program)), batch_module(lowered(program), 4)):
+    for text in modules(program):
         assert not FLAGS.search(text)
 
 
 def test_constants_by_bits():
     """Constants are written as bits, not rounded decimals."""
-    text = single_module(trace(lambda x: (x * 0.1, x + -0.0), [()]))
+    text = modules(trace(lambda x: (x * 0.1, x + -0.0), [()]))[0]
     assert "0x3FB999999999999A" in text
 
 
@@ -38,5 +48,5 @@ def test_refused_text():
 
 def test_lanes():
     """Lanes are vectors; selections and comparisons too."""
-    text = batch_module(lowered(trace(lambda x: (np.sqrt(x), (x[0] < x[1]).where(x[0], 2.0)), [(2,)])), 4)
+    text = modules(trace(lambda x: (np.sqrt(x), (x[0] < x[1]).where(x[0], 2.0)), [(2,)]))[1]
     assert "@llvm.sqrt.v4f64" in text and "select <4 x i1>" in text and "fcmp olt <4 x double>" in text

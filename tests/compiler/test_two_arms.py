@@ -105,6 +105,6 @@ def test_times(capsys):
             f"\n2 x 7 joints, {cpu.lanes()} lanes: {program.operation_count} operations,"
             f" {small.operation_count} after {small.counts['fma']} fma;"
             f" trace {traced - start:.2f} s, compile {compiled - traced:.2f} s, for lanes {in_lanes - compiled:.2f} s;"
-            f" single call {best(lambda: kernel(*one), 1000):.2f} us, bound {best(kernel.bind(), 1000):.2f} us,"
+            f" single call {best(lambda: kernel(*one), 1000):.2f} us, bound {best(kernel.bind().run, 1000):.2f} us,"
             f" in a batch {best(lambda: kernel(*batch, out=out), 3) / 2048:.3f} us per system"
         )

@@ -1,44 +1,52 @@
-"""A compiled program tied to arrays of its own: the shortest way to call it, for control loops."""
+"""A compiled schedule tied to arrays of its own: the shortest way to call it, for control loops."""
 
 from __future__ import annotations
 
 import ctypes
-import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
+from holdfast.compiler import builtin
 from holdfast.compiler.cpu import Code
-from holdfast.compiler.program import Program, Shape
+from holdfast.compiler.schedule import External
 
-_FUNCTION = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)  # lets other threads run meanwhile
+_RUN = ctypes.PYFUNCTYPE(None, ctypes.c_void_p)
 
 
 class Bound:
-    """Write into `inputs`, call, read from `outputs`; for one thread at a time.
+    """Write into `arrays`, call, read from `arrays`; for one thread at a time.
 
     Attributes:
-        inputs: an array of each input's shape; write with `inputs[k][...] = x`.
-        outputs: the results of the last call.
+        arrays: the inputs, parameters and outputs by name. After a change of parameters, `prepare`.
+        memory: the one block in which they all lie.
+        table: their addresses, then that of working memory.
+        run: the call: computes, and returns the status (0: all is well).
     """
 
-    def __init__(self, program: Program, code: Code) -> None:
+    def __init__(self, externals: Mapping[str, External], code: Code, arena: int) -> None:
         self._code = code  # alive as long as its address is used
-        self._function = _FUNCTION(code.address)
-        self._in, self._out = np.zeros(program.input_size), np.zeros(program.output_size)
-        self._addresses = self._in.ctypes.data, self._out.ctypes.data
-        self.inputs = _views(self._in, program.input_shapes)
-        self.outputs = _views(self._out, tuple(output.shape for output in program.outputs))
+        self.memory = aligned(sum(e.size for e in externals.values()))
+        self._arena = aligned(arena)
+        self.arrays: dict[str, np.ndarray] = {}
+        self.table = np.empty(len(externals) + 1, dtype=np.int64)
+        start = 0
+        for k, (name, external) in enumerate(externals.items()):
+            self.arrays[name] = self.memory[start : start + external.size].reshape(external.shape)
+            self.table[k] = self.memory.ctypes.data + 8 * start
+            start += external.size
+        self.table[-1] = self._arena.ctypes.data
+        self._prepare = _RUN(code.addresses["prepare"])
+        self.run: Any = builtin.no_argument_call(code.addresses["single"], self.table, self)
 
-    def __call__(self) -> None:
-        """Compute `outputs` from `inputs`."""
-        self._function(*self._addresses)
+    def prepare(self) -> None:
+        """Compute what depends on parameters only."""
+        self._prepare(self.table.ctypes.data)
 
 
-def _views(buffer: np.ndarray, shapes: tuple[Shape, ...]) -> tuple[np.ndarray, ...]:
-    """Return the arrays of given shapes that lie one after the other in a buffer."""
-    views, start = [], 0
-    for shape in shapes:
-        end = start + math.prod(shape)
-        views.append(buffer[start:end].reshape(shape))
-        start = end
-    return tuple(views)
+def aligned(count: int) -> np.ndarray:
+    """Return zeros that begin at a cache line."""
+    memory = np.zeros(count + 8)
+    start = -(memory.ctypes.data // 8) % 8
+    return memory[start : start + count]

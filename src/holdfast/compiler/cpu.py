@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import functools
+import json
 import threading
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import llvmlite
@@ -38,41 +40,59 @@ def feature_text() -> str:
     return f"{text},-prefer-256-bit" if features().get("avx512f") else text
 
 
+def declare(name: str, address: int) -> None:
+    """Give code that is compiled or loaded from now on a C function to call by name."""
+    binding.add_symbol(name, address)
+
+
+Notes = dict[str, int]
+Source = str | Callable[[], tuple[str, Notes]]
+
+
 class Code:
     """Machine code in memory; it lives as long as this object.
 
     Attributes:
-        address: of the function asked for.
+        addresses: of the functions asked for, by name.
+        address: of the first of them.
+        notes: what was written down when it was compiled.
     """
 
-    def __init__(self, text: str, function: str) -> None:
+    def __init__(self, source: Source, *functions: str, key: str = "") -> None:
         """Compile one module, or load what an earlier run made of it.
 
         Args:
-            text: the module in LLVM's language.
-            function: the name of the function to call.
+            source: the module in LLVM's language, or what makes it and notes to keep with it.
+            functions: the names of the functions to call.
+            key: stands for the source on disk; without it, its text does.
         """
-        key = cache.key_of(text, *_fingerprint())
+        make = source if callable(source) else lambda: (source, {})
+        key = cache.key_of(key or make()[0], *_fingerprint())
+        stored = cache.load(key)
+        if stored is None:
+            stored = _compiled(*make())
+            cache.store(key, stored)
+        size = int.from_bytes(stored[:8], "little")
+        self.notes: Notes = json.loads(stored[8 : 8 + size])
         with _LOCK:
-            machine = _target_machine()
-            code = cache.load(key)
-            if code is None:
-                code = _compiled(text, machine)
-                cache.store(key, code)
-            self._engine: Any = binding.create_mcjit_compiler(binding.parse_assembly(""), machine)
-            self._engine.add_object_file(binding.ObjectFileRef.from_data(code))
+            self._engine: Any = binding.create_mcjit_compiler(binding.parse_assembly(""), _target_machine())
+            self._engine.add_object_file(binding.ObjectFileRef.from_data(stored[8 + size :]))
             self._engine.finalize_object()
-            self.address: int = self._engine.get_function_address(function)
+            self.addresses = {name: self._engine.get_function_address(name) for name in functions}
+        self.address: int = self.addresses[functions[0]]
 
 
-def _compiled(text: str, machine: Any) -> bytes:
-    """Return the object file of a module."""
-    try:
-        module = binding.parse_assembly(text)
-        module.verify()
-    except RuntimeError as error:
-        raise CompileError(f"LLVM refuses the program: {error}") from error
-    return machine.emit_object(module)
+def _compiled(text: str, notes: Notes) -> bytes:
+    """Return the notes and the object file of a module."""
+    head = json.dumps(notes).encode()
+    with _LOCK:
+        machine = _target_machine()
+        try:
+            module = binding.parse_assembly(text)
+            module.verify()
+        except RuntimeError as error:
+            raise CompileError(f"LLVM refuses the program: {error}") from error
+        return len(head).to_bytes(8, "little") + head + machine.emit_object(module)
 
 
 def _target_machine() -> Any:

@@ -1,13 +1,21 @@
-"""The meaning of a program: one number after the other, in Python. The machine code must agree bit for bit."""
+"""The meaning of programs and schedules: one number after the other, in Python.
+
+The machine code must agree bit for bit.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+
 import numpy as np
 
+from holdfast.compiler import schedule as schedules
 from holdfast.compiler.arithmetic import OPERATIONS
 from holdfast.compiler.errors import CompileError
 from holdfast.compiler.expand import lowered
 from holdfast.compiler.program import Program
+from holdfast.compiler.schedule import Call, Schedule, Wire
 
 
 def interpret(program: Program, *inputs: object, fused: bool = True) -> tuple[np.ndarray, ...]:
@@ -24,7 +32,12 @@ def interpret(program: Program, *inputs: object, fused: bool = True) -> tuple[np
         raise CompileError(
             f"interpret: expected arrays of shapes {program.input_shapes}, got {tuple(a.shape for a in arrays)}"
         )
-    given = [float(x) for a in arrays for x in a.flat]
+    found = _run(program, [float(x) for a in arrays for x in a.flat])
+    return tuple(np.array(x, dtype=float).reshape(o.shape) for x, o in zip(found, program.outputs, strict=True))
+
+
+def _run(program: Program, given: list[float]) -> list[list[float]]:
+    """Return the entries of every output."""
     values: list[float] = []
     for kind, args, value in program.instructions:
         if kind == "input":
@@ -32,4 +45,67 @@ def interpret(program: Program, *inputs: object, fused: bool = True) -> tuple[np
         elif kind != "constant":
             value = OPERATIONS[kind](*(values[a] for a in args))
         values.append(value)
-    return tuple(np.array([values[p] for p in places], dtype=float).reshape(shape) for shape, places in program.outputs)
+    return [[values[p] for p in output.places] for output in program.outputs]
+
+
+def interpret_schedule(schedule: Schedule, given: Mapping[str, object]) -> dict[str, np.ndarray]:
+    """Return the outputs of a schedule for one system.
+
+    Args:
+        schedule: the schedule.
+        given: inputs and parameters by name.
+    """
+    numbers = {name: [math.nan] * e.size for name, e in schedule.externals.items()}
+    for name in schedule.names("input", "parameter"):
+        numbers[name] = [float(x) for x in np.asarray(given[name], dtype=float).flat]
+    numbers |= {name: [math.nan] * (i.items * i.size) for name, i in schedule.internals.items()}
+    memory: dict[tuple[str, int, int], list[float]] = {}
+    for call in (*schedule.prepare, *schedule.calls):
+        for item in call.items:
+            _call(schedule, call, item, numbers, memory)
+    _guard(schedule, numbers)
+    return {
+        name: np.array(numbers[name]).reshape(schedule.externals[name].shape) for name in schedule.names("output")
+    }
+
+
+def _call(
+    schedule: Schedule,
+    call: Call,
+    item: int,
+    numbers: dict[str, list[float]],
+    memory: dict[tuple[str, int, int], list[float]],
+) -> None:
+    """Run one phase of a stage for one item."""
+    group = schedule.groups[call.group]
+    stage = group.stage
+
+    def entries(wire: Wire, size: int) -> slice:
+        internal = schedule.internals.get(wire.array)
+        start = wire.places[item] * (internal.size if internal else 1)
+        return slice(start, start + size)
+
+    given: list[float] = []
+    for k, phase in enumerate(stage.inputs):
+        for port in phase:
+            wire = group.wires[port]
+            size = stage.size(port)
+            given += numbers[wire.array][entries(wire, size)] if k <= call.phase else [math.nan] * size
+    for k in range(call.phase):
+        given += memory[call.group, item, k]
+    *results, memory[call.group, item, call.phase] = _run(stage.pieces.programs[call.phase], given)
+    for port, result in zip(stage.outputs[call.phase], results, strict=True):
+        if port in group.wires:
+            wire = group.wires[port]
+            numbers[wire.array][entries(wire, len(result))] = result
+
+
+def _guard(schedule: Schedule, numbers: dict[str, list[float]]) -> None:
+    """Set the status of a result that is not finite, and take back results of bad status."""
+    if schedule.status is None:
+        return
+    if not all(math.isfinite(x) for name in schedule.guarded for x in numbers[name]):
+        numbers[schedule.status] = [schedules.NOT_FINITE]
+    if numbers[schedule.status][0] >= schedules.FIRST_BAD:
+        for name in schedule.guarded:
+            numbers[name] = [math.nan] * len(numbers[name])

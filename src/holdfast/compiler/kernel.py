@@ -1,10 +1,10 @@
-"""A program as a function of arrays: one system, or a batch in lanes and threads."""
+"""A schedule as a function of arrays: one system, or a batch in lanes and threads."""
 
 from __future__ import annotations
 
 import ctypes
-import math
 import threading
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from typing import Any
@@ -12,63 +12,96 @@ from typing import Any
 import numpy as np
 
 from holdfast.compiler import arguments, cpu
-from holdfast.compiler.bound import Bound
+from holdfast.compiler.batch_entry import batch_module
+from holdfast.compiler.bound import Bound, aligned
 from holdfast.compiler.errors import CompileError
 from holdfast.compiler.expand import lowered
-from holdfast.compiler.llvm import batch_module, single_module
 from holdfast.compiler.program import Program
+from holdfast.compiler.program_schedule import schedule_of
+from holdfast.compiler.schedule import External, Schedule
+from holdfast.compiler.single_entry import single_module
 
 Array = np.ndarray
 
 # A call of this kind lets other Python threads run meanwhile.
-_BATCH = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
+_BATCH = ctypes.CFUNCTYPE(
+    None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p
+)
 
 
 def compile_program(program: Program, fused: bool = True, lanes: int | None = None) -> Kernel:
-    """Return the program as machine code of this computer; code for batches is made when first needed.
+    """Return a program as machine code of this computer; code for batches is made when first needed.
 
     Args:
         program: what to compute.
         fused: whether products go into sums first (`fuse`).
         lanes: systems computed side by side in a batch; by default what a register holds.
     """
-    return Kernel(lowered(program, fused), lanes or cpu.lanes())
+    schedule = schedule_of(lowered(program, fused))
+    return Kernel(schedule.externals, lambda: schedule, lanes=lanes)
 
 
 class Kernel:
-    """A compiled program; made by `compile_program`. Calls from several threads may overlap.
+    """A compiled schedule. Calls from several threads may overlap.
 
     Attributes:
-        program: what it computes, instruction by instruction.
+        externals: the arrays it takes and returns.
         lanes: systems computed side by side in a batch.
     """
 
-    def __init__(self, program: Program, lanes: int) -> None:
-        self.program, self.lanes = program, lanes
-        self._code = cpu.Code(single_module(program), "single")
+    def __init__(
+        self,
+        externals: Mapping[str, External],
+        make: Callable[[], Schedule],
+        key: str = "",
+        lanes: int | None = None,
+    ) -> None:
+        """Compile, or load what an earlier run compiled.
+
+        Args:
+            externals: the schedule's.
+            make: returns the schedule; not called if the machine code is on disk.
+            key: stands for the schedule there; without it, its text does.
+            lanes: items or systems computed side by side.
+        """
+        self.externals, self.lanes = externals, lanes or cpu.lanes()
+        self._make, self._key = make, f"{key}/{self.lanes}" if key else ""
+        self._given = {name: e for name, e in externals.items() if e.role != "output"}
+        self._returned = {name: e for name, e in externals.items() if e.role == "output"}
+        self._code = cpu.Code(self._single_source, "single", "prepare", key=self._key and f"{self._key}/single")
         self._private = threading.local()
         self._compiling = threading.Lock()
 
+    @cached_property
+    def schedule(self) -> Schedule:
+        """What it computes, stage by stage."""
+        return self._make()
+
+    @property
+    def operation_count(self) -> int:
+        """Arithmetic operations of one system."""
+        return self._code.notes["operations"]
+
     def bind(self) -> Bound:
-        """Return the program tied to arrays of its own, to be called without checks and copies."""
-        return Bound(self.program, self._code)
+        """Return the kernel tied to arrays of its own, to be called without checks and copies."""
+        return Bound(self.externals, self._code, self._code.notes["arena"])
 
     def __call__(self, *inputs: Any, out: tuple[Array, ...] | None = None, threads: int = 1) -> tuple[Array, ...]:
         """Return the results for one system, or for a batch.
 
         Args:
-            inputs: an array of each input's shape; for a batch (batch, *shape), where an input of
-                plain shape is shared by all systems.
+            inputs: an array of each input's shape, then of each parameter's; for a batch
+                (batch, *shape), where an array of plain shape is shared by all systems.
             out: arrays to write the results to, C order float64, apart from each other and the inputs.
             threads: how many threads share the blocks of a batch. It does not change a bit.
 
         Raises:
             CompileError: saying which argument does not fit, and why.
         """
-        shapes = self.program.input_shapes
+        shapes = tuple(e.shape for e in self._given.values())
         arrays, batch = (inputs, None) if arguments.fit(inputs, shapes) else arguments.checked(inputs, shapes)
         if out is not None:
-            arguments.check_out(out, [o.shape for o in self.program.outputs], batch, arrays)
+            arguments.check_out(out, [e.shape for e in self._returned.values()], batch, arrays)
         if threads < 1:
             raise CompileError(f"kernel: threads: expected >= 1, got {threads}")
         return self._single(arrays, out) if batch is None else self._many(arrays, batch, out, threads)
@@ -78,39 +111,63 @@ class Kernel:
             bound = self._private.bound
         except AttributeError:
             bound = self._private.bound = self.bind()
-        for view, x in zip(bound.inputs, arrays, strict=True):
-            view[...] = x
-        bound()
+        for name, x in zip(self._given, arrays, strict=True):
+            bound.arrays[name][...] = x
+        bound.prepare()
+        bound.run()
+        found = [bound.arrays[name] for name in self._returned]
         if out is None:
-            return tuple([x.copy() for x in bound.outputs])
-        for x, view in zip(out, bound.outputs, strict=True):
+            return tuple([x.copy() for x in found])
+        for x, view in zip(out, found, strict=True):
             x[...] = view
         return out
-
-    @cached_property
-    def _batch_code(self) -> cpu.Code:
-        return cpu.Code(batch_module(self.program, self.lanes), "batch")
 
     def _many(
         self, arrays: tuple[Array, ...], batch: int, out: tuple[Array, ...] | None, threads: int
     ) -> tuple[Array, ...]:
-        with self._compiling:
-            run = _BATCH(self._batch_code.address)
-        results = out or tuple(np.empty((batch, *o.shape)) for o in self.program.outputs)
-        sizes = [math.prod(shape) for shape in self.program.input_shapes]
+        results = out or tuple(np.empty((batch, *e.shape)) for e in self._returned.values())
         rows = [
-            (a.ctypes.data, size if a.ndim > len(shape) else 0)
-            for a, size, shape in zip(arrays, sizes, self.program.input_shapes, strict=True)
+            (a.ctypes.data, e.size if a.ndim > len(e.shape) else 0)
+            for a, e in zip(arrays, self._given.values(), strict=True)
         ]
-        rows += [(r.ctypes.data, len(o.places)) for r, o in zip(results, self.program.outputs, strict=True)]
-        table = np.array(rows, dtype=np.int64)
+        rows += [(r.ctypes.data, e.size) for r, e in zip(results, self._returned.values(), strict=True)]
+        order = [*self._given, *self._returned]
+        self.run_batch(np.array([rows[order.index(name)] for name in self.externals], dtype=np.int64), batch, threads)
+        return results
+
+    def run_batch(self, table: Array, batch: int, threads: int = 1) -> None:
+        """Run a batch; the caller vouches for the addresses.
+
+        Args:
+            table: (externals, 2) address and stride in doubles of each array, in order.
+            batch: how many systems.
+            threads: how many threads share their blocks.
+        """
+        with self._compiling:
+            code = self._batch_code
+        run, address = _BATCH(code.address), table.ctypes.data
         blocks = -(-batch // self.lanes)
         threads = min(threads, max(1, blocks))
-        if threads == 1:
-            run(table.ctypes.data, 0, blocks, batch)
-            return results
         bounds = [blocks * t // threads for t in range(threads + 1)]
+
+        def part(t: int) -> None:
+            arena = aligned(code.notes["arena"])
+            run(address, bounds[t], bounds[t + 1], batch, arena.ctypes.data)
+
+        if threads == 1:
+            part(0)
+            return
         with ThreadPoolExecutor(threads) as pool:
-            address = table.ctypes.data
-            list(pool.map(lambda t: run(address, bounds[t], bounds[t + 1], batch), range(threads)))
-        return results
+            list(pool.map(part, range(threads)))
+
+    def _single_source(self) -> tuple[str, cpu.Notes]:
+        text, arena = single_module(self.schedule, self.lanes)
+        return text, {"arena": arena, "operations": self.schedule.operation_count}
+
+    @cached_property
+    def _batch_code(self) -> cpu.Code:
+        return cpu.Code(self._batch_source, "batch", key=self._key and f"{self._key}/batch")
+
+    def _batch_source(self) -> tuple[str, cpu.Notes]:
+        text, arena = batch_module(self.schedule, self.lanes)
+        return text, {"arena": arena}

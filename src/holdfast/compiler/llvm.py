@@ -1,14 +1,15 @@
-"""A program as LLVM's text: one straight line of operations, on numbers or on `lanes` systems at a time.
+"""A program as a function in LLVM's text: one straight line of operations, on numbers or on lanes.
 
 No fast-math flag is ever written, so LLVM neither fuses nor reorders: the bits are the interpreter's.
 """
 
 from __future__ import annotations
 
-import math
 import struct
+from collections.abc import Sequence
+from typing import NamedTuple
 
-from holdfast.compiler.batch_loop import batch_function
+from holdfast.compiler.cut import by_length
 from holdfast.compiler.program import Program
 
 _BINARY = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv"}
@@ -16,33 +17,103 @@ _INTRINSICS = {"absolute": "fabs", "sqrt": "sqrt", "fma": "fma"}
 _ARITY = {"absolute": 1, "sqrt": 1, "fma": 3}
 _COMPARISONS = {"less": "olt", "less_equal": "ole"}
 
-# LLVM schedules each basic block as a whole, at more than linear cost and into more spills: four arms
-# compile 1.5 times faster in blocks of this many instructions, and run 9 % faster.
-_BLOCK = 1000
+# Longer functions are cut: LLVM's cost grows faster than their length, and so do its spills.
+LONGEST = 1000
 
 
-def single_module(program: Program) -> str:
-    """Return the module of `void single(double *in, double *out)`, all arrays one after the other."""
-    return "\n".join([*_declarations(1), *_body("single", "", program, 1)])
+class Access(NamedTuple):
+    """How a function finds the numbers of one array.
+
+    Attributes:
+        step: doubles from one number to the next.
+        splat: one double for all lanes, rather than a vector of them.
+    """
+
+    step: int = 1
+    splat: bool = False
 
 
-def batch_module(program: Program, lanes: int) -> str:
-    """Return the module of `batch`, which runs blocks of `lanes` systems (see `batch_loop`)."""
-    inputs = [math.prod(shape) for shape in program.input_shapes]
-    outputs = [len(output.places) for output in program.outputs]
-    return "\n".join(
-        [
-            *_declarations(lanes),
-            "declare i64 @llvm.smin.i64(i64, i64)",
-            *_body("block", "internal ", program, lanes),
-            *batch_function(inputs, outputs, lanes),
-        ]
-    )
+class Function(NamedTuple):
+    """A program as text.
+
+    Its parameters are pointers: the inputs that are read, the outputs, and scratch memory.
+
+    Attributes:
+        lines: one or more LLVM functions.
+        names: of the functions, to be called in this order with the same arguments.
+        reads: which of the program's inputs are parameters.
+        writes: which of its outputs are.
+        scratch: how many numbers the scratch memory has.
+    """
+
+    lines: list[str]
+    names: list[str]
+    reads: tuple[int, ...]
+    writes: tuple[int, ...]
+    scratch: int
+
+
+def function(
+    name: str, program: Program, lanes: int, inputs: Sequence[Access], outputs: Sequence[Access], longest: int = LONGEST
+) -> Function:
+    """Return a program as one function, or several if it is long.
+
+    Args:
+        name: of the function.
+        program: what it computes.
+        lanes: how many systems or items it computes side by side.
+        inputs: how each input array lies in memory.
+        outputs: the same of the outputs.
+        longest: operations in one function.
+    """
+    pieces = by_length(program, longest)
+    of_array = [k for k, shape in enumerate(program.input_shapes) for _ in range(_size(shape))]
+    used = {of_array[a] for p in pieces.programs for i in p.instructions for a in i.args if a < len(of_array)}
+    used |= {of_array[p] for o in program.outputs for p in o.places if 0 <= p < len(of_array)}
+    reads = tuple(sorted(used))
+    writes = tuple(k for k, o in enumerate(program.outputs) if o.places)
+    own = Access(lanes)
+    lines, names = [], []
+    starts = [sum(pieces.memory[:k]) for k in range(len(pieces.memory))]
+    parameters = [f"ptr noalias %in{k}" for k in reads] + [f"ptr noalias %out{k}" for k in writes]
+    if sum(pieces.memory):
+        parameters.append("ptr noalias %scratch")
+    for k, part in enumerate(pieces.programs):
+        names.append(f"{name}.{k}")
+        sources = [(f"%in{j}", 0, inputs[j]) for j in range(len(inputs))] + [("%scratch", s, own) for s in starts[:k]]
+        targets = [(f"%out{j}", 0, outputs[j]) for j in range(len(outputs))] + [("%scratch", starts[k], own)]
+        lines.append(f"define internal void @{name}.{k}({', '.join(parameters)}) noinline nounwind {{")
+        lines += _body(part, lanes, sources, targets)
+        lines += ["  ret void", "}"]
+    return Function(lines, names, reads, writes, sum(pieces.memory))
+
+
+def declarations(lanes: int) -> list[str]:
+    """Return the declarations of what functions on so many lanes call."""
+    T = number_type(lanes)
+    return [
+        f"declare {T} @llvm.{_INTRINSICS[kind]}.{_suffix(lanes)}({', '.join([T] * n)})" for kind, n in _ARITY.items()
+    ]
 
 
 def number_type(lanes: int) -> str:
     """Return LLVM's type of one value."""
     return "double" if lanes == 1 else f"<{lanes} x double>"
+
+
+def constant(value: float, lanes: int) -> str:
+    """Return a number by its bits, in every lane."""
+    bits = f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
+    return bits if lanes == 1 else "<" + ", ".join([f"double {bits}"] * lanes) + ">"
+
+
+def splat(name: str, scalar: str, lanes: int) -> list[str]:
+    """Return the lines that make `name` a vector of one number."""
+    T = number_type(lanes)
+    return [
+        f"  {name}.one = insertelement {T} poison, double {scalar}, i64 0",
+        f"  {name} = shufflevector {T} {name}.one, {T} poison, <{lanes} x i32> zeroinitializer",
+    ]
 
 
 def _truth_type(lanes: int) -> str:
@@ -53,41 +124,54 @@ def _suffix(lanes: int) -> str:
     return "f64" if lanes == 1 else f"v{lanes}f64"
 
 
-def _declarations(lanes: int) -> list[str]:
-    T = number_type(lanes)
-    return [
-        f"declare {T} @llvm.{_INTRINSICS[kind]}.{_suffix(lanes)}({', '.join([T] * n)})" for kind, n in _ARITY.items()
-    ]
+def _body(
+    program: Program, lanes: int, sources: list[tuple[str, int, Access]], targets: list[tuple[str, int, Access]]
+) -> list[str]:
+    """Return the operations; each input is read where it is first needed, each result stored at once.
 
-
-def _constant(value: float, lanes: int) -> str:
-    bits = f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
-    return bits if lanes == 1 else "<" + ", ".join([f"double {bits}"] * lanes) + ">"
-
-
-def _body(name: str, linkage: str, program: Program, lanes: int) -> list[str]:
-    """Return a function that reads each input where it is first needed and stores each result at once."""
+    Args:
+        program: the program.
+        lanes: values side by side.
+        sources: per input array its pointer, the first number there, and how it lies.
+        targets: the same per output.
+    """
     T, truth, suffix = number_type(lanes), _truth_type(lanes), _suffix(lanes)
-    lines = [f"define {linkage}void @{name}(ptr noalias %in, ptr noalias %out) noinline nounwind {{"]
-    lines.append("  %never = icmp eq ptr %in, %out  ; keeps LLVM from joining the blocks again")
+    lines: list[str] = []
     names: dict[int, str] = {}
-    wanted: dict[int, list[int]] = {}
-    for slot, place in enumerate(p for output in program.outputs for p in output.places):
-        wanted.setdefault(place, []).append(slot)
+    where = [(k, e) for k, shape in enumerate(program.input_shapes) for e in range(_size(shape))]
+    wanted: dict[int, list[tuple[int, int]]] = {}
+    for k, output in enumerate(program.outputs):
+        for e, place in enumerate(output.places):
+            if place >= 0:
+                wanted.setdefault(place, []).append((k, e))
 
     def read(place: int) -> str:
+        if place in names:
+            return names[place]
         kind, _, value = program.instructions[place]
-        if place not in names and kind == "constant":
-            names[place] = _constant(value, lanes)
-        elif place not in names:  # an input
-            lines.append(f"  %i{place} = getelementptr {T}, ptr %in, i64 {place}")
+        if kind == "constant":
+            names[place] = constant(value, lanes)
+            return names[place]
+        assert kind == "input"
+        k, entry = where[place]
+        pointer, first, access = sources[k]
+        lines.append(f"  %i{place} = getelementptr double, ptr {pointer}, i64 {(first + entry) * access.step}")
+        if access.splat and lanes > 1:
+            lines.append(f"  %s{place} = load double, ptr %i{place}, align 8")
+            lines.extend(splat(f"%v{place}", f"%s{place}", lanes))
+        else:
             lines.append(f"  %v{place} = load {T}, ptr %i{place}, align {8 * lanes}")
-            names[place] = f"%v{place}"
+        names[place] = f"%v{place}"
         return names[place]
 
+    def store(place: int) -> None:
+        for k, entry in wanted.get(place, ()):
+            pointer, first, access = targets[k]
+            result, at = read(place), f"%o{k}.{entry}"
+            lines.append(f"  {at} = getelementptr double, ptr {pointer}, i64 {(first + entry) * access.step}")
+            lines.append(f"  store {T} {result}, ptr {at}, align {8 * lanes}")
+
     for place, (kind, args, _) in enumerate(program.instructions):
-        if place % _BLOCK == _BLOCK - 1:
-            lines += [f"  br i1 %never, label %end, label %b{place}", f"b{place}:"]
         if kind not in ("input", "constant"):
             x = [read(a) for a in args]
             if kind in _BINARY:
@@ -103,8 +187,12 @@ def _body(name: str, linkage: str, program: Program, lanes: int) -> list[str]:
                 text = f"fneg {T} {x[0]}"
             lines.append(f"  %v{place} = {text}")
             names[place] = f"%v{place}"
-        for slot in wanted.get(place, ()):
-            result = read(place)
-            lines.append(f"  %o{slot} = getelementptr {T}, ptr %out, i64 {slot}")
-            lines.append(f"  store {T} {result}, ptr %o{slot}, align {8 * lanes}")
-    return [*lines, "  br label %end", "end:", "  ret void", "}"]
+        store(place)
+    return lines
+
+
+def _size(shape: Sequence[int]) -> int:
+    size = 1
+    for n in shape:
+        size *= n
+    return size

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,8 @@ from holdfast.compiler.graph import Graph
 from holdfast.compiler.node import Node
 from holdfast.compiler.program import Instruction, Output, Program, Shape, pruned
 from holdfast.errors import HoldfastError
+
+Text = Callable[..., Any]
 
 
 def trace(function: Callable[..., tuple[Any, ...]], input_shapes: Iterable[Shape]) -> Program:
@@ -26,10 +28,29 @@ def trace(function: Callable[..., tuple[Any, ...]], input_shapes: Iterable[Shape
     Raises:
         CompileError: naming the line of the text that does what cannot be traced.
     """
+    return trace_phases(function, [tuple(input_shapes)])[0]
+
+
+def trace_phases(text: Text, phases: Sequence[Sequence[Shape]]) -> tuple[Program, tuple[int, ...]]:
+    """Return what a text in several phases computes, and how many results each phase has.
+
+    Such a text is a generator: called with the arrays of the first phase it yields the results it
+    can tell then, is given the arrays of the next one, and returns the last results. Between the
+    phases the world acts on what was yielded; variables of the text simply stay.
+
+    Args:
+        text: a function (one phase) or a generator function.
+        phases: the arguments' shapes, phase by phase.
+
+    Raises:
+        CompileError: naming the line of the text that does what cannot be traced.
+    """
     graph = Graph()
-    shapes = tuple(tuple(shape) for shape in input_shapes)
+    shapes = [tuple(tuple(shape) for shape in phase) for phase in phases]
+    arrays = [[_inputs(graph, shape) for shape in phase] for phase in shapes]
+    results: list[tuple[Any, ...]] = []
     try:
-        results = function(*[_inputs(graph, shape) for shape in shapes])
+        results = _run(text, arrays)
     except HoldfastError:
         raise
     except Exception as error:
@@ -37,9 +58,31 @@ def trace(function: Callable[..., tuple[Any, ...]], input_shapes: Iterable[Shape
             f"{place_of_failure(error)}: this cannot be traced ({type(error).__name__}: {error}); an algorithm's text"
             " uses + - * /, comparisons and holdfast.spatial.scalar on small arrays"
         ) from error
-    if not isinstance(results, tuple):
-        raise CompileError(f"trace: expected the function to return a tuple of arrays, got {type(results).__name__}")
-    return program_of(graph, shapes, [_result(graph, k, x) for k, x in enumerate(results)])
+    for found in results:
+        if not isinstance(found, tuple):
+            raise CompileError(f"trace: expected the function to return a tuple of arrays, got {type(found).__name__}")
+    every = [x for found in results for x in found]
+    program = program_of(graph, sum(shapes, ()), [_result(graph, k, x) for k, x in enumerate(every)])
+    return program, tuple(len(found) for found in results)
+
+
+def _run(text: Text, arrays: list[list[np.ndarray]]) -> list[tuple[Any, ...]]:
+    """Return the results of every phase."""
+    running = text(*arrays[0])
+    if not isinstance(running, Generator):
+        if len(arrays) > 1:
+            raise CompileError(f"trace: expected a generator for {len(arrays)} phases, got a plain function")
+        return [running]
+    results = []
+    try:
+        results.append(next(running))
+        for given in arrays[1:]:
+            results.append(running.send(tuple(given)))
+    except StopIteration as end:
+        if len(results) != len(arrays) - 1:
+            raise CompileError(f"trace: expected {len(arrays)} phases, the text ends after {len(results) + 1}") from end
+        return [*results, end.value]
+    raise CompileError(f"trace: expected {len(arrays)} phases, the text goes on")
 
 
 def program_of(graph: Graph, input_shapes: tuple[Shape, ...], results: list[tuple[Shape, list[Node]]]) -> Program:

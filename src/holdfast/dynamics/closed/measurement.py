@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.closed.contact import Contact
-from holdfast.dynamics.closed.object_motion import ObjectMotion
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.spatial.scalar import Array, Scalar, array, maximum, minimum
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
+from holdfast.spatial.symmetric import Symmetric6
 
 # Arms less mobile than this part of the object's own mobility set no scale for its pivots.
 LIGHTEST_OBJECT = 1e-10
@@ -51,28 +51,33 @@ class Step(NamedTuple):
     weakest: Scalar
 
 
-def measurement(c: Contact, tip: TipResponse, body: ObjectMotion) -> Measurement:
-    """Return one arm's measurement of alpha(C)."""
+def measurement(c: Contact, tip: TipResponse, mobility: Symmetric6) -> Measurement:
+    """Return one arm's measurement of alpha(C), `mobility` being M(C)^-1."""
     r = tip.free_acceleration + c.g - c.a
     if c.grasp.kind == "rigid":
-        R, mobility = tip.mobility.mobility_shifted(-c.offset).dense(), body.mobility
+        R = tip.mobility.mobility_shifted(-c.offset).dense()
         size = np.concatenate([np.diag(mobility.aa), np.diag(mobility.ll)])
         return Measurement(np.eye(6), R, shift_twist(-c.offset, r), size, len(tip.pivots), True)
     rows = list(c.grasp.transmitted)
     C = array([shift_wrench(c.offset, row) for row in c.K])  # (K A)^T = A^T K^T
     R = tip.mobility.rotated(c.R.T).dense()[rows][:, rows]
-    object_size = array([row @ body.mobility.apply(row) for row in C])
+    object_size = array([row @ mobility.apply(row) for row in C])
     return Measurement(C, R, c.transmitted(r), object_size, len(tip.pivots), False)
 
 
-def mobility_ratio(seen: list[Measurement]) -> Scalar:
-    """Return min(1, the arms' largest mobility over the object's own), without units.
+def mobility_ratio(m: Measurement) -> Scalar:
+    """Return the arm's largest mobility over the object's own, row by row, without units."""
+    ratio: Scalar = 0.0
+    for arm_size, object_size in zip(np.diag(m.R), m.object_size, strict=True):
+        ratio = maximum(ratio, arm_size / object_size)
+    return ratio
+
+
+def object_share(share: Scalar, ratio: Scalar) -> Scalar:
+    """Return which part of the object's mobility sets the scale of pivots, one more arm considered.
 
     What the arms leave of the object's mobility is of the size of their own; a light object's
-    M(C)^-1 is far larger, and as a scale would call sound rows null.
+    M(C)^-1 is far larger, and as a scale would call sound rows null. Hence min(1, the arms'
+    largest ratio), `LIGHTEST_OBJECT` to begin with.
     """
-    ratio = LIGHTEST_OBJECT
-    for m in seen:
-        for arm_size, object_size in zip(np.diag(m.R), m.object_size, strict=True):
-            ratio = maximum(ratio, arm_size / object_size)
-    return minimum(ratio, 1.0)
+    return minimum(maximum(share, ratio), 1.0)

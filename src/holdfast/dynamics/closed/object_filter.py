@@ -22,7 +22,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored
-from holdfast.dynamics.closed.measurement import Step, measurement, mobility_ratio
+from holdfast.dynamics.closed.measurement import LIGHTEST_OBJECT, Step, measurement, mobility_ratio, object_share
 from holdfast.dynamics.closed.object_motion import ObjectMotion
 from holdfast.dynamics.closed.rigid_step import rigid_step
 from holdfast.dynamics.closed.row_steps import row_steps
@@ -60,8 +60,10 @@ def object_filter(contacts: list[Contact], tips: list[TipResponse], body: Object
         tips: those arms' answers at their tips.
         body: the object.
     """
-    seen = [measurement(c, tip, body) for c, tip in zip(contacts, tips, strict=True)]
-    share = mobility_ratio(seen)
+    seen = [measurement(c, tip, body.mobility) for c, tip in zip(contacts, tips, strict=True)]
+    share: Scalar = LIGHTEST_OBJECT
+    for m in seen:
+        share = object_share(share, mobility_ratio(m))
     scales = [np.diag(m.R) + share * m.object_size for m in seen]
     parallel = [m.carried and m.most >= len(m.r) for m in seen]
     order = sorted(range(len(contacts)), key=lambda i: not parallel[i])

@@ -1,0 +1,1 @@
+"""Where robots meet the compiler: chains become schedules of stages, and these machine code."""

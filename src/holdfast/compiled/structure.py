@@ -1,0 +1,105 @@
+"""What is folded into the machine code of a chain, and what stays a run-time parameter."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from holdfast.dynamics.closed.tip_response import Route
+from holdfast.model.arm import Arm
+from holdfast.model.closed_chain import ClosedChain
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a user chooses about the machine code.
+
+    Attributes:
+        route: how each arm answers at its tip.
+        link_inertia: links' masses, mass centres and inertias become run-time parameters.
+        link_wrenches: external wrenches on the links become an input.
+    """
+
+    route: Route = "auto"
+    link_inertia: bool = False
+    link_wrenches: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """A chain as the compiler sees it: arms by type, grasps by kind.
+
+    Attributes:
+        chain: the chain.
+        options: the user's choices.
+    """
+
+    chain: ClosedChain
+    options: Options
+
+    @cached_property
+    def types(self) -> dict[str, list[int]]:
+        """Rows of the arms of each type, by a digest of what they share, in order of appearance."""
+        found: dict[str, list[int]] = {}
+        for row, name in enumerate(self.chain.names):
+            found.setdefault(self._type_of(name), []).append(row)
+        return found
+
+    @cached_property
+    def key(self) -> str:
+        """A digest of all that the code depends on: arm types in their order, and the options."""
+        names = list(self.types)
+        order = [names.index(self._type_of(name)) for name in self.chain.names]
+        return _digest([repr((names, order, self.options)).encode()])
+
+    def kind(self, row: int) -> str | None:
+        """Return the grasp's kind of an arm, or None."""
+        grasp = self.chain.grasps.get(self.chain.names[row])
+        return grasp.kind if grasp else None
+
+    def arm(self, row: int) -> Arm:
+        """Return an arm by its row."""
+        return self.chain.arms[self.chain.names[row]]
+
+    @cached_property
+    def held_rows(self) -> list[int]:
+        """Rows of the arms that hold, in order."""
+        return [row for row, name in enumerate(self.chain.names) if name in self.chain.grasps]
+
+    def parallel(self, row: int) -> bool:
+        """Return whether the object's filter takes an arm as a parallel sum, before the others."""
+        return self.kind(row) == "rigid" and self.arm(row).joint_count >= 6
+
+    @cached_property
+    def filter_order(self) -> list[int]:
+        """Rows of the arms that hold, in the order of the object's filter."""
+        return sorted(self.held_rows, key=lambda row: not self.parallel(row))
+
+    def _type_of(self, name: str) -> str:
+        grasp = self.chain.grasps.get(name)
+        kind = grasp.kind if grasp else "none"
+        return _digest([kind.encode(), *_folded(self.chain.arms[name], self.options.link_inertia)])
+
+
+def _folded(arm: Arm, without_links: bool) -> Iterator[bytes]:
+    """Yield the bytes of everything of an arm that becomes a constant of the code."""
+    for joint in arm.joints:
+        yield joint.kind.encode()
+        yield from (joint.axis.tobytes(), joint.placement.R.tobytes(), joint.placement.p.tobytes())
+        yield np.array([joint.armature, joint.damping]).tobytes()
+    if not without_links:
+        for link in arm.links:
+            yield np.array([link.mass, *link.com, *link.inertia.flat]).tobytes()
+    yield from (arm.tip.R.tobytes(), arm.tip.p.tobytes())
+
+
+def _digest(parts: list[bytes]) -> str:
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(len(part).to_bytes(8, "little"))
+        digest.update(part)
+    return digest.hexdigest()

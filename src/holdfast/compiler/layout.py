@@ -1,0 +1,154 @@
+"""Where every array of a schedule lies, when one system runs and when a batch does.
+
+One system: items of a group that runs side by side are packed into lanes, entry after entry; all
+else is numbers in a row. A batch: every number is a vector with one lane for each system.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from holdfast.compiler.llvm import Access
+from holdfast.compiler.schedule import Group, Schedule, Wire
+
+_LINE = 8  # doubles; areas begin at a cache line, which is the alignment of the widest vector
+
+
+class Place(NamedTuple):
+    """The address of a port's numbers.
+
+    Attributes:
+        external: number of the caller's array, or None for working memory.
+        offset: doubles from its beginning.
+    """
+
+    external: int | None
+    offset: int
+
+
+class Area(NamedTuple):
+    """A part of working memory: `items` times `size` numbers, packed by `width` items."""
+
+    start: int
+    size: int
+    width: int
+
+
+class Layout:
+    """The addresses of one schedule.
+
+    Attributes:
+        schedule: the schedule.
+        systems: systems side by side: lanes of a batch, or 1.
+        width: per group, how many of its items run side by side.
+        packed: per (group, port), the external arrays' copies in lanes.
+        total: doubles of working memory, without scratch.
+    """
+
+    def __init__(self, schedule: Schedule, lanes: int, systems: int = 1) -> None:
+        self.schedule, self.systems, self.total = schedule, systems, 0
+        self.width = {
+            name: min(lanes, 1 << (g.count - 1).bit_length()) if g.side_by_side and systems == 1 else 1
+            for name, g in schedule.groups.items()
+        }
+        self._externals = {name: k for k, name in enumerate(schedule.externals)}
+        self._replaced = {name: 1 for name, i in schedule.internals.items() if i.replaced}  # the slot read now
+        packing = self._packing()
+        self.external_areas: dict[str, Area] = {}
+        if systems > 1:
+            for name, external in schedule.externals.items():
+                rounded = -(-external.size // systems) * systems  # rows come and go in square blocks
+                self.external_areas[name] = self._area(1, rounded, 1)
+        self._internal_areas = {
+            name: self._area(i.items * (2 if i.replaced else 1), i.size, packing.get(name, 1))
+            for name, i in schedule.internals.items()
+        }
+        self.packed: dict[tuple[str, str], Area] = {}
+        self._memories: dict[tuple[str, int], Area] = {}
+        for name, group in schedule.groups.items():
+            width = self.width[name]
+            for port, wire in group.wires.items():
+                if width > 1 and wire.array in schedule.externals and not shared(wire):
+                    self.packed[name, port] = self._area(group.count, group.stage.size(port), width)
+            for phase, size in enumerate(group.stage.pieces.memory):
+                self._memories[name, phase] = self._area(group.count, size, width)
+
+    def blocks(self, group: str, items: tuple[int, ...]) -> list[int]:
+        """Return the first items of what runs side by side, in order."""
+        width = self.width[group]
+        if width == 1:
+            return list(items)
+        assert sorted(items) == list(range(self.schedule.groups[group].count)), group
+        return list(range(0, len(items), width))
+
+    def access(self, group: str, port: str) -> Access:
+        """Return how a stage's function finds a port's numbers."""
+        if self.systems > 1:
+            return Access(self.systems)
+        width, wire = self.width[group], self._group(group).wires[port]
+        if wire.array in self.schedule.externals:
+            return Access(width) if (group, port) in self.packed else Access(1, splat=width > 1)
+        area = self._internal_areas[wire.array]
+        if width > 1 and shared(wire):
+            assert area.width == 1, (group, port)
+            return Access(1, splat=True)
+        assert width in (1, area.width), (group, port)
+        return Access(area.width)
+
+    def memory_access(self, group: str) -> Access:
+        """Return how a stage's function finds its memory."""
+        return Access(max(self.systems, self.width[group]))
+
+    def memory(self, group: str, phase: int, item: int) -> Place:
+        """Return where the memory of a phase is for an item."""
+        return self._at(self._memories[group, phase], item)
+
+    def place(self, group: str, port: str, item: int, written: bool) -> Place:
+        """Return where a port's numbers are for an item (the first one, if several run side by side)."""
+        wire = self._group(group).wires[port]
+        if (group, port) in self.packed:
+            return self._at(self.packed[group, port], item)
+        if wire.array in self.schedule.externals:
+            if self.systems == 1:
+                return Place(self._externals[wire.array], wire.places[item])
+            return Place(None, self.external_areas[wire.array].start + wire.places[item] * self.systems)
+        internal, area = self.schedule.internals[wire.array], self._internal_areas[wire.array]
+        slot = self._replaced.get(wire.array, 0)
+        if internal.replaced and written:
+            slot = 1 - slot
+        return self._at(area, wire.places[item] + slot * internal.items)
+
+    def replaced(self, group: str, ports: tuple[str, ...]) -> None:
+        """Note that the arrays of these ports have been written: from now on the new ones are read."""
+        for port in ports:
+            array = self._group(group).wires[port].array
+            if array in self._replaced:
+                self._replaced[array] = 1 - self._replaced[array]
+
+    def _group(self, name: str) -> Group:
+        return self.schedule.groups[name]
+
+    def _packing(self) -> dict[str, int]:
+        """Return how the internal arrays are packed: as the group does that runs side by side on them."""
+        found: dict[str, int] = {}
+        for name, group in self.schedule.groups.items():
+            for wire in group.wires.values():
+                if self.width[name] > 1 and wire.array in self.schedule.internals and not shared(wire):
+                    assert wire.places == tuple(range(group.count)), (name, wire)
+                    found[wire.array] = self.width[name]
+        return found
+
+    def _area(self, items: int, size: int, width: int) -> Area:
+        area = Area(self.total, size, width)
+        needed = -(-items // width) * width * size * self.systems
+        self.total += -(-needed // _LINE) * _LINE
+        return area
+
+    def _at(self, area: Area, item: int) -> Place:
+        block, lane = divmod(item, area.width)
+        return Place(None, area.start + (block * area.size * area.width + lane) * self.systems)
+
+
+def shared(wire: Wire) -> bool:
+    """Return whether all items find the same numbers."""
+    return len(set(wire.places)) == 1 and len(wire.places) > 1

@@ -1,0 +1,129 @@
+"""The parts that the modules of single calls and of batches share: stage functions and their calls."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from holdfast.compiler.layout import Layout, Place
+from holdfast.compiler.llvm import Access, Function, function
+from holdfast.compiler.program import Output, Program
+from holdfast.compiler.schedule import Call
+
+_UNROLLED = 2  # calls that are written out; more of them are a loop
+
+
+class Module:
+    """Text of a module in the making.
+
+    Attributes:
+        layout: where arrays lie.
+        functions: the stages' functions so far.
+        tables: constants: addresses that a loop runs through.
+        scratch: how many numbers the functions' scratch memory has.
+        lanes: vector lengths that occur.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+        self.functions: list[str] = []
+        self.tables: list[str] = []
+        self.scratch = 0
+        self.lanes: set[int] = set()
+        self._known: dict[object, Function] = {}
+        self._labels = 0
+
+    def calls(self, calls: Sequence[Call], lines: list[str], label: str) -> str:
+        """Append the lines that run the calls; return the label of the block they end in."""
+        for call in calls:
+            label = self._call(call, lines, label)
+        return label
+
+    def label(self) -> int:
+        """Return a number not used yet."""
+        self._labels += 1
+        return self._labels
+
+    def _call(self, call: Call, lines: list[str], label: str) -> str:
+        layout, stage = self.layout, self.layout.schedule.groups[call.group].stage
+        made = self._function(call)
+        out_ports = tuple(stage.outputs[call.phase])
+        count = len(stage.input_ports)
+        runs: list[list[Place | None]] = []
+        for item in layout.blocks(call.group, call.items):
+            places: list[Place | None] = []
+            for k in made.reads:
+                if k < count:
+                    places.append(layout.place(call.group, stage.input_ports[k], item, written=False))
+                else:
+                    places.append(layout.memory(call.group, k - count, item))
+            for k in made.writes:
+                if k < len(out_ports):
+                    places.append(layout.place(call.group, out_ports[k], item, written=True))
+                else:
+                    places.append(layout.memory(call.group, call.phase, item))
+            if made.scratch:
+                places.append(None)
+            runs.append(places)
+            layout.replaced(call.group, out_ports)
+        if len(runs) <= _UNROLLED:
+            for places in runs:
+                n = self.label()
+                pointers = [_pointer(lines, f"%p{n}.{j}", place, None) for j, place in enumerate(places)]
+                lines += [f"  call void @{name}({', '.join(pointers)})" for name in made.names]
+            return label
+        return self._loop(made, runs, lines, label)
+
+    def _loop(self, made: Function, runs: list[list[Place | None]], lines: list[str], label: str) -> str:
+        n, count = self.label(), len(runs)
+        lines += [f"  br label %loop{n}", f"loop{n}:"]
+        lines.append(f"  %t{n} = phi i64 [ 0, %{label} ], [ %t{n}.next, %loop{n} ]")
+        pointers = []
+        for j, place in enumerate(runs[0]):
+            offsets = [run[j].offset for run in runs if run[j] is not None]  # type: ignore[union-attr]
+            moving = None
+            if len(set(offsets)) > 1:
+                values = ", ".join(f"i64 {offset}" for offset in offsets)
+                self.tables.append(f"@table{n}.{j} = private unnamed_addr constant [{count} x i64] [{values}]")
+                lines.append(f"  %a{n}.{j} = getelementptr i64, ptr @table{n}.{j}, i64 %t{n}")
+                lines.append(f"  %o{n}.{j} = load i64, ptr %a{n}.{j}")
+                moving = f"%o{n}.{j}"
+            pointers.append(_pointer(lines, f"%p{n}.{j}", place, moving))
+        lines += [f"  call void @{name}({', '.join(pointers)})" for name in made.names]
+        lines += [
+            f"  %t{n}.next = add i64 %t{n}, 1",
+            f"  %more{n} = icmp slt i64 %t{n}.next, {count}",
+            f"  br i1 %more{n}, label %loop{n}, label %after{n}",
+            f"after{n}:",
+        ]
+        return f"after{n}"
+
+    def _function(self, call: Call) -> Function:
+        """Return the function of a stage's phase for this layout, written once."""
+        layout, group = self.layout, self.layout.schedule.groups[call.group]
+        stage = group.stage
+        memory = layout.memory_access(call.group)
+        known = [port for phase in stage.inputs[: call.phase + 1] for port in phase]
+        later = len(stage.input_ports) - len(known)
+        inputs = [layout.access(call.group, port) for port in known] + [Access()] * later + [memory] * call.phase
+        outputs = [layout.access(call.group, port) for port in stage.outputs[call.phase]] + [memory]
+        lanes = max(layout.systems, layout.width[call.group])
+        key = (id(stage), call.phase, lanes, tuple(inputs), tuple(outputs))
+        if key not in self._known:
+            name = f"{stage.name}.{call.phase}.{len(self._known)}"
+            made = function(name, stage.pieces.programs[call.phase], lanes, inputs, outputs)
+            self.functions += made.lines
+            self.scratch = max(self.scratch, made.scratch * lanes)
+            self.lanes.add(lanes)
+            self._known[key] = made
+        return self._known[key]
+
+
+def _pointer(lines: list[str], name: str, place: Place | None, moving: str | None) -> str:
+    """Append the line that computes an address; return the argument."""
+    if place is None:
+        return "ptr %scratch"
+    base = "%arena" if place.external is None else f"%external{place.external}"
+    lines.append(f"  {name} = getelementptr double, ptr {base}, i64 {moving or place.offset}")
+    return f"ptr {name}"
+
+

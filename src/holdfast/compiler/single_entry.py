@@ -1,0 +1,227 @@
+"""The module that runs a schedule for one system.
+
+    i64 single(i64 *table)    void prepare(i64 *table)
+
+`table` holds the addresses of the external arrays in order, then of working memory. `prepare` does
+what depends on parameters only. `single` returns the status as an integer, 0 if all is well.
+"""
+
+from __future__ import annotations
+
+from holdfast.compiler import schedule as schedules
+from holdfast.compiler.layout import Area, Layout
+from holdfast.compiler.llvm import constant, declarations, number_type
+from holdfast.compiler.module import Module
+from holdfast.compiler.schedule import Schedule, Wire
+
+_NAN = "0x7FF8000000000000"
+_INLINE = 32  # numbers that are looked at one register after the other; more of them in a loop
+
+
+def single_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
+    """Return the module's text and how many doubles of working memory it needs."""
+    layout = Layout(schedule, lanes)
+    module = Module(layout)
+    roles = {name: external.role for name, external in schedule.externals.items()}
+    prepare, single = _head("void", "prepare", layout), _head("i64", "single", layout)
+    ends = {"parameter": "entry", "input": "entry"}
+    for (group, port), area in layout.packed.items():
+        wire = schedule.groups[group].wires[port]
+        role = roles[wire.array]
+        if role != "output":
+            lines = prepare if role == "parameter" else single
+            ends[role] = _move(lines, module, wire, area, ends[role], inward=True)
+    module.calls(schedule.prepare, prepare, ends["parameter"])
+    prepare += ["  ret void", "}"]
+    end = module.calls(schedule.calls, single, ends["input"])
+    for (group, port), area in layout.packed.items():
+        wire = schedule.groups[group].wires[port]
+        if roles[wire.array] == "output":
+            end = _move(single, module, wire, area, end, inward=False)
+    single += _guard(schedule, lanes)
+    declared = [line for n in sorted(module.lanes | {1, lanes}) for line in declarations(n)]
+    if schedule.status is not None:
+        declared += _watchers(lanes)
+    text = [*declared, *module.tables, *module.functions, *prepare, *single]
+    return "\n".join(text), layout.total + module.scratch
+
+
+def _head(result: str, name: str, layout: Layout) -> list[str]:
+    lines = [f"define {result} @{name}(ptr %table) nounwind {{", "entry:"]
+    count = len(layout.schedule.externals)
+    for k in range(count + 1):
+        array = f"%external{k}" if k < count else "%arena"
+        lines.append(f"  %address{k} = getelementptr ptr, ptr %table, i64 {k}")
+        lines.append(f"  {array} = load ptr, ptr %address{k}")
+    lines.append(f"  %scratch = getelementptr double, ptr %arena, i64 {layout.total}")
+    return lines
+
+
+def _move(lines: list[str], module: Module, wire: Wire, area: Area, label: str, inward: bool) -> str:
+    """Copy the items' numbers from the caller's array into lanes, or back; return the last block's label.
+
+    Lanes without an item repeat the last one: they compute, and write, the same numbers again.
+    """
+    k, T = list(module.layout.schedule.externals).index(wire.array), number_type(area.width)
+    n, count = module.label(), -(-len(wire.places) // area.width)
+    lines += [f"  br label %move{n}", f"move{n}:", f"  %b{n} = phi i64 [ 0, %{label} ], [ %b{n}.next, %move{n} ]"]
+    rows = []
+    for j in range(area.width):
+        places = [wire.places[min(b * area.width + j, len(wire.places) - 1)] for b in range(count)]
+        shift = f"{places[0]}"
+        if count > 1:
+            values = ", ".join(f"i64 {place}" for place in places)
+            module.tables.append(f"@lane{n}.{j} = private unnamed_addr constant [{count} x i64] [{values}]")
+            lines.append(f"  %l{n}.{j} = getelementptr i64, ptr @lane{n}.{j}, i64 %b{n}")
+            lines.append(f"  %s{n}.{j} = load i64, ptr %l{n}.{j}")
+            shift = f"%s{n}.{j}"
+        lines.append(f"  %row{n}.{j} = getelementptr double, ptr %external{k}, i64 {shift}")
+        rows.append(f"%row{n}.{j}")
+    lines.append(f"  %shift{n} = mul i64 %b{n}, {area.size * area.width}")
+    lines.append(f"  %here{n} = add i64 %shift{n}, {area.start}")
+    lines.append(f"  %block{n} = getelementptr double, ptr %arena, i64 %here{n}")
+    for e in range(area.size):
+        x, before = f"%x{n}.{e}", "poison"
+        lines.append(f"  {x}.at = getelementptr double, ptr %block{n}, i64 {e * area.width}")
+        if not inward:
+            lines.append(f"  {x} = load {T}, ptr {x}.at, align {8 * area.width}")
+        for j, row in enumerate(rows):
+            lines.append(f"  {x}.{j}.at = getelementptr double, ptr {row}, i64 {e}")
+            if inward:
+                lines.append(f"  {x}.{j} = load double, ptr {x}.{j}.at, align 8")
+                lines.append(f"  {x}.to{j} = insertelement {T} {before}, double {x}.{j}, i64 {j}")
+                before = f"{x}.to{j}"
+            else:
+                lines.append(f"  {x}.{j} = extractelement {T} {x}, i64 {j}")
+                lines.append(f"  store double {x}.{j}, ptr {x}.{j}.at, align 8")
+        if inward:
+            lines.append(f"  store {T} {before}, ptr {x}.at, align {8 * area.width}")
+    lines += [
+        f"  %b{n}.next = add i64 %b{n}, 1",
+        f"  %more{n} = icmp slt i64 %b{n}.next, {count}",
+        f"  br i1 %more{n}, label %move{n}, label %moved{n}",
+        f"moved{n}:",
+    ]
+    return f"moved{n}"
+
+
+def _guard(schedule: Schedule, lanes: int) -> list[str]:
+    """Return the end of `single`: status, and not-a-number instead of results of bad status."""
+    if schedule.status is None:
+        return ["  ret i64 0", "}"]
+    index = {name: k for k, name in enumerate(schedule.externals)}
+    T, zero = number_type(lanes), constant(0.0, lanes)
+    lines: list[str] = []
+    wide, narrow, flags = zero, "0.0", ["false"]
+    for name in schedule.guarded:
+        k, size = index[name], schedule.externals[name].size
+        if size > _INLINE:
+            lines.append(f"  %flag{k} = call i1 @unsound(ptr %external{k}, i64 {size})")
+            flags.append(f"%flag{k}")
+            continue
+        whole = size - size % lanes
+        for e in range(0, whole, lanes):
+            wide = _difference(lines, f"%w{k}.{e}", T, k, e, wide)
+        for e in range(whole, size):
+            narrow = _difference(lines, f"%n{k}.{e}", "double", k, e, narrow)
+    lines.append(f"  %wide.bad = fcmp une {T} {wide}, {zero}")
+    lines.append(f"  %flag.wide = {_any(lanes, '%wide.bad')}")
+    lines.append(f"  %flag.narrow = fcmp une double {narrow}, 0.0")
+    unsound = "%flag.narrow"
+    for j, flag in enumerate(["%flag.wide", *flags]):
+        lines.append(f"  %unsound{j} = or i1 {unsound}, {flag}")
+        unsound = f"%unsound{j}"
+    status = index[schedule.status]
+    return [
+        *lines,
+        f"  %told = load double, ptr %external{status}, align 8",
+        f"  %status = select i1 {unsound}, double {constant(schedules.NOT_FINITE, 1)}, double %told",
+        f"  store double %status, ptr %external{status}, align 8",
+        f"  %bad = fcmp oge double %status, {constant(schedules.FIRST_BAD, 1)}",
+        "  br i1 %bad, label %take.back, label %done",
+        "take.back:",
+        *(
+            f"  call void @blank(ptr %external{index[name]}, i64 {schedule.externals[name].size})"
+            for name in schedule.guarded
+        ),
+        "  br label %done",
+        "done:",
+        "  %code = fptosi double %status to i64",
+        "  ret i64 %code",
+        "}",
+    ]
+
+
+def _difference(lines: list[str], name: str, T: str, k: int, e: int, before: str) -> str:
+    """Append what adds x - x, 0 for every finite x, to a sum; return the sum's name."""
+    lines.append(f"  {name}.a = getelementptr double, ptr %external{k}, i64 {e}")
+    lines.append(f"  {name}.x = load {T}, ptr {name}.a, align 8")
+    lines.append(f"  {name}.d = fsub {T} {name}.x, {name}.x")
+    lines.append(f"  {name} = fadd {T} {before}, {name}.d")
+    return name
+
+
+def _any(lanes: int, truth: str) -> str:
+    if lanes == 1:
+        return f"or i1 {truth}, false"
+    return f"call i1 @llvm.vector.reduce.or.v{lanes}i1(<{lanes} x i1> {truth})"
+
+
+def _watchers(lanes: int) -> list[str]:
+    """Return `unsound`, whether any of n numbers is not finite, and `blank`, which takes them back."""
+    T, zero = number_type(lanes), constant(0.0, lanes)
+    reduce = [f"declare i1 @llvm.vector.reduce.or.v{lanes}i1(<{lanes} x i1>)"] if lanes > 1 else []
+    return [
+        *reduce,
+        "define internal i1 @unsound(ptr %x, i64 %n) noinline nounwind {",
+        "entry:",
+        f"  %rest = urem i64 %n, {lanes}",
+        "  %whole = sub i64 %n, %rest",
+        "  %none = icmp eq i64 %whole, 0",
+        "  br i1 %none, label %middle, label %wide",
+        "wide:",
+        "  %e = phi i64 [ 0, %entry ], [ %e.next, %wide ]",
+        f"  %sum = phi {T} [ {zero}, %entry ], [ %sum.next, %wide ]",
+        "  %at = getelementptr double, ptr %x, i64 %e",
+        f"  %v = load {T}, ptr %at, align 8",
+        f"  %d = fsub {T} %v, %v",
+        f"  %sum.next = fadd {T} %sum, %d",
+        f"  %e.next = add i64 %e, {lanes}",
+        "  %more = icmp slt i64 %e.next, %whole",
+        "  br i1 %more, label %wide, label %middle",
+        "middle:",
+        f"  %found = phi {T} [ {zero}, %entry ], [ %sum.next, %wide ]",
+        f"  %odd = fcmp une {T} %found, {zero}",
+        f"  %any = {_any(lanes, '%odd')}",
+        "  %even = icmp eq i64 %rest, 0",
+        "  br i1 %even, label %done, label %narrow",
+        "narrow:",
+        "  %i = phi i64 [ %whole, %middle ], [ %i.next, %narrow ]",
+        "  %s = phi double [ 0.0, %middle ], [ %s.next, %narrow ]",
+        "  %here = getelementptr double, ptr %x, i64 %i",
+        "  %y = load double, ptr %here, align 8",
+        "  %z = fsub double %y, %y",
+        "  %s.next = fadd double %s, %z",
+        "  %i.next = add i64 %i, 1",
+        "  %again = icmp slt i64 %i.next, %n",
+        "  br i1 %again, label %narrow, label %done",
+        "done:",
+        "  %last = phi double [ 0.0, %middle ], [ %s.next, %narrow ]",
+        "  %strange = fcmp une double %last, 0.0",
+        "  %result = or i1 %any, %strange",
+        "  ret i1 %result",
+        "}",
+        "define internal void @blank(ptr %x, i64 %n) noinline nounwind {",
+        "entry:",
+        "  br label %next",
+        "next:",
+        "  %e = phi i64 [ 0, %entry ], [ %e.next, %next ]",
+        "  %at = getelementptr double, ptr %x, i64 %e",
+        f"  store double {_NAN}, ptr %at, align 8",
+        "  %e.next = add i64 %e, 1",
+        "  %more = icmp slt i64 %e.next, %n",
+        "  br i1 %more, label %next, label %done",
+        "done:",
+        "  ret void",
+        "}",
+    ]
