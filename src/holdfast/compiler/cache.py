@@ -18,7 +18,7 @@ from pathlib import Path
 
 SIZE_CAP = 256 * 2**20  # bytes; beyond it the entries unused for longest go
 
-_MAGIC = b"holdfst1"
+_MAGIC = b"holdfst2"
 _HEAD = len(_MAGIC) + 8 + 32
 _SUFFIX = ".code"
 
