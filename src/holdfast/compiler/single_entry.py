@@ -60,7 +60,8 @@ def _head(result: str, name: str, layout: Layout) -> list[str]:
 def _move(lines: list[str], module: Module, wire: Wire, area: Area, label: str, inward: bool) -> str:
     """Copy the items' numbers from the caller's array into lanes, or back; return the last block's label.
 
-    Lanes without an item repeat the last one: they compute, and write, the same numbers again.
+    Lanes without an item are given the last one's numbers. What they make of them is worth nothing:
+    on the way back they write first, and the last item over them.
     """
     k, T = list(module.layout.schedule.externals).index(wire.array), number_type(area.width)
     n, count = module.label(), -(-len(wire.places) // area.width)
@@ -85,7 +86,7 @@ def _move(lines: list[str], module: Module, wire: Wire, area: Area, label: str, 
         lines.append(f"  {x}.at = getelementptr double, ptr %block{n}, i64 {e * area.width}")
         if not inward:
             lines.append(f"  {x} = load {T}, ptr {x}.at, align {8 * area.width}")
-        for j, row in enumerate(rows):
+        for j, row in enumerate(rows) if inward else reversed(list(enumerate(rows))):
             lines.append(f"  {x}.{j}.at = getelementptr double, ptr {row}, i64 {e}")
             if inward:
                 lines.append(f"  {x}.{j} = load double, ptr {x}.{j}.at, align 8")
