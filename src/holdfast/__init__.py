@@ -24,6 +24,9 @@ from holdfast.spatial.pose import Pose
 from holdfast.state import Inputs, State
 
 if TYPE_CHECKING:
+    from holdfast.compiled.bound_dynamics import BoundDynamics
+    from holdfast.compiled.chain import CompiledChain, compile
+    from holdfast.compiled.result import CompiledResult
     from holdfast.dynamics.closing import close, project_velocity
     from holdfast.dynamics.consistency import GraspResidual, closure
     from holdfast.dynamics.contact_attitude import ContactAttitude, contact_attitudes
@@ -48,6 +51,9 @@ __version__ = "0.1.0"
 # The model is imported at once; algorithms, files and simulation when first asked for.
 _LATER = {
     "ArmResult": "holdfast.dynamics.result",
+    "BoundDynamics": "holdfast.compiled.bound_dynamics",
+    "CompiledChain": "holdfast.compiled.chain",
+    "CompiledResult": "holdfast.compiled.result",
     "ContactAttitude": "holdfast.dynamics.contact_attitude",
     "Diagnosis": "holdfast.dynamics.diagnose",
     "ForwardResult": "holdfast.dynamics.result",
@@ -61,6 +67,7 @@ _LATER = {
     "centre_of_mass": "holdfast.dynamics.energy",
     "close": "holdfast.dynamics.closing",
     "closure": "holdfast.dynamics.consistency",
+    "compile": "holdfast.compiled.chain",
     "contact_attitudes": "holdfast.dynamics.contact_attitude",
     "diagnose": "holdfast.dynamics.diagnose",
     "forward_dynamics": "holdfast.dynamics.forward",
@@ -100,8 +107,11 @@ __all__ = [
     "METHODS",
     "Arm",
     "ArmResult",
+    "BoundDynamics",
     "ClosedChain",
     "ClosureError",
+    "CompiledChain",
+    "CompiledResult",
     "ContactAttitude",
     "Diagnosis",
     "ForwardResult",
@@ -130,6 +140,7 @@ __all__ = [
     "centre_of_mass",
     "close",
     "closure",
+    "compile",
     "contact_attitudes",
     "diagnose",
     "forward_dynamics",

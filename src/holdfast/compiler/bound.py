@@ -40,6 +40,12 @@ class Bound:
         self._prepare = _RUN(code.addresses["prepare"])
         self.run: Any = builtin.no_argument_call(code.addresses["single"], self.table, self)
 
+    def use(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Tie some of the arrays to memory of the caller's: C order, float64, of the right shapes."""
+        self.arrays |= arrays
+        for k, name in enumerate(self.arrays):
+            self.table[k] = self.arrays[name].ctypes.data
+
     def prepare(self) -> None:
         """Compute what depends on parameters only."""
         self._prepare(self.table.ctypes.data)

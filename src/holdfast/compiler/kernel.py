@@ -82,6 +82,11 @@ class Kernel:
         """Arithmetic operations of one system."""
         return self._code.notes["operations"]
 
+    @property
+    def single_address(self) -> int:
+        """The function that runs one system from a table of addresses, as in `single_entry`."""
+        return self._code.address
+
     def bind(self) -> Bound:
         """Return the kernel tied to arrays of its own, to be called without checks and copies."""
         return Bound(self.externals, self._code, self._code.notes["arena"])

@@ -20,6 +20,8 @@ class Status(Enum):
         "accelerations are unique; the grasp forces are not, and the smallest ones (in the metric of"
         " the force split) are returned"
     )
+    SINGULAR = "the constraint's rank drops here: nothing is returned, as no number would be a trajectory's"
+    INVALID = "the inputs are not finite or out of range (positions to 1e5 rad, unit quaternions): nothing is returned"
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +49,8 @@ class ForwardResult:
         base_wrench: (arms, 6) of the base on each arm about the base origin [N m, N].
         rank: independent rows of the grasp constraint [J, -A, H^T], of 6 a grasp.
         mobility: dimension of the velocities (qd, V(C), W) that the grasps allow.
-        status: whether the forces are unique.
+        status: whether the forces are unique. (Only compiled code returns SINGULAR and INVALID,
+            with not-a-number for all else; the reference raises.)
         condition: inverse of the smallest scaled pivot that was kept, without units.
         method: the algorithm's name.
     """
@@ -72,8 +75,8 @@ class ForwardResult:
         i = names.index(arm)
         freedoms = self.chain.contact_freedoms.get(arm)
         return ArmResult(
-            self.qdd[self.chain.joints[arm]],
-            self.grasp_wrench[i],
-            np.zeros(0) if freedoms is None else self.contact_acceleration[freedoms],
-            self.base_wrench[i],
+            self.qdd[..., self.chain.joints[arm]],
+            self.grasp_wrench[..., i, :],
+            self.contact_acceleration[..., freedoms or slice(0)],
+            self.base_wrench[..., i, :],
         )

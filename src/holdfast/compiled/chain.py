@@ -1,0 +1,238 @@
+"""`holdfast.compile`: the dynamics of one chain as machine code."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any, get_args
+
+import numpy as np
+
+from holdfast.compiled import arrays, verdict
+from holdfast.compiled.bound_dynamics import BoundDynamics
+from holdfast.compiled.forward_schedule import forward_externals, forward_schedule
+from holdfast.compiled.kernels import kernel
+from holdfast.compiled.parameters import parameters_of, taken
+from holdfast.compiled.result import CompiledResult
+from holdfast.compiled.structure import Options, Structure
+from holdfast.compiler.bound import Bound
+from holdfast.compiler.builtin import Entry
+from holdfast.compiler.kernel import Kernel
+from holdfast.dynamics.closed.tip_response import Route
+from holdfast.dynamics.methods import method_named
+from holdfast.errors import MethodNotApplicable, StateError
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array
+
+_INPUTS = ("q", "qd", "tau", "object_pose", "object_twist")
+_OPTIONS = ("link_inertia", "link_wrench")
+_DOC = "Return accelerations and grasp forces; see `CompiledChain.forward_dynamics`."
+
+
+def compile(
+    chain: ClosedChain,
+    *,
+    dtype: str = "float64",
+    method: str = "auto",
+    parameters: Sequence[str] = (),
+    generic_rank: int | None = None,
+) -> CompiledChain:
+    """Compile the dynamics of a chain to machine code of this computer.
+
+    Joints, link inertias and tips are folded into the code. Bases, grasp frames, the object's
+    inertia and gravity are run-time parameters: a chain that differs in nothing else has its code
+    at once. Code is kept on disk (`HOLDFAST_CACHE=off` or a folder).
+
+    Args:
+        chain: arms, object and grasps.
+        dtype: float64.
+        method: `auto`, or `recursive` or `mass_matrix`: how each arm answers at its tip.
+        parameters: what else shall be a run-time parameter: `link_inertia` (link_mass, link_com,
+            link_inertia), `link_wrench` (external wrenches on the links).
+        generic_rank: rank of the grasp constraint away from singular configurations; found when
+            it first matters if not given.
+
+    Raises:
+        MethodNotApplicable: another algorithm, or another number type.
+        CompileError: this computer cannot.
+    """
+    if dtype != "float64":
+        raise MethodNotApplicable(f"compile: dtype: expected float64, got {dtype!r}")
+    if method not in ("sequential", *get_args(Route)):
+        name = method_named(method).name
+        raise MethodNotApplicable(
+            f"compile: '{name}' runs as reference only; machine code is made of `sequential` (same answers). Try"
+            " method='auto', 'recursive' or 'mass_matrix'"
+        )
+    for name in parameters:
+        if name not in _OPTIONS:
+            raise StateError(f"compile: no optional parameter {name!r}.{checks.did_you_mean(str(name), _OPTIONS)}")
+    route: Route = "auto" if method == "sequential" else method  # type: ignore[assignment]
+    options = Options(route, "link_inertia" in parameters, "link_wrench" in parameters)
+    return CompiledChain(chain, options, generic_rank)
+
+
+class CompiledChain:
+    """The dynamics of one chain as machine code; made by `holdfast.compile`.
+
+    Attributes:
+        chain: the chain.
+        options: what was chosen when it was compiled.
+        generic_rank: rank of the grasp constraint in general, or None while it is not known.
+    """
+
+    def __init__(self, chain: ClosedChain, options: Options, generic_rank: int | None) -> None:
+        self.chain, self.options, self.generic_rank = chain, options, generic_rank
+        structure = Structure(chain, options)
+        self._structure = structure
+        self._externals = forward_externals(structure)
+        self._kernel: Kernel = kernel(
+            "forward", structure, self._externals, lambda: forward_schedule(structure)
+        )
+        self._own = {
+            name: x for name, x in parameters_of(chain, generic_rank).items() if name in self._externals
+        }
+        self._taken = {name: e for name, e in self._externals.items() if e.role != "output"}
+        self._lock = threading.Lock()
+        self._bound = self._kernel.bind()
+        for name, x in self._own.items():
+            self._bound.arrays[name][...] = x
+        self._bound.prepare()
+        self._entry = Entry(
+            self._kernel.single_address,
+            np.array(self._bound.table),
+            [self._externals[name].size for name in _INPUTS],
+            self._forward,
+            "forward_dynamics",
+            "(q, qd, tau, object_pose, object_twist, *, out=None, threads=1, **parameters)",
+            _DOC,
+        )
+        # the builtin takes the calls that repeat `out`; all others come back to `_forward`
+        self.forward_dynamics = self._entry.function  # type: ignore[method-assign]
+
+    def forward_dynamics(
+        self,
+        q: Any,
+        qd: Any,
+        tau: Any,
+        object_pose: Any,
+        object_twist: Any,
+        *,
+        out: CompiledResult | None = None,
+        threads: int = 1,
+        **parameters: Any,
+    ) -> CompiledResult:
+        """Return joint accelerations, the force at every grasp and the object's acceleration.
+
+        The same answers as `holdfast.forward_dynamics`, for one system or a batch (a leading axis
+        on any argument; those without it are shared). The state is taken as it is: `closure` tells
+        how well it satisfies the grasps. Bits do not depend on batch size or threads.
+
+        Args:
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip [rad or m].
+            qd: joint rates.
+            tau: joint torques [N m or N].
+            object_pose: (7,) wxyz_xyz of the object frame.
+            object_twist: (6,) [omega; v of C], world axes.
+            out: an earlier result to be written over; a single call with it costs least.
+            threads: how many threads share a batch.
+            **parameters: for this call, any of object_wrench (6,), gravity (3,), object_mass (),
+                object_com (3,), object_inertia (3, 3), base_pose (arms, 7), base_twist and
+                base_acceleration (arms, 6), grasp_pose (grasps, 7), and those asked for in `compile`.
+
+        Returns:
+            A `ForwardResult`. In a batch every system has its `status`, and those that are SINGULAR
+            or INVALID have not-a-number for all else; nothing is raised on their account.
+
+        Raises:
+            StateError: wrong shapes; for a single call also numbers that are not finite.
+            SingularChainError: for a single call, the constraint's rank drops here.
+        """
+        return self._forward(
+            q, qd, tau, object_pose, object_twist, out=out, threads=threads, **parameters
+        )
+
+    def bind(self, **given: Any) -> BoundDynamics:
+        """Return forward dynamics tied to arrays that stay: a call without arguments, for control loops.
+
+        Args:
+            **given: parameters, as in `forward_dynamics`.
+        """
+        bound = BoundDynamics(self, self._kernel, self._own)
+        if given:
+            bound.set(**given)
+        return bound
+
+    @property
+    def operation_count(self) -> int:
+        """Arithmetic operations of one system's forward dynamics, all run-time parameters in."""
+        return self._kernel.operation_count
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what makes the object again: machine code is compiled, or found on disk."""
+        return CompiledChain, (self.chain, self.options, self.generic_rank)
+
+    def _forward(
+        self,
+        q: Any,
+        qd: Any,
+        tau: Any,
+        object_pose: Any,
+        object_twist: Any,
+        *,
+        out: CompiledResult | None = None,
+        threads: int = 1,
+        **parameters: Any,
+    ) -> CompiledResult:
+        """Take the calls that the builtin does not; see `forward_dynamics`."""
+        own = self._own | (taken(parameters, self._externals) if parameters else {})
+        given = dict(zip(_INPUTS, (q, qd, tau, object_pose, object_twist), strict=True)) | own
+        found = {name: arrays.floats(name, given[name], e.shape) for name, e in self._taken.items()}
+        batch = arrays.batch_of(found, self._taken)
+        if not isinstance(threads, int) or threads < 1:
+            raise StateError(f"threads: expected an integer >= 1, got {threads!r}")
+        result = CompiledResult(self.chain, self._externals, batch) if out is None else out
+        arrays.require_fit(result, self.chain, batch, list(found.values()))
+        if batch is None:
+            self._single(found, result)
+        else:
+            table = arrays.table(self._externals, found | result.arrays)
+            self._kernel.run_batch(table, batch, threads)
+        verdict.settle(self, found, result)
+        if batch is None:
+            verdict.require_answer(self, found, result)
+            if out is not None and not parameters:
+                self._expect(result)
+        return result
+
+    def _single(self, found: Mapping[str, Array], result: CompiledResult) -> None:
+        """Run one system, apart from what the builtin uses at the same time."""
+        with self._lock:
+            bound = self._spare
+            for name, x in found.items():
+                bound.arrays[name][...] = x
+            bound.prepare()
+            bound.run()
+            for name, x in result.arrays.items():
+                x[...] = bound.arrays[name]
+
+    @cached_property
+    def _spare(self) -> Bound:
+        return self._kernel.bind()
+
+    def _expect(self, result: CompiledResult) -> None:
+        """Let the builtin take later calls with this `out`."""
+        table = np.array(self._bound.table)
+        for k, name in enumerate(self._externals):
+            if name in result.arrays:
+                table[k] = result.arrays[name].ctypes.data
+        self._entry.expect(result, result.memory, table[len(_INPUTS) :].tolist())
+
+    def know_rank(self, generic_rank: int) -> None:
+        """Take a generic rank that was found; later calls decide by it at once."""
+        self.generic_rank = generic_rank
+        for numbers in (self._own, self._bound.arrays):
+            numbers["generic_rank"][...] = float(generic_rank)
+        self._bound.prepare()

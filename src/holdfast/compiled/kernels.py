@@ -1,0 +1,53 @@
+"""Machine code by structure: made once a process, and once a machine."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import threading
+import weakref
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+
+import holdfast.compiler
+from holdfast.compiled.structure import Structure
+from holdfast.compiler.kernel import Kernel
+from holdfast.compiler.schedule import External, Schedule
+
+# The rooms whose text becomes machine code.
+_ROOMS = ("spatial", "model", "dynamics", "compiler", "compiled")
+
+_made: weakref.WeakValueDictionary[str, Kernel] = weakref.WeakValueDictionary()
+_lock = threading.Lock()
+
+
+def kernel(
+    what: str, structure: Structure, externals: dict[str, External], make: Callable[[], Schedule]
+) -> Kernel:
+    """Return the kernel of one computation for chains of one structure.
+
+    Args:
+        what: the computation's name.
+        structure: what is folded into the code.
+        externals: the arrays it takes and returns.
+        make: returns its schedule, if it must be traced.
+    """
+    key = f"{what}/{structure.key}/{_sources()}"
+    with _lock:
+        found = _made.get(key)
+        if found is None:
+            found = _made[key] = Kernel(externals, make, key)
+        return found
+
+
+@functools.cache
+def _sources() -> str:
+    """Return a digest of the text that decides the machine code, with the version."""
+    root = Path(holdfast.compiler.__file__).parent.parent
+    digest = hashlib.sha256(metadata.version("holdfast").encode())
+    for room in _ROOMS:
+        for path in sorted((root / room).rglob("*.py")):
+            digest.update(path.name.encode())
+            digest.update(path.read_bytes())
+    return digest.hexdigest()

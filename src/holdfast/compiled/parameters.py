@@ -1,0 +1,104 @@
+"""The run-time parameters of a chain as the machine code takes them, and as users give them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from holdfast.compiler.schedule import External
+from holdfast.errors import StateError
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial import rotation
+from holdfast.spatial.scalar import Array
+
+# Poses are given as wxyz_xyz and taken as a rotation (and an origin, where it matters).
+_POSES = {"base_pose": ("base_R", "base_p"), "grasp_pose": ("grasp_R", "grasp_p")}
+_INTERNAL = {"generic_rank", *(name for pair in _POSES.values() for name in pair)}
+
+
+def parameters_of(chain: ClosedChain, generic_rank: int | None) -> dict[str, Array]:
+    """Return the chain's own parameters, and zeros for what acts on it from outside."""
+    arms, grasps, body = list(chain.arms.values()), list(chain.grasps.values()), chain.held_object
+    n, l, g = chain.joint_count, len(arms), len(grasps)
+    links = [link for arm in arms for link in arm.links]
+    return {
+        "object_wrench": np.zeros(6),
+        "link_wrench": np.zeros((n, 6)),
+        "gravity": np.array(chain.gravity),
+        "generic_rank": np.array(-1.0 if generic_rank is None else float(generic_rank)),
+        "object_mass": np.array(body.mass),
+        "object_com": np.array(body.com),
+        "object_inertia": np.array(body.inertia),
+        "base_R": np.array([arm.base.R for arm in arms]),
+        "base_p": np.array([arm.base.p for arm in arms]),
+        "base_twist": np.zeros((l, 6)),
+        "base_acceleration": np.zeros((l, 6)),
+        "grasp_R": np.array([grasp.frame.R for grasp in grasps]).reshape(g, 3, 3),
+        "grasp_p": np.array([grasp.frame.p for grasp in grasps]).reshape(g, 3),
+        "link_mass": np.array([link.mass for link in links]),
+        "link_com": np.array([link.com for link in links]),
+        "link_inertia": np.array([link.inertia for link in links]),
+    }
+
+
+def taken(given: Mapping[str, Any], externals: Mapping[str, External]) -> dict[str, Array]:
+    """Return users' parameters by the names and shapes of the machine code.
+
+    Args:
+        given: arrays of a parameter's shape, or with a leading batch axis; base_pose (arms, 7) and
+            grasp_pose (grasps, 7) as wxyz_xyz.
+        externals: what the machine code takes.
+
+    Raises:
+        StateError: an unknown name, a wrong shape, a number that is not finite.
+    """
+    shapes = {name: e.shape for name, e in externals.items() if e.role == "parameter" and name not in _INTERNAL}
+    shapes |= {name: externals[name].shape for name in ("object_wrench", "link_wrench") if name in externals}
+    for name, (rotations, _) in _POSES.items():
+        if rotations in externals:
+            shapes[name] = (externals[rotations].shape[0], 7)
+    found: dict[str, Array] = {}
+    for name, value in given.items():
+        if name not in shapes:
+            raise StateError(f"no parameter '{name}'.{checks.did_you_mean(name, shapes)}")
+        a = np.asarray(value)
+        if a.dtype.kind not in "fiub":
+            raise StateError(f"{name}: expected real numbers, got {a.dtype}")
+        a = np.array(a, dtype=float)
+        if a.shape != shapes[name] and a.shape[1:] != shapes[name]:
+            raise StateError(f"{name}: expected shape {shapes[name]} or (batch, *{shapes[name]}), got {a.shape}")
+        if not np.isfinite(a).all():
+            raise StateError(f"{name}: expected finite numbers")
+        if name in ("object_mass", "object_inertia", "link_mass", "link_inertia"):
+            _require_inertia(name, a)
+        if name in _POSES:
+            rotations, origins = _POSES[name]
+            found[rotations], p = _from_quaternions(name, a)
+            if origins in externals:
+                found[origins] = p
+        else:
+            found[name] = a
+    return found
+
+
+def _require_inertia(name: str, a: Array) -> None:
+    """Refuse masses and inertias that no body has; an object's must be positive."""
+    sizes = a if name.endswith("mass") else np.linalg.eigvalsh(a)
+    if name.endswith("inertia") and not np.allclose(a, np.swapaxes(a, -1, -2), rtol=1e-9, atol=0.0):
+        raise StateError(f"{name}: expected symmetric matrices")
+    least, bound = float(sizes.min(initial=np.inf)), "> 0" if name.startswith("object") else ">= 0"
+    if least < 0 or (least == 0 and bound == "> 0"):
+        raise StateError(f"{name}: expected {bound} (principal moments of an inertia), got {least:.6g}")
+
+
+def _from_quaternions(name: str, poses: Array) -> tuple[Array, Array]:
+    """Return rotation matrices and origins of poses wxyz_xyz on any leading axes."""
+    length = np.linalg.norm(poses[..., :4], axis=-1, keepdims=True)
+    if not (np.abs(length - 1) <= checks.ROTATION_TOLERANCE).all():
+        raise StateError(f"{name}: expected unit quaternions (w, x, y, z), got lengths {np.unique(length)[:3]}")
+    R = rotation.from_quaternion(np.moveaxis(poses[..., :4] / length, -1, 0))
+    R = np.moveaxis(R, (0, 1), (-2, -1))
+    return np.ascontiguousarray(R), np.ascontiguousarray(poses[..., 4:])
