@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from holdfast.dynamics.operators import phi
+from holdfast.spatial.spatial_vector import acceleration_gradient
 from holdfast.spatial.inertia import NO_INERTIA, RigidInertia, about_origin
 from holdfast.spatial.vector import skew
 from tests.systems.random_parts import inertia_about_com, rotation
@@ -51,13 +52,13 @@ def test_moved(seed):
 
 
 @seeds
-def test_gyroscopic(seed):
-    """b = [w x I w; m w x (w x p)]: the paper's bias force, without power about the origin's rest."""
+def test_turning(seed):
+    """At a = 0 the wrench is b = [w x I w; m w x (w x p)], the paper's bias force; its moment does no work."""
     rng, body, M = drawn(seed)
     w = rng.normal(size=3)
     p = body.h / body.m
     expected = np.r_[np.cross(w, M[:3, :3] @ w), body.m * np.cross(w, np.cross(w, p))]
-    b = body.gyroscopic(w)
+    b = body.wrench(np.zeros(6), w, acceleration_gradient(np.zeros(3), w))
     np.testing.assert_allclose(b, expected, atol=1e-12)
     assert abs(b[:3] @ w) < 1e-12
 
@@ -76,4 +77,4 @@ def test_momentum_rate(seed):
     pushes = [m * (vd + np.cross(wd, r) + np.cross(w, np.cross(w, r))) for m, r in zip(masses, points, strict=True)]
     moments = [np.cross(r, F) for r, F in zip(points, pushes, strict=True)]
     expected = np.r_[np.sum(moments, axis=0), np.sum(pushes, axis=0)]
-    np.testing.assert_allclose(body.apply(np.r_[wd, vd]) + body.gyroscopic(w), expected, atol=1e-12)
+    np.testing.assert_allclose(body.wrench(np.r_[wd, vd], w, acceleration_gradient(wd, w)), expected, atol=1e-12)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.spatial.scalar import Array, Scalar, concatenate
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate
 from holdfast.spatial.symmetric import Symmetric6, mirrored
 from holdfast.spatial.vector import cross, outer, skew
 
@@ -28,9 +28,30 @@ class RigidInertia(NamedTuple):
         """Return M a for a 6-vector a."""
         return concatenate([self.I @ a[:3] + cross(self.h, a[3:]), self.m * a[3:] - cross(self.h, a[:3])])
 
-    def gyroscopic(self, w: Array) -> Array:
-        """Return b = [w x I w; w x (w x h)], the force of turning at w [rad/s]."""
-        return concatenate([cross(w, self.I @ w), cross(w, cross(w, self.h))])
+    def wrench(self, a: Array, w: Array, K: Array) -> Array:
+        """Return M a + b, what accelerates the body by a while it turns at w [rad/s].
+
+        [I alpha + w x I w + h x a; m a + K h], with K = alpha~ + w~ w~ of the body
+        (`acceleration_gradient`); w x I w goes by products of w, so that differences of
+        principal moments are constants.
+
+        Args:
+            a: (6,) plain acceleration of the origin.
+            w: (3,) angular velocity.
+            K: (3, 3).
+        """
+        x, y, z = w.tolist()
+        xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+        (Ixx, Ixy, Ixz), (_, Iyy, Iyz), (_, _, Izz) = self.I.tolist()
+        turning = array(
+            [
+                (Izz - Iyy) * yz + Iyz * (yy - zz) + Ixz * xy - Ixy * xz,
+                (Ixx - Izz) * xz + Ixz * (zz - xx) + Ixy * yz - Iyz * xy,
+                (Iyy - Ixx) * xy + Ixy * (xx - yy) + Iyz * xz - Ixz * yz,
+            ]
+        )
+        moment = self.I @ a[:3] + turning + cross(self.h, a[3:])
+        return concatenate([moment, self.m * a[3:] + K @ self.h])
 
     def plus(self, other: RigidInertia) -> RigidInertia:
         """Return the inertia of two bodies welded together, same point and axes."""

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, reciprocal, sqrt, where
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, reciprocal, sqrt, where
 from holdfast.spatial.vector import outer
 
 RANK_TOLERANCE = 1e-12
@@ -46,20 +46,19 @@ def ldl(S: Array, scale: Array, tolerance: float = RANK_TOLERANCE) -> MaskedLDL:
     """
     n = len(S)
     rest, columns, pivots, inverse = S, [], [], []
-    kept, weakest = 0, 1.0
+    kept, largest = 0, 1.0  # largest scale over pivot
     for j in range(n):
         pivot, size = rest[0, 0], scale[j]
         alive = pivot > tolerance * size
         inv = where(alive, 1.0 / where(alive, pivot, 1.0), 0.0)
-        ratio = where(alive, pivot / where(alive, size, 1.0), 1.0)
-        weakest = where(ratio < weakest, ratio, weakest)
+        largest = maximum(largest, size * inv)
         kept = kept + where(alive, 1, 0)
         pivots.append(where(alive, pivot, 0.0))
         inverse.append(inv)
         below = rest[1:, 0] * inv
         columns.append(concatenate([np.zeros(j), [1.0], below]))
         rest = rest[1:, 1:] - outer(below, rest[1:, 0])
-    return MaskedLDL(array(columns).T, array(pivots), array(inverse), kept, weakest)
+    return MaskedLDL(array(columns).T, array(pivots), array(inverse), kept, 1.0 / largest)
 
 
 def ldl_solve(factors: MaskedLDL, b: Array) -> Array:

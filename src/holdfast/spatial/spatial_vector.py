@@ -35,6 +35,14 @@ def unrotate(R: Array, x: Array) -> Array:
     return concatenate([x[:3] @ R, x[3:] @ R])
 
 
+def acceleration_gradient(alpha: Array, w: Array) -> Array:
+    """Return K = alpha~ + w~ w~, (3, 3): the point at r of a turning body accelerates by K r more [1/s^2]."""
+    x, y, z = w.tolist()
+    a, b, c = alpha.tolist()
+    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+    return array([[-(yy + zz), xy - c, xz + b], [xy + c, -(xx + zz), yz - a], [xz - b, yz + a, -(xx + yy)]])
+
+
 def centripetal(w: Array, l: Array) -> Array:
     """Return w x (w x l) [m/s^2]: the acceleration at the end of a turning vector l."""
     return cross(w, cross(w, l))

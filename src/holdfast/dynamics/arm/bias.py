@@ -11,6 +11,7 @@ C and Jdot qd; accelerations at the tip are then true minus [0; g].
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from holdfast.dynamics.arm.joint_map import project
 from holdfast.dynamics.arm.posture import Posture
 from holdfast.model.arm import Arm
 from holdfast.spatial.scalar import Array, array, concatenate
-from holdfast.spatial.spatial_vector import centripetal, rotate, shift_twist, shift_wrench, unrotate
+from holdfast.spatial.spatial_vector import acceleration_gradient, rotate, shift_wrench, unrotate
 from holdfast.spatial.vector import cross
 
 
@@ -37,23 +38,22 @@ class Bias(NamedTuple):
 
 def bias_accelerations(
     arm: Arm, at: Posture, twists: tuple[Array, ...], qd: Array, base_twist: Array, base_acceleration: Array
-) -> tuple[Array, ...]:
-    """Return zeta(k) = phi^T(k+1, k) zeta(k+1) + a(k), link axes, base to tip.
+) -> Iterator[tuple[Array, Array]]:
+    """Yield zeta(k) = phi^T(k+1, k) zeta(k+1) + a(k) and its K = omega_dot~ + w~ w~, link axes, base to tip.
 
     a(k) = [w' x h qd; w' x (w' x l)] revolute, [0; w' x (w' x l) + 2 w' x h qd] prismatic,
-    w' the parent's angular velocity (operators.md 2).
+    w' the parent's angular velocity (operators.md 2); with the parent's K the linear part
+    carried over is v_dot + K l.
     """
     zeta = unrotate(arm.base.R, base_acceleration)
-    w_parent = base_twist[:3] @ arm.base.R
-    result = []
+    K = acceleration_gradient(zeta[:3], base_twist[:3] @ arm.base.R)
     for joint, E, l, V, rate in zip(arm.joints, at.E, at.l, twists, qd, strict=True):
-        carried = shift_twist(l, zeta) + concatenate([np.zeros(3), centripetal(w_parent, l)])
+        carried = concatenate([zeta[:3], zeta[3:] + K @ l])
         coriolis = cross(V[:3], rate * joint.axis)  # w x h qd = w' x h qd
         extra = [coriolis, np.zeros(3)] if joint.kind == "revolute" else [np.zeros(3), 2.0 * coriolis]
         zeta = unrotate(E, carried) + concatenate(extra)
-        w_parent = V[:3]
-        result.append(zeta)
-    return tuple(result)
+        K = acceleration_gradient(zeta[:3], V[:3])
+        yield zeta, K
 
 
 def bias(
@@ -76,29 +76,26 @@ def bias(
         base_acceleration: (6,) of the base origin minus [0; g], world axes.
         link_wrenches: (N, 6) external wrenches about the link origins, world axes.
     """
-    zetas = bias_accelerations(arm, at, twists, qd, base_twist, base_acceleration)
+    found = list(bias_accelerations(arm, at, twists, qd, base_twist, base_acceleration))
     wrenches = [
-        link.spatial_inertia.apply(zeta) + link.spatial_inertia.gyroscopic(V[:3])
-        for link, zeta, V in zip(arm.links, zetas, twists, strict=True)
+        link.spatial_inertia.wrench(zeta, V[:3], K) for link, V, (zeta, K) in zip(arm.links, twists, found, strict=True)
     ]
     if link_wrenches is not None:
         wrenches = [p - unrotate(R, f) for p, R, f in zip(wrenches, at.R, link_wrenches, strict=True)]
-    tip = shift_twist(arm.tip.p, zetas[-1])
-    a0 = concatenate([np.zeros(3), centripetal(twists[-1][:3], arm.tip.p)])
-    return Bias(tuple(wrenches), rotate(at.R[-1], tip + a0))
+    zeta, K = found[-1]
+    tip = concatenate([zeta[:3], zeta[3:] + K @ arm.tip.p])
+    return Bias(tuple(wrenches), rotate(at.R[-1], tip))
 
 
 def bias_torque(arm: Arm, at: Posture, wrenches: tuple[Array, ...]) -> tuple[Array, Array]:
     """Return C = H phi p and the wrench at the base. One inward sweep, O(N).
 
     Returns:
-        (N,) bias torques, and (6,) wrench of the base on the arm at qdd = 0, about the
-        base origin, base axes.
+        (N,) bias torques, and (6,) wrench of the base on the first link at qdd = 0, about that
+        link's origin, in its axes.
     """
-    F = np.zeros(6)
-    torques = []
-    for joint, E, l, p in reversed(list(zip(arm.joints, at.E, at.l, wrenches, strict=True))):
-        F = F + p
-        torques.insert(0, project(joint, F))
-        F = shift_wrench(l, rotate(E, F))
+    F, torques = wrenches[-1], [project(arm.joints[-1], wrenches[-1])]
+    for k in reversed(range(arm.joint_count - 1)):
+        F = wrenches[k] + shift_wrench(at.l[k + 1], rotate(at.E[k + 1], F))
+        torques.insert(0, project(arm.joints[k], F))
     return array(torques), F

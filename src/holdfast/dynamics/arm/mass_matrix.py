@@ -11,18 +11,18 @@ from holdfast.spatial.spatial_vector import rotate, shift_wrench
 
 
 def mass_matrix(arm: Arm, at: Posture) -> tuple[Array, Array]:
-    """Return the mass matrix and the base wrenches of unit joint accelerations.
+    """Return the mass matrix and the wrenches on the first link of unit joint accelerations.
 
     Column k is the wrench that accelerates everything beyond joint k by 1, seen at the
     joints before it. Cost O(N^2).
 
     Returns:
         (N, N) symmetric [kg m^2, kg m, kg], and (6, N): column k is the wrench of the base
-        on the arm for qdd_k = 1, about the base origin, base axes.
+        on the first link for qdd_k = 1, about that link's origin, in its axes.
     """
     N = arm.joint_count
     entries: list[list[object]] = [[0.0] * N for _ in range(N)]
-    at_base = []
+    at_first = []
     composite = NO_INERTIA
     for k in reversed(range(N)):
         joint = arm.joints[k]
@@ -32,6 +32,6 @@ def mass_matrix(arm: Arm, at: Posture) -> tuple[Array, Array]:
         for j in reversed(range(k)):
             F = shift_wrench(at.l[j + 1], rotate(at.E[j + 1], F))
             entries[j][k] = entries[k][j] = project(arm.joints[j], F)
-        at_base.insert(0, shift_wrench(at.l[0], rotate(at.E[0], F)))
+        at_first.insert(0, F)
         composite = composite.moved(at.E[k], at.l[k])
-    return array(entries), array(at_base).T
+    return array(entries), array(at_first).T

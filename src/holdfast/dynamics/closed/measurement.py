@@ -9,7 +9,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.tip_response import TipResponse
-from holdfast.spatial.scalar import Array, Scalar, array, maximum, minimum
+from holdfast.spatial.scalar import Array, Scalar, array, maximum, minimum, where
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 from holdfast.spatial.symmetric import Symmetric6
 
@@ -67,10 +67,12 @@ def measurement(c: Contact, tip: TipResponse, mobility: Symmetric6) -> Measureme
 
 def mobility_ratio(m: Measurement) -> Scalar:
     """Return the arm's largest mobility over the object's own, row by row, without units."""
-    ratio: Scalar = 0.0
+    size: Scalar = 0.0
+    of: Scalar = 1.0
     for arm_size, object_size in zip(np.diag(m.R), m.object_size, strict=True):
-        ratio = maximum(ratio, arm_size / object_size)
-    return ratio
+        larger = arm_size * of > size * object_size  # of two ratios, with one division in the end
+        size, of = where(larger, arm_size, size), where(larger, object_size, of)
+    return size / of
 
 
 def object_share(share: Scalar, ratio: Scalar) -> Scalar:

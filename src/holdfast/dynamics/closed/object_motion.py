@@ -11,7 +11,7 @@ from holdfast.spatial.linalg import forward_substitution, ldl
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate
 from holdfast.spatial.spatial_vector import centripetal, shift_twist, shift_wrench
-from holdfast.spatial.symmetric import Symmetric6
+from holdfast.spatial.symmetric import Symmetric6, mirrored
 from holdfast.spatial.vector import cross
 
 
@@ -51,15 +51,16 @@ def object_motion(body: HeldObject, frame: Pose, twist: Array, wrench: Array) ->
     """
     R, w = frame.R, twist[:3]
     p = R @ body.com  # C to mass centre
-    I, inverse = R @ body.inertia @ R.T, R @ symmetric_inverse(body.inertia) @ R.T
+    inverse = symmetric_inverse(body.inertia)
     none, unit = np.zeros((3, 3)), np.eye(3)
-    spin = cross(w, I @ w)
-    falling = concatenate([-(inverse @ spin), np.zeros(3)])  # the mass centre keeps its velocity
+    turning = w @ R  # object axes
+    spin = cross(turning, body.inertia @ turning)
+    falling = concatenate([-(R @ (inverse @ spin)), np.zeros(3)])  # the mass centre keeps its velocity
     return ObjectMotion(
-        Symmetric6(I, none, body.mass * unit).inertia_shifted(p),
-        Symmetric6(inverse, none, (1.0 / body.mass) * unit).mobility_shifted(-p),
+        Symmetric6(mirrored(R @ body.inertia @ R.T), none, body.mass * unit).inertia_shifted(p),
+        Symmetric6(mirrored(R @ inverse @ R.T), none, (1.0 / body.mass) * unit).mobility_shifted(-p),
         _factors(body, R, p),
-        shift_wrench(p, concatenate([spin, body.mass * centripetal(w, p)])),
+        shift_wrench(p, concatenate([R @ spin, body.mass * centripetal(w, p)])),
         shift_twist(-p, falling) + concatenate([np.zeros(3), centripetal(w, -p)]),
         wrench,
     )

@@ -75,17 +75,16 @@ def by_mass_matrix(motion: ArmMotion) -> TipResponse:
     """Return the answer with M = L L^T, X = L^-1 J^T: Lambda = X^T X. O(N^3)."""
     arm, at = motion.arm, motion.at
     J = jacobian(arm, at)
-    C, bias_at_base = bias_torque(arm, at, motion.bias.wrenches)
-    M, unit_at_base = mass_matrix(arm, at)
+    C, at_rest = bias_torque(arm, at, motion.bias.wrenches)
+    M, per_joint = mass_matrix(arm, at)
     L = cholesky(M)
     X = forward_substitution(L, J.T)
     x = forward_substitution(L, motion.torque - C)
 
     def back(f: Array) -> tuple[Array, Array]:
         qdd = back_substitution(L, x - X @ f)
-        base = rotate(arm.base.R, bias_at_base + unit_at_base @ qdd)
-        to_tip = arm.base.R @ at.l[0] + at.reach[0]
-        return qdd, base + shift_wrench(to_tip, f)
+        at_first = rotate(at.R[0], at_rest + per_joint @ qdd) + shift_wrench(at.reach[0], f)
+        return qdd, shift_wrench(arm.base.R @ at.l[0], at_first)
 
     pivots = np.diag(L) * np.diag(L)
     return TipResponse(symmetric6(X.T @ X), x @ X + motion.bias.tip_acceleration, pivots, back)
