@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test bars lint counts pictures clean
+.PHONY: demo test bars lint counts bench pictures clean
 
 demo: $(VENV)/.plot
 	$(BIN)/holdfast simulate examples/two_pandas.toml --out results/two_pandas --overwrite
@@ -27,6 +27,12 @@ lint: $(VENV)/.dev
 counts: $(VENV)/.dev
 	$(BIN)/python benchmarks/operation_counts.py --write docs/operation_counts.md
 
+# Speed against other libraries, into docs/benchmarks.md and the README (minutes; leave the machine alone meanwhile).
+bench: $(VENV)/.bench
+	mkdir -p results
+	$(BIN)/holdfast bench --json > results/bench.json
+	$(BIN)/python benchmarks/write_benchmarks.py results/bench.json
+
 # The README's picture, from the demo.
 pictures: demo
 	cp results/two_pandas/grasp_wrenches.png docs/images/
@@ -40,6 +46,11 @@ $(VENV)/.dev: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable ".[plot,dev]"
 	touch $@ $(VENV)/.plot
+
+$(VENV)/.bench: pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable ".[bench]"
+	touch $@
 
 clean:
 	rm -rf $(VENV) results

@@ -16,7 +16,7 @@ from tests.io.mutations import CASES, small_case
 from tests.systems import two_collinear_stretched_6r
 
 FILE = str(Path(__file__).parents[1] / "data" / "cases.json")
-COMMANDS = ("solve", "diagnose", "simulate", "methods", "doctor")
+COMMANDS = ("solve", "diagnose", "simulate", "bench", "methods", "doctor")
 
 
 def test_help(capsys):
@@ -47,7 +47,7 @@ def test_version(capsys):
     ("arguments", "problem"),
     [
         (["slove", FILE], "no command 'slove'. Did you mean 'solve'?"),
-        (["fly"], "no command 'fly'. Known: solve, diagnose, simulate, methods, doctor."),
+        (["fly"], "no command 'fly'. Known: solve, diagnose, simulate, bench, methods, doctor."),
         (["solve"], "Missing from holdfast solve: FILE"),
         (["--verbose"], "Unrecognized options: --verbose"),
         (["methods", "extra"], "Unrecognized options: extra"),

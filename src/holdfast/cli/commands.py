@@ -22,6 +22,7 @@ Folder = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
 Name = Annotated[str, tyro.conf.arg(metavar="NAME")]
 OptionalName = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
 Format = Literal["table", "json"]
+Switch = tyro.conf.FlagCreatePairsOff[bool]
 
 
 def solve(file: CaseFile, case: OptionalName = None, method: Name = "sequential", format: Format = "table") -> int:
@@ -65,6 +66,18 @@ def simulate(scene: SceneFile, out: Folder = None, overwrite: bool = False, plot
     return command.simulate(scene, out, overwrite, plots)
 
 
+def bench(json: Switch = False, quick: Switch = False) -> int:
+    """Compare the speed of forward dynamics with other libraries, at equal answers.
+
+    Args:
+        json: print one JSON document instead of tables.
+        quick: a few small sizes, half a minute; the whole takes several minutes.
+    """
+    from holdfast.cli import bench as command
+
+    return command.bench(json, quick)
+
+
 def methods() -> int:
     """List the forward dynamics algorithms: equation, cost, where they apply."""
     from holdfast.cli import methods as command
@@ -80,7 +93,7 @@ def doctor() -> int:
 
 
 COMMANDS: dict[str, Callable[..., int]] = {
-    command.__name__: command for command in (solve, diagnose, simulate, methods, doctor)
+    command.__name__: command for command in (solve, diagnose, simulate, bench, methods, doctor)
 }
 
 

@@ -1,0 +1,33 @@
+"""Write what a benchmark run measured: the page, its figures, the README's table.
+
+holdfast bench --json > results/bench.json
+python benchmarks/write_benchmarks.py results/bench.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import bench_plots
+
+from holdfast.bench import page
+
+ROOT = Path(__file__).parents[1]
+
+
+def main() -> None:
+    """Write page, figures and table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("document", type=Path, help="what `holdfast bench --json` printed")
+    document = json.loads(parser.parse_args().document.read_text())
+    (ROOT / "docs" / "benchmarks.md").write_text(page.page(document))
+    bench_plots.save(document, ROOT / "docs" / "images")
+    readme = ROOT / "README.md"
+    readme.write_text(page.with_table(readme.read_text(), page.readme(document)))
+    print("wrote docs/benchmarks.md, docs/images/bench_*.png and the table in README.md")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,74 @@
+"""Timing on a machine that others use too: rounds in which every entry gets its turn, and medians over rounds."""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from holdfast.bench.entry import Entry
+from holdfast.spatial.scalar import Array
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How long to measure.
+
+    Attributes:
+        turn: seconds that an entry runs in a round.
+        rounds: how many.
+    """
+
+    turn: float
+    rounds: int
+
+
+def timed(entries: Sequence[Entry], effort: Effort, each_round: Callable[[], None] = lambda: None) -> Array:
+    """Return seconds per evaluation, (rounds, entries).
+
+    Rounds start at another entry each time, so that none always follows the same one.
+
+    Args:
+        entries: what to time.
+        effort: how long.
+        each_round: called after every round.
+    """
+    sweeps = [_calibrated(entry, effort.turn) for entry in entries]
+    seconds = np.empty((effort.rounds, len(entries)))
+    for r in range(effort.rounds):
+        for i in range(len(entries)):
+            k = (i + r) % len(entries)
+            seconds[r, k] = _seconds(entries[k], sweeps[k]) / (sweeps[k] * entries[k].evaluations)
+        each_round()
+    return seconds
+
+
+def _calibrated(entry: Entry, turn: float) -> int:
+    """Return how many sweeps fill a turn; warms the entry up on the way."""
+    _seconds(entry, 1)
+    count = 1
+    while (spent := _seconds(entry, count)) < turn / 4:
+        count *= 2
+    return max(1, round(count * turn / spent))
+
+
+def _seconds(entry: Entry, sweeps: int) -> float:
+    sweep, collecting = entry.sweep, gc.isenabled()
+    gc.disable()  # as timeit does
+    try:
+        start = time.perf_counter()
+        for _ in range(sweeps):
+            sweep()
+        return time.perf_counter() - start
+    finally:
+        if collecting:
+            gc.enable()
+
+
+def summary(seconds: Array) -> dict[str, float]:
+    """Return the median of an entry's rounds and the quartiles [us]."""
+    low, middle, high = 1e6 * np.percentile(seconds, [25, 50, 75])
+    return {"microseconds": float(middle), "lower_quartile": float(low), "upper_quartile": float(high)}

@@ -1,0 +1,122 @@
+"""One system: do all entries give the same answers, and how long does each take."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from holdfast.bench import own_entries
+from holdfast.bench.clock import Effort, summary, timed
+from holdfast.bench.entry import ACCURATE, Answers, Candidate, Entry, relative_error
+from holdfast.bench.machine import memory_available
+from holdfast.bench.systems import System
+from holdfast.dynamics.forward import forward_dynamics
+from holdfast.spatial.scalar import Array
+from holdfast.state import State
+
+ALONE = 300e6  # bytes from which on an entry is built, timed against ours, and freed before the next
+MARGIN = 1.3  # memory that must be free, over what an entry needs
+
+
+def measure_system(
+    system: System, fast: Any, peers: Sequence[Candidate], effort: Effort, each_round: Callable[[], None] = lambda: None
+) -> dict[str, Any]:
+    """Return the record of one system: agreement and times of ours and every peer.
+
+    Args:
+        system: the system.
+        fast: its chain as machine code.
+        peers: the other libraries' ways; the first, if exact, supplies the true answers.
+        effort: how long to time.
+        each_round: called now and then, for progress.
+    """
+    own = [make(system, fast) for make in (own_entries.public, own_entries.bind, own_entries.bind_call)]
+    truth: Answers | None = None
+    rows: dict[str, list[Array]] = {entry.name: [] for entry in own}
+    records, skipped = [], []
+    for group in _groups(peers):
+        built: list[Entry] = []
+        for candidate in group:
+            if truth is None and not candidate.exact:
+                truth = reference(system)
+            entry = _built(candidate, truth, skipped)
+            if entry is not None:
+                built.append(entry)
+                truth = truth or entry.answers()
+        truth = truth or reference(system)
+        seconds = timed([*own, *built], effort, each_round)
+        for k, entry in enumerate(own):
+            rows[entry.name].append(seconds[:, k])
+        for k, entry in enumerate(built, len(own)):
+            records.append(_record(entry, truth, seconds[:, k], dict(zip(rows, seconds.T[: len(own)], strict=True))))
+        del built
+        gc.collect()
+    assert truth is not None  # there is a group, even without peers
+    ours = [_record(entry, truth, np.concatenate(rows[entry.name]), {}) for entry in own]
+    chain = system.chain
+    return {
+        "name": system.name,
+        "arms": len(chain.arms),
+        "joints": chain.joint_count // len(chain.arms),
+        "states": system.states,
+        "operations": int(fast.operation_count),
+        "entries": ours + records,
+        "skipped": skipped,
+    }
+
+
+def reference(system: System) -> Answers:
+    """Return the answers of this library's readable text, which no machine code touches."""
+    found = []
+    for q, qd, tau, pose, twist in zip(*system.arrays, strict=True):
+        found.append(forward_dynamics(system.chain, State(q, qd, pose, twist), tau))
+    return Answers(np.array([r.qdd for r in found]), np.array([r.grasp_wrench for r in found]))
+
+
+def _groups(peers: Sequence[Candidate]) -> list[list[Candidate]]:
+    """Return the candidates that are timed together; the large ones have a group each, the exact one first."""
+    large = [[peer] for peer in peers if peer.memory > ALONE]
+    small = [peer for peer in peers if peer.memory <= ALONE]
+    return [*large, small] if small or not large else large
+
+
+def _built(candidate: Candidate, truth: Answers | None, skipped: list[dict[str, str]]) -> Entry | None:
+    """Return the entry, or None and the reason noted."""
+    reason = ""
+    if MARGIN * candidate.memory > memory_available():
+        reason = f"needs {candidate.memory / 1e9:.1f} GB, {memory_available() / 1e9:.1f} GB are free"
+    else:
+        try:
+            return candidate.build(truth)
+        except Exception as error:  # whatever another library raises: named, and the others go on
+            reason = f"{type(error).__name__}: {error}"
+    skipped.append({"name": candidate.name, "library": candidate.library, "reason": reason})
+    return None
+
+
+def _record(entry: Entry, truth: Answers, seconds: Array, ours: dict[str, Array]) -> dict[str, Any]:
+    """Return an entry's record; its answers are computed again after the timing, because some keep state."""
+    got = entry.answers()
+    error = relative_error(got.qdd, _as_many(truth.qdd, got.qdd))
+    wrench_error = None
+    if got.wrenches is not None and truth.wrenches is not None:
+        wrench_error = relative_error(got.wrenches, _as_many(truth.wrenches, got.wrenches))
+    return {
+        "name": entry.name,
+        "library": entry.library,
+        "note": entry.note,
+        "floor": entry.floor,
+        **summary(seconds),
+        "error": error,
+        "wrench_error": wrench_error,
+        "accurate": bool(error <= ACCURATE) and not entry.floor,
+        "ratios": {name: float(np.median(seconds / own)) for name, own in ours.items()},
+    }
+
+
+def _as_many(truth: Array, got: Array) -> Array:
+    """Return the truth repeated for a batch in which the states come again and again."""
+    return np.resize(truth, got.shape)

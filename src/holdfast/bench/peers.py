@@ -1,0 +1,58 @@
+"""Which other libraries are here; one that is not is named with what would bring it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from holdfast.bench import library, mujoco_entries, pinocchio_entries
+from holdfast.bench.entry import Candidate
+from holdfast.bench.systems import System
+
+
+@dataclass(frozen=True)
+class Peer:
+    """A library to compare with.
+
+    Attributes:
+        name: of the module.
+        load: imports it.
+        package: what to install.
+        needs: a function that tells it from others of its name, and from too old a release.
+        candidates: its ways to solve a system.
+    """
+
+    name: str
+    load: Callable[[], Any]
+    package: str
+    needs: str
+    candidates: Callable[[System], list[Candidate]]
+
+
+PEERS = (
+    Peer(
+        "pinocchio", library.pinocchio, "pin", "lcaba", pinocchio_entries.candidates
+    ),  # first: it supplies the true answers
+    Peer("mujoco", library.mujoco, "mujoco-core", "mj_forward", mujoco_entries.candidates),
+)
+
+
+def found() -> dict[str, dict[str, str]]:
+    """Return {"version": ...} or {"absent": why, and what to try} of every peer."""
+    return {peer.name: _look_for(peer) for peer in PEERS}
+
+
+def _look_for(peer: Peer) -> dict[str, str]:
+    try:
+        module = peer.load()
+    except ImportError as error:
+        return {"absent": f"{error}; try pip install {peer.package}"}
+    if not hasattr(module, peer.needs):
+        return {"absent": f"the module '{peer.name}' here has no {peer.needs}; try pip install -U {peer.package}"}
+    return {"version": str(module.__version__)}
+
+
+def candidates(system: System, present: dict[str, dict[str, str]]) -> list[Candidate]:
+    """Return every way of every peer that is here."""
+    return [way for peer in PEERS if "version" in present[peer.name] for way in peer.candidates(system)]

@@ -1,0 +1,116 @@
+"""A run of the benchmark: one document with everything that was measured, ready for JSON."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from holdfast.bench import bars, machine, own_entries, peers
+from holdfast.bench.clock import summary, timed
+from holdfast.bench.compile_times import compile_times
+from holdfast.bench.entry import ACCURATE, relative_error
+from holdfast.bench.measure import measure_system, reference
+from holdfast.bench.plan import Plan, Size, name_of
+from holdfast.bench.systems import System, make_system
+
+FORMAT = 1  # of the document
+Report = Callable[[str, float], None]  # what is being done, and the part of all that is done
+
+
+def run(plan: Plan, report: Report = lambda _doing, _part: None) -> dict[str, Any]:
+    """Measure what the plan says and return the document.
+
+    Args:
+        plan: `QUICK`, `FULL` or another.
+        report: told what is being done, and the part of all that is done.
+
+    Raises:
+        HoldfastError: a chain does not compile.
+    """
+    # read by the threading library when the first peer loads it: everyone gets one thread
+    os.environ["OMP_NUM_THREADS"] = "1"
+    work = Work(plan)
+    steps = [
+        *((f"{name_of(size)} joints", work.compare, (size,)) for size in plan.systems),
+        ("batches", work.batches, ()),
+        *((f"growth to {name_of(larger)}", work.growth, (larger, smaller)) for larger, smaller in plan.growth),
+        *((f"compiling {name_of(size)}", work.compiling, (size,)) for size in plan.compiled),
+    ]
+    for k, (doing, step, arguments) in enumerate(steps):
+        report(doing, k / len(steps))
+        step(*arguments)
+    report("done", 1.0)
+    return work.document | {"bars": bars.bars(work.document)}
+
+
+class Work:
+    """The steps of a run; each adds to the document.
+
+    Attributes:
+        document: what was measured so far.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+        self._systems: dict[Size, tuple[System, Any]] = {}
+        self.document: dict[str, Any] = {
+            "format": FORMAT,
+            "mode": plan.mode,
+            "accuracy": ACCURATE,
+            "rounds": plan.effort.rounds,
+            "machine": machine.description(),
+            "peers": peers.found(),
+            "systems": [],
+            "batches": {"system": name_of(plan.batch_of), "sizes": []},
+            "growth": [],
+            "compile": [],
+        }
+
+    def system(self, size: Size) -> tuple[System, Any]:
+        """Return a system and its machine code, made once."""
+        if size not in self._systems:
+            made = make_system(*size)
+            self._systems[size] = made, own_entries.compiled(made)
+        return self._systems[size]
+
+    def compare(self, size: Size) -> None:
+        """Compare ours and every peer at one size."""
+        made, fast = self.system(size)
+        ways = peers.candidates(made, self.document["peers"])
+        self.document["systems"].append(measure_system(made, fast, ways, self.plan.effort))
+
+    def batches(self) -> None:
+        """Time batches, per state, against the peers' fastest ways in a loop over the same states."""
+        made, fast = self.system(self.plan.batch_of)
+        record = next(r for r in self.document["systems"] if r["name"] == made.name)
+        best = [entry["name"] for peer in self.document["peers"] if (entry := bars.fastest(record, peer))]
+        truth = reference(made)
+        rivals = [way.build(truth) for way in peers.candidates(made, self.document["peers"]) if way.name in best]
+        ours = [own_entries.batch(made, fast, size) for size in self.plan.batch_sizes]
+        seconds = timed([*ours, *rivals], self.plan.effort)
+        for k, (size, entry) in enumerate(zip(self.plan.batch_sizes, ours, strict=True)):
+            got = entry.answers().qdd
+            row = {
+                "size": size,
+                **summary(seconds[:, k]),
+                "error": relative_error(got, np.resize(truth.qdd, got.shape)),
+                "ratios": {
+                    rival.name: float(np.median(seconds[:, j] / seconds[:, k]))
+                    for j, rival in enumerate(rivals, len(ours))
+                },
+            }
+            self.document["batches"]["sizes"].append(row)
+
+    def growth(self, larger: Size, smaller: Size) -> None:
+        """Time a larger system over a smaller one."""
+        seconds = timed([own_entries.public(*self.system(size)) for size in (larger, smaller)], self.plan.effort)
+        ratio = float(np.median(seconds[:, 0] / seconds[:, 1]))
+        self.document["growth"].append({"larger": name_of(larger), "smaller": name_of(smaller), "ratio": ratio})
+
+    def compiling(self, size: Size) -> None:
+        """Time compiling one size."""
+        times = compile_times(*size, self.plan.compile_runs)
+        self.document["compile"].append({"system": name_of(size), **times})

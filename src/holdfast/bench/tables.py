@@ -1,0 +1,176 @@
+"""The document of a run as tables of text: for the terminal, for Markdown."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import Any
+
+from holdfast.bench.own_entries import LIBRARY, PUBLIC
+
+Document = dict[str, Any]
+INEXACT = "*"
+MISSING = "-"
+STEADY = 1.1  # upper over lower quartile up to which a time counts as undisturbed
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of text.
+
+    Attributes:
+        title: above it.
+        header: of its columns.
+        rows: of cells.
+        notes: below it.
+    """
+
+    title: str
+    header: list[str]
+    rows: list[list[str]]
+    notes: list[str] = field(default_factory=list)
+
+    def cut(self, columns: int) -> list[Table]:
+        """Return the table as several of at most so many columns after the first; the notes are the last one's."""
+        starts = list(range(1, len(self.header), columns))
+        return [
+            Table(
+                self.title,
+                [self.header[0], *self.header[start : start + columns]],
+                [[row[0], *row[start : start + columns]] for row in self.rows],
+                self.notes if start == starts[-1] else [],
+            )
+            for start in starts
+        ]
+
+    def markdown(self) -> str:
+        """Return the table as Markdown, without its title."""
+        lines = ["| " + " | ".join(row) + " |" for row in (self.header, ["---"] * len(self.header), *self.rows)]
+        return "\n".join([*lines, *(f"\n{note}" for note in self.notes)]) + "\n"
+
+
+def number(x: float) -> str:
+    """Return a number with about three digits."""
+    return f"{x:,.0f}" if abs(x) >= 100 else f"{x:.1f}" if abs(x) >= 10 else f"{x:.2f}" if abs(x) >= 1 else f"{x:.3f}"
+
+
+def ratios(document: Document) -> Table:
+    """Return how many times as long every peer takes as our checked call, from the same rounds."""
+    table = _by_system(document, "Time over ours", lambda e: number(e["ratios"][PUBLIC]), own=False)
+    notes = [
+        f"Over one checked call of `{PUBLIC}`. {INEXACT} answers further than {document['accuracy']:g} from the exact"
+        " ones (MuJoCo's welds are soft by design; see the errors). The row without grasps is a floor, no competitor.",
+        "The tree form lacks one grasp wrench: that of the arm whose hand the object is part of. Ours gives all.",
+    ]
+    return Table(table.title, table.header, table.rows, notes)
+
+
+def times(document: Document) -> Table:
+    """Return microseconds per evaluation."""
+
+    def short(entry: dict[str, Any]) -> str:
+        steady = entry["upper_quartile"] <= STEADY * entry["lower_quartile"]
+        return ("" if steady else "~") + number(entry["microseconds"])
+
+    table = _by_system(document, "Microseconds per evaluation", short)
+    notes = [
+        f"Medians of {document['rounds']} rounds. These are this machine's; the ratios travel better. ~ the quartiles"
+        f" are more than {round(100 * (STEADY - 1))} % apart: others used the machine."
+    ]
+    return Table(table.title, table.header, table.rows, notes)
+
+
+def errors(document: Document) -> Table:
+    """Return the largest relative error of the joint accelerations, after the timing."""
+
+    def short(entry: dict[str, Any]) -> str:
+        return f"{entry['error']:.0e}" if entry["error"] else "exact"
+
+    table = _by_system(document, "Relative error of the joint accelerations", short, floors=False)
+    notes = ["Largest over the states, after the timing; against the answers taken as exact."]
+    return Table(table.title, table.header, table.rows, notes)
+
+
+def settings(document: Document) -> Table:
+    """Return the settings that `lcaba` was given at every size."""
+
+    def short(entry: dict[str, Any]) -> str:
+        found = re.match(r"mu = (\S+), (\d+)", entry["note"])
+        return f"{found[1]}, {found[2]}" if found else MISSING
+
+    table = _by_system(document, "lcaba: mu, iterations", short, own=False)
+    rows = [row for row in table.rows if "lcaba" in row[0]]
+    notes = ["The fewest iterations, and then the best mu, that keep the accuracy call after call."]
+    return Table(table.title, table.header, rows, notes)
+
+
+def batches(document: Document) -> Table:
+    """Return microseconds per state of batches on one thread, and the peers' loops over ours."""
+    found = document["batches"]
+    rivals = list(found["sizes"][0]["ratios"]) if found["sizes"] else []
+    rows = [
+        [f"{row['size']:,}", number(row["microseconds"]), *(number(row["ratios"][name]) for name in rivals)]
+        for row in found["sizes"]
+    ]
+    header = ["states in one call", "us per state", *(f"{name} / ours" for name in rivals)]
+    notes = ["The peers take the same states one by one in a loop."]
+    return Table(f"Batches of {found['system']}, one thread", header, rows, notes)
+
+
+def compiling(document: Document) -> Table:
+    """Return seconds from `compile` to the first answer in a new process, and operations."""
+    operations = {record["name"]: record["operations"] for record in document["systems"]}
+    rows = [
+        [
+            row["system"],
+            f"{row['cold']['first_answer']:.2f}",
+            f"{row['cached']['first_answer']:.4f}",
+            f"{operations[row['system']]:,}" if row["system"] in operations else MISSING,
+        ]
+        for row in document["compile"]
+    ]
+    header = ["system", "cold [s]", "from the cache [s]", "operations of one evaluation"]
+    return Table("Compiling, the first answer included", header, rows)
+
+
+def promises(document: Document) -> Table:
+    """Return the bars that this run measured, and whether they are met."""
+    rows, left = [], 0
+    for bar in document["bars"]:
+        if bar["value"] is None:
+            left += 1
+            continue
+        value = f"{bar['value']:.1e}" if bar["goal"] < 1e-3 else number(bar["value"])
+        goal = f"{bar['sense']} {bar['goal']:g}"
+        rows.append([bar["what"], goal, value, "met" if bar["met"] else "MISSED", bar["note"]])
+    notes = [f"{left} more need the full run."] if left else []
+    return Table("Bars", ["bar", "goal", "value", "", "against"], rows, notes)
+
+
+def absences(document: Document) -> list[str]:
+    """Return what was not compared, and why, one line each."""
+    lines = [f"{name}: not compared: {peer['absent']}" for name, peer in document["peers"].items() if "absent" in peer]
+    for record in document["systems"]:
+        lines += [
+            f"{way['library']} {way['name']} at {record['name']}: skipped: {way['reason']}" for way in record["skipped"]
+        ]
+    return lines
+
+
+def _by_system(document: Document, title: str, cell: Any, *, own: bool = True, floors: bool = True) -> Table:
+    """Return a table with a row per entry and a column per system."""
+    systems = document["systems"]
+    names: dict[tuple[str, str], dict[str, Any]] = {}
+    for record in systems:
+        for entry in record["entries"]:
+            if (own or entry["library"] != LIBRARY) and (floors or not entry["floor"]):
+                names.setdefault((entry["library"], entry["name"]), entry)
+    rows = []
+    for library, name in names:
+        row = [f"{library} {name}"]
+        for record in systems:
+            entry = next((e for e in record["entries"] if (e["library"], e["name"]) == (library, name)), None)
+            inexact = entry is not None and not entry["accurate"] and not entry["floor"]
+            row.append(MISSING if entry is None else cell(entry) + (INEXACT if inexact else ""))
+        rows.append(row)
+    return Table(title, ["arms x joints", *(record["name"] for record in systems)], rows)

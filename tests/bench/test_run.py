@@ -1,0 +1,106 @@
+"""A whole run: the document's form, and what it says about peers that are not here."""
+
+import json
+import sys
+
+import pytest
+
+from holdfast.bench import bars, peers, tables
+from holdfast.bench.run import run
+from tests.bench.tiny import TINY, tiny_document
+
+SCHEMA = {
+    "document": "format mode accuracy rounds machine peers systems batches growth compile bars",
+    "machine": "processor cores lanes features system python versions",
+    "system": "name arms joints states operations entries skipped",
+    "entry": "name library note floor microseconds lower_quartile upper_quartile error wrench_error accurate ratios",
+    "batch": "size microseconds lower_quartile upper_quartile error ratios",
+    "growth": "larger smaller ratio",
+    "compile": "system cold cached",
+    "bar": "what sense goal value met note",
+}
+
+
+def test_schema():
+    """The document has these keys and no others; another program may rely on them."""
+    document = tiny_document()
+    rows = {
+        "document": [document],
+        "machine": [document["machine"]],
+        "system": document["systems"],
+        "entry": [entry for record in document["systems"] for entry in record["entries"]],
+        "batch": document["batches"]["sizes"],
+        "growth": document["growth"],
+        "compile": document["compile"],
+        "bar": document["bars"],
+    }
+    for kind, keys in SCHEMA.items():
+        assert rows[kind], kind
+        for row in rows[kind]:
+            assert list(row) == keys.split(), kind
+    assert document["format"] == 1
+
+
+def test_is_plain_json():
+    """Nothing of NumPy, nothing that JSON does not know."""
+    document = tiny_document()
+    assert json.loads(json.dumps(document, allow_nan=False)) == document
+
+
+def test_ours_is_accurate():
+    """Machine code, bound, batched: the peers' answers."""
+    document = tiny_document()
+    ours = [e for record in document["systems"] for e in record["entries"] if e["library"] == "holdfast"]
+    assert all(entry["accurate"] and entry["wrench_error"] <= 1e-9 for entry in ours)
+    assert all(row["error"] <= 1e-9 for row in document["batches"]["sizes"])
+    agreement = document["bars"][-1]
+    assert agreement["met"] is True
+
+
+def test_bars_not_measured():
+    """A bar whose system was not run has no value and is neither met nor missed."""
+    found = {bar["what"]: bar for bar in tiny_document()["bars"]}
+    assert found["64 x 7: lcaba / ours"]["value"] is None
+    assert found["64 x 7: lcaba / ours"]["met"] is None
+    assert isinstance(found["2 x 7: operations"]["met"], bool)
+    assert len(found) == len(bars.BARS)
+
+
+def test_absent_peers_are_named(monkeypatch):
+    """Without the other libraries the run goes on and says what it misses, and how to get it."""
+
+    for peer in ("pinocchio", "mujoco"):
+        monkeypatch.setitem(sys.modules, peer, None)  # importing it now raises ImportError
+    document = run(TINY)
+    assert set(document["peers"]) == {"pinocchio", "mujoco"}
+    for name, package in (("pinocchio", "pin"), ("mujoco", "mujoco-core")):
+        reason = document["peers"][name]["absent"]
+        assert name in reason
+        assert reason.endswith(f"; try pip install {package}")
+    assert {e["library"] for record in document["systems"] for e in record["entries"]} == {"holdfast"}
+    assert [line.split(":")[0] for line in tables.absences(document)] == ["pinocchio", "mujoco"]
+    rivals = [bar for bar in document["bars"] if "Pinocchio" in bar["what"] or "mj_forward" in bar["what"]]
+    assert rivals
+    assert all(bar["met"] is None for bar in rivals)
+
+
+def test_a_module_of_another_kind(monkeypatch):
+    """A package that only shares the name is no peer."""
+    monkeypatch.setitem(sys.modules, "mujoco", json)
+    assert "has no mj_forward" in peers.found()["mujoco"]["absent"]
+
+
+@pytest.mark.parametrize("library", ["pinocchio", "mujoco"])
+def test_fastest(library):
+    """The fastest accurate way counts; where none is accurate, the fastest of all; floors never."""
+
+    def entry(name, ratio, accurate, floor=False):
+        ratios = {"forward_dynamics": ratio}
+        return {"library": library, "name": name, "ratios": ratios, "accurate": accurate, "floor": floor}
+
+    rough, exact, floor = entry("rough", 1.0, False), entry("exact", 3.0, True), entry("floor", 0.1, False, True)
+    slower = entry("exact, slower", 4.0, True)
+    assert bars.fastest({"entries": [rough, slower, exact, floor]}, library) is exact
+    assert bars.fastest({"entries": [rough, floor]}, library) is rough
+    assert bars.fastest({"entries": [floor]}, library) is None
+    assert bars.fastest({"entries": [slower, exact, rough]}, library, "rough") is rough

@@ -1,0 +1,68 @@
+"""`holdfast bench`."""
+
+import json
+
+import pytest
+
+from holdfast.cli import bench as command
+from holdfast.cli import main
+from tests.bench.tiny import TINY, tiny_document
+
+
+@pytest.fixture
+def quickly(monkeypatch):
+    """The command shows the tiny run; returns the plans it was asked for."""
+    plans = []
+
+    def run(plan, report):
+        plans.append(plan)
+        report("something", 0.5)
+        return tiny_document()
+
+    monkeypatch.setattr(command, "run", run)
+    return plans
+
+
+def test_json_only_on_stdout(quickly, capsys):
+    """One document on stdout, nothing else."""
+    assert main(["bench", "--quick", "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out) == tiny_document()
+    assert err == ""
+    assert quickly == [command.QUICK]
+
+
+def test_tables(quickly, capsys):
+    """Ratios before times, then the bars; every entry is named."""
+    assert main(["bench"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert quickly == [command.FULL]
+    assert out.index("Time over ours") < out.index("Microseconds per evaluation") < out.index("Bars")
+    for entry in tiny_document()["systems"][0]["entries"]:
+        assert f"{entry['library']} {entry['name']}" in out
+    assert "the ratios travel better" in out
+
+
+def test_absent_peer(quickly, capsys, monkeypatch):
+    """What was not compared is said below the tables."""
+    monkeypatch.setitem(tiny_document()["peers"], "mujoco", {"absent": "No module named 'mujoco'; try pip install x"})
+    assert main(["bench", "--quick"]) == 0
+    assert "mujoco: not compared: No module named 'mujoco'; try pip install x" in capsys.readouterr().out
+
+
+@pytest.mark.long
+def test_quick_run(capsys):
+    """The real thing, small."""
+    assert main(["bench", "--quick", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["mode"] == "quick"
+    assert [record["name"] for record in document["systems"]] == ["2 x 7", "4 x 7", "2 x 24"]
+
+
+def test_plans():
+    """The full run has the sizes of every bar."""
+    names = {f"{arms} x {joints}" for arms, joints in command.FULL.systems}
+    assert {"2 x 7", "16 x 7", "64 x 7", "2 x 96"} <= names
+    assert set(command.QUICK.systems) < set(command.FULL.systems)
+    assert TINY.mode == "tiny"
