@@ -16,6 +16,15 @@ from holdfast.spatial.scalar import Array
 
 def floats(name: str, value: Any, shape: tuple[int, ...]) -> Array:
     """Return a value as a float64 array of a shape, or with a leading batch axis, C order."""
+    if (
+        type(value) is np.ndarray
+        and value.dtype == np.float64
+        and value.flags.c_contiguous
+        and value.flags.aligned
+        and value.shape[value.ndim - len(shape) :] == shape
+        and value.ndim - len(shape) in (0, 1)
+    ):
+        return value
     try:
         a = np.asarray(value)
     except ValueError as cause:
@@ -33,11 +42,14 @@ def batch_of(found: Mapping[str, Array], externals: Mapping[str, External]) -> i
     Raises:
         StateError: they disagree.
     """
-    sizes = {name: len(a) for name, a in found.items() if a.ndim > len(externals[name].shape)}
-    if len(set(sizes.values())) > 1:
-        listed = ", ".join(f"{name}: {size}" for name, size in sizes.items())
-        raise StateError(f"expected one batch size, got {listed}")
-    return next(iter(sizes.values()), None)
+    batch: int | None = None
+    for name, a in found.items():
+        if a.ndim > len(externals[name].shape):
+            if batch not in (None, len(a)):
+                sizes = {n: len(x) for n, x in found.items() if x.ndim > len(externals[n].shape)}
+                raise StateError(f"expected one batch size, got {', '.join(f'{n}: {s}' for n, s in sizes.items())}")
+            batch = len(a)
+    return batch
 
 
 def require_fit(out: Any, chain: ClosedChain, batch: int | None, inputs: Sequence[Array]) -> None:
@@ -48,17 +60,35 @@ def require_fit(out: Any, chain: ClosedChain, batch: int | None, inputs: Sequenc
         expected = "one system" if batch is None else f"a batch of {batch}"
         got = "one system" if out.batch is None else f"a batch of {out.batch}"
         raise StateError(f"out: expected a result of {expected}, got one of {got}")
-    begin, end = np.lib.array_utils.byte_bounds(out.memory) if out.memory.size else (0, 0)
+    begin, end = out.address, out.address + out.memory.nbytes
     for a in inputs:
-        if a.size:
-            low, high = np.lib.array_utils.byte_bounds(a)
-            if low < end and begin < high:
-                raise StateError("out: expected memory of its own, but an input lies in it; try a copy of the input")
+        if a.nbytes and a.ctypes.data < end and begin < a.ctypes.data + a.nbytes:
+            raise StateError("out: expected memory of its own, but an input lies in it; try a copy of the input")
 
 
-def table(externals: Mapping[str, External], found: Mapping[str, Array]) -> Array:
-    """Return address and stride (0: shared by the batch) of every array, in the kernel's order."""
-    rows = [
-        (found[name].ctypes.data, e.size if found[name].ndim > len(e.shape) else 0) for name, e in externals.items()
-    ]
-    return np.array(rows, dtype=np.int64)
+class Addresses:
+    """Where a kernel finds its arrays: those that stay are written down once."""
+
+    def __init__(self, externals: Mapping[str, External], fixed: Mapping[str, Array]) -> None:
+        self._externals, self._fixed = externals, dict(fixed)  # their memory stays
+        self._rows = {name: k for k, name in enumerate(externals)}
+        self._template = np.zeros((len(externals), 2), dtype=np.int64)
+        self._outputs = slice(len(externals) - sum(e.role == "output" for e in externals.values()), None)
+        for name, a in fixed.items():
+            self._template[self._rows[name]] = a.ctypes.data, 0
+
+    def table(self, found: Mapping[str, Array], out: CompiledResult) -> Array:
+        """Return address and stride (doubles between systems, 0: shared) of every array, in the kernel's order.
+
+        Args:
+            found: inputs, and parameters that differ from the fixed ones: float64, C order.
+            out: the result to write.
+        """
+        table = self._template.copy()
+        for name, a in found.items():
+            external = self._externals[name]
+            table[self._rows[name]] = a.ctypes.data, external.size if a.ndim > len(external.shape) else 0
+        count = 1 if out.batch is None else out.batch
+        table[self._outputs, 0] = out.address + 8 * count * out.layout.starts
+        table[self._outputs, 1] = out.layout.sizes
+        return table

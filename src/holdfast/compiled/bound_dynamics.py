@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from holdfast.compiled.parameters import taken
-from holdfast.compiled.result import UNDECIDED, CompiledResult
+from holdfast.compiled.result import UNDECIDED, CompiledResult, ResultLayout
 from holdfast.compiler.kernel import Kernel
 from holdfast.dynamics.result import Status
+from holdfast.errors import StateError
 from holdfast.spatial.scalar import Array
 
 if TYPE_CHECKING:
@@ -28,18 +31,25 @@ class BoundDynamics:
         run: the bare call without arguments: a number, 0 if the status is OK.
     """
 
-    def __init__(self, compiled: CompiledChain, kernel: Kernel, parameters: Mapping[str, Array]) -> None:
+    def __init__(
+        self, compiled: CompiledChain, kernel: Kernel, parameters: Mapping[str, Array], given: Mapping[str, Any]
+    ) -> None:
         self._compiled, self._bound = compiled, kernel.bind()
         self._externals = kernel.externals
+        inputs = [name for name, e in kernel.externals.items() if e.role == "input"]
+        own = {name: _usable(name, x, kernel.externals[name].shape) for name, x in given.items() if name in inputs}
+        self._bound.use(own)
         for name, x in parameters.items():
-            self._bound.arrays[name][...] = x
-        inputs = self._bound.arrays
-        self.q, self.qd, self.tau = inputs["q"], inputs["qd"], inputs["tau"]
-        self.object_pose, self.object_twist = inputs["object_pose"], inputs["object_twist"]
-        self.object_wrench, self.link_wrench = inputs["object_wrench"], inputs.get("link_wrench")
-        self.result = CompiledResult(compiled.chain, kernel.externals, None)
-        self._bound.use(self.result.arrays)
-        self._bound.prepare()
+            if name not in own:
+                self._bound.arrays[name][...] = x
+        arrays = self._bound.arrays
+        self.q, self.qd, self.tau = arrays["q"], arrays["qd"], arrays["tau"]
+        self.object_pose, self.object_twist = arrays["object_pose"], arrays["object_twist"]
+        self.object_wrench, self.link_wrench = arrays["object_wrench"], arrays.get("link_wrench")
+        layout = ResultLayout(kernel.externals)
+        self.result = CompiledResult(compiled.chain, layout, None)
+        self._bound.use({name: self.result.array(name) for name in layout.shapes})
+        self.set(**{name: x for name, x in given.items() if name not in inputs})
         self.run = self._bound.run
 
     def __call__(self) -> Status:
@@ -57,7 +67,11 @@ class BoundDynamics:
         Raises:
             StateError: an unknown name, a wrong shape, a number that is not finite.
         """
-        for name, x in taken(parameters, self._externals).items():
+        found = taken(parameters, self._externals)
+        for name, x in found.items():
+            if x.ndim > len(self._externals[name].shape):
+                raise StateError(f"set: {name}: expected numbers of one system, got a batch of {len(x)}")
+        for name, x in found.items():
             self._bound.arrays[name][...] = x
         self._bound.prepare()
 
@@ -69,3 +83,11 @@ class BoundDynamics:
         self._bound.arrays["generic_rank"][...] = float(self._compiled.generic_rank or 0)
         self._bound.prepare()
         self.run()
+
+
+def _usable(name: str, x: Any, shape: tuple[int, ...]) -> Array:
+    """Return an array that machine code can read where it is, or refuse it."""
+    if not isinstance(x, np.ndarray) or x.dtype != np.float64 or x.shape != shape or not x.flags.carray:
+        got = f"{x.dtype} of shape {x.shape}" if isinstance(x, np.ndarray) else type(x).__name__
+        raise StateError(f"bind: {name}: expected a float64 array of shape {shape} in C order, got {got}")
+    return x

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import threading
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -10,11 +11,13 @@ from typing import Any, get_args
 import numpy as np
 
 from holdfast.compiled import arrays, verdict
+from holdfast.compiled.arrays import Addresses
 from holdfast.compiled.bound_dynamics import BoundDynamics
 from holdfast.compiled.forward_schedule import forward_externals, forward_schedule
+from holdfast.compiled.functions import ChainFunctions
 from holdfast.compiled.kernels import kernel
 from holdfast.compiled.parameters import parameters_of, taken
-from holdfast.compiled.result import CompiledResult
+from holdfast.compiled.result import CompiledResult, ResultLayout
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiler.bound import Bound
 from holdfast.compiler.builtin import Entry
@@ -74,7 +77,7 @@ def compile(
     return CompiledChain(chain, options, generic_rank)
 
 
-class CompiledChain:
+class CompiledChain(ChainFunctions):
     """The dynamics of one chain as machine code; made by `holdfast.compile`.
 
     Attributes:
@@ -88,18 +91,16 @@ class CompiledChain:
         structure = Structure(chain, options)
         self._structure = structure
         self._externals = forward_externals(structure)
-        self._kernel: Kernel = kernel(
-            "forward", structure, self._externals, lambda: forward_schedule(structure)
-        )
-        self._own = {
-            name: x for name, x in parameters_of(chain, generic_rank).items() if name in self._externals
-        }
-        self._taken = {name: e for name, e in self._externals.items() if e.role != "output"}
+        self._kernel: Kernel = kernel("forward", structure, self._externals, lambda: forward_schedule(structure))
         self._lock = threading.Lock()
         self._bound = self._kernel.bind()
+        own = parameters_of(chain, generic_rank)
+        self._own = {name: x for name, x in self._bound.arrays.items() if name in own}
         for name, x in self._own.items():
-            self._bound.arrays[name][...] = x
+            x[...] = own[name]
         self._bound.prepare()
+        self._layout = ResultLayout(self._externals)
+        self._addresses = Addresses(self._externals, self._own)
         self._entry = Entry(
             self._kernel.single_address,
             np.array(self._bound.table),
@@ -109,6 +110,7 @@ class CompiledChain:
             "(q, qd, tau, object_pose, object_twist, *, out=None, threads=1, **parameters)",
             _DOC,
         )
+        self._run = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(self._kernel.single_address)
         # the builtin takes the calls that repeat `out`; all others come back to `_forward`
         self.forward_dynamics = self._entry.function  # type: ignore[method-assign]
 
@@ -150,20 +152,17 @@ class CompiledChain:
             StateError: wrong shapes; for a single call also numbers that are not finite.
             SingularChainError: for a single call, the constraint's rank drops here.
         """
-        return self._forward(
-            q, qd, tau, object_pose, object_twist, out=out, threads=threads, **parameters
-        )
+        return self._forward(q, qd, tau, object_pose, object_twist, out=out, threads=threads, **parameters)
 
-    def bind(self, **given: Any) -> BoundDynamics:
+    def bind(self, **arrays_or_parameters: Any) -> BoundDynamics:
         """Return forward dynamics tied to arrays that stay: a call without arguments, for control loops.
 
         Args:
-            **given: parameters, as in `forward_dynamics`.
+            **arrays_or_parameters: q, qd, tau, object_pose, object_twist, object_wrench: arrays of the
+                caller's to read at every call (float64, C order), for those not given there are new
+                ones; parameters as in `forward_dynamics`.
         """
-        bound = BoundDynamics(self, self._kernel, self._own)
-        if given:
-            bound.set(**given)
-        return bound
+        return BoundDynamics(self, self._kernel, self._own, arrays_or_parameters)
 
     @property
     def operation_count(self) -> int:
@@ -187,52 +186,50 @@ class CompiledChain:
         **parameters: Any,
     ) -> CompiledResult:
         """Take the calls that the builtin does not; see `forward_dynamics`."""
-        own = self._own | (taken(parameters, self._externals) if parameters else {})
-        given = dict(zip(_INPUTS, (q, qd, tau, object_pose, object_twist), strict=True)) | own
-        found = {name: arrays.floats(name, given[name], e.shape) for name, e in self._taken.items()}
-        batch = arrays.batch_of(found, self._taken)
+        inputs = zip(_INPUTS, (q, qd, tau, object_pose, object_twist), strict=True)
+        found = {name: arrays.floats(name, x, self._externals[name].shape) for name, x in inputs}
+        if parameters:
+            found |= taken(parameters, self._externals)
+        batch = arrays.batch_of(found, self._externals)
         if not isinstance(threads, int) or threads < 1:
             raise StateError(f"threads: expected an integer >= 1, got {threads!r}")
-        result = CompiledResult(self.chain, self._externals, batch) if out is None else out
-        arrays.require_fit(result, self.chain, batch, list(found.values()))
-        if batch is None:
-            self._single(found, result)
-        else:
-            table = arrays.table(self._externals, found | result.arrays)
+        result = CompiledResult(self.chain, self._layout, batch) if out is None else out
+        if out is not None:
+            arrays.require_fit(out, self.chain, batch, list(found.values()))
+        table = self._addresses.table(found, result)
+        if batch is not None:
             self._kernel.run_batch(table, batch, threads)
-        verdict.settle(self, found, result)
-        if batch is None:
-            verdict.require_answer(self, found, result)
-            if out is not None and not parameters:
-                self._expect(result)
+            if result.array("status").any():
+                verdict.settle(self, self._own | found, result)
+            return result
+        if parameters:
+            sound = self._apart(found, result)
+        else:
+            # all addresses, and that of working memory
+            whole = np.append(table[:, 0], self._bound.table[-1])
+            if out is not None:
+                self._entry.expect(out, out.memory, whole[len(_INPUTS) :].tolist())
+            sound = self._run(whole.ctypes.data) == 0
+        if not sound:
+            verdict.settle(self, self._own | found, result)
+            verdict.require_answer(self, self._own | found, result)
         return result
 
-    def _single(self, found: Mapping[str, Array], result: CompiledResult) -> None:
-        """Run one system, apart from what the builtin uses at the same time."""
+    def _apart(self, found: Mapping[str, Array], result: CompiledResult) -> bool:
+        """Run one system with parameters of its own, apart from what other calls use; return whether all is well."""
         with self._lock:
-            bound = self._spare
-            for name, x in found.items():
-                bound.arrays[name][...] = x
-            bound.prepare()
-            bound.run()
-            for name, x in result.arrays.items():
-                x[...] = bound.arrays[name]
+            self._spare.use({name: result.array(name) for name in self._layout.shapes})
+            for name, x in (self._own | found).items():
+                self._spare.arrays[name][...] = x
+            self._spare.prepare()
+            return self._spare.run() == 0
 
     @cached_property
     def _spare(self) -> Bound:
         return self._kernel.bind()
 
-    def _expect(self, result: CompiledResult) -> None:
-        """Let the builtin take later calls with this `out`."""
-        table = np.array(self._bound.table)
-        for k, name in enumerate(self._externals):
-            if name in result.arrays:
-                table[k] = result.arrays[name].ctypes.data
-        self._entry.expect(result, result.memory, table[len(_INPUTS) :].tolist())
-
     def know_rank(self, generic_rank: int) -> None:
         """Take a generic rank that was found; later calls decide by it at once."""
         self.generic_rank = generic_rank
-        for numbers in (self._own, self._bound.arrays):
-            numbers["generic_rank"][...] = float(generic_rank)
+        self._own["generic_rank"][...] = float(generic_rank)
         self._bound.prepare()

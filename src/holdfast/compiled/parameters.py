@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -96,7 +97,8 @@ def _require_inertia(name: str, a: Array) -> None:
 
 def _from_quaternions(name: str, poses: Array) -> tuple[Array, Array]:
     """Return rotation matrices and origins of poses wxyz_xyz on any leading axes."""
-    length = np.linalg.norm(poses[..., :4], axis=-1, keepdims=True)
+    # as `checks.pose` does it, for the same bits
+    length = np.array([math.hypot(*p) for p in poses[..., :4].reshape(-1, 4)]).reshape(*poses.shape[:-1], 1)
     if not (np.abs(length - 1) <= checks.ROTATION_TOLERANCE).all():
         raise StateError(f"{name}: expected unit quaternions (w, x, y, z), got lengths {np.unique(length)[:3]}")
     R = rotation.from_quaternion(np.moveaxis(poses[..., :4] / length, -1, 0))

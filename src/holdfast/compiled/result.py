@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiler.bound import aligned
 from holdfast.compiler.schedule import External
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.model.closed_chain import ClosedChain
@@ -21,6 +20,31 @@ _STATUSES = np.array(
 )
 
 
+class ResultLayout:
+    """Which arrays a result has, one after the other in its memory.
+
+    Attributes:
+        shapes: by name, of one system.
+        sizes: how many numbers each has.
+        starts: where each begins.
+        total: how many numbers there are.
+    """
+
+    def __init__(self, externals: Mapping[str, External]) -> None:
+        self.shapes = {name: e.shape for name, e in externals.items() if e.role == "output"}
+        self.sizes = np.array([math.prod(shape) for shape in self.shapes.values()], dtype=np.int64)
+        ends = np.cumsum(self.sizes)
+        self.starts, self.total = ends - self.sizes, int(ends[-1])
+        self._places = dict(zip(self.shapes, zip(self.starts.tolist(), ends.tolist(), strict=True), strict=True))
+
+    def view(self, name: str, memory: Array, batch: int | None) -> Array:
+        """Return one array of a result."""
+        start, end = self._places[name]
+        if batch is None:
+            return memory[start:end].reshape(self.shapes[name])
+        return memory[start * batch : end * batch].reshape(batch, *self.shapes[name])
+
+
 class CompiledResult(ForwardResult):
     """A `ForwardResult` whose arrays are written by machine code; of one system, or of a batch.
 
@@ -29,38 +53,38 @@ class CompiledResult(ForwardResult):
     the smallest one. Given as `out=`, a result is written over.
 
     Attributes:
-        arrays: the results by name, as the machine code writes them.
-        memory: the block they lie in.
+        layout: where its arrays are
+        memory: in one block,
+        address: which begins here.
         batch: how many systems, or None for one without a leading axis.
     """
 
-    def __init__(self, chain: ClosedChain, externals: Mapping[str, External], batch: int | None) -> None:
-        put = object.__setattr__
-        shapes = {name: e.shape for name, e in externals.items() if e.role == "output"}
-        shapes = {name: shape if batch is None else (batch, *shape) for name, shape in shapes.items()}
-        memory, arrays, start = aligned(sum(math.prod(shape) for shape in shapes.values())), {}, 0
-        for name, shape in shapes.items():
-            end = start + math.prod(shape)
-            arrays[name] = memory[start:end].reshape(shape)
-            start = end
-        put(self, "memory", memory)
-        put(self, "arrays", arrays)
-        put(self, "batch", batch)
-        put(self, "chain", chain)
-        put(self, "method", "sequential")
-        for name in ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench"):
-            put(self, name, arrays[name])
-
-    arrays: dict[str, Array]
+    layout: ResultLayout
     memory: Array
+    address: int
     batch: int | None
+
+    def __init__(self, chain: ClosedChain, layout: ResultLayout, batch: int | None) -> None:
+        memory = np.empty(layout.total * (1 if batch is None else batch))
+        self.__dict__.update(
+            chain=chain, layout=layout, batch=batch, method="sequential", memory=memory, address=memory.ctypes.data
+        )
+
+    def __getattr__(self, name: str) -> Array:
+        """Return an array of results, made when first asked for."""
+        if name.startswith("__") or name not in self.layout.shapes:
+            raise AttributeError(f"a result has no '{name}'")
+        return self.__dict__.setdefault(name, self.array(name))
+
+    def array(self, name: str) -> Array:
+        """Return an array as the machine code writes it: numbers, also for rank, status and condition."""
+        return self.layout.view(name, self.memory, self.batch)
 
     @property
     def rank(self) -> Any:  # type: ignore[override]
         """Independent rows of the grasp constraint."""
-        found = self.arrays["rank"]
-        with np.errstate(invalid="ignore"):
-            return int(found) if self.batch is None else found.astype(np.int64)
+        found = self.array("rank")
+        return int(found) if self.batch is None else found.astype(np.int64)
 
     @property
     def mobility(self) -> Any:  # type: ignore[override]
@@ -70,22 +94,20 @@ class CompiledResult(ForwardResult):
     @property
     def status(self) -> Any:  # type: ignore[override]
         """How the answer is to be read; an array of `Status` for a batch."""
-        return _STATUSES[self.arrays["status"].astype(np.intp)]
+        return _STATUSES[self.array("status").astype(np.intp)]
 
     @property
     def condition(self) -> Any:  # type: ignore[override]
         """Inverse of the smallest scaled pivot that was kept."""
-        found = self.arrays["condition"]
+        found = self.array("condition")
         return float(found) if self.batch is None else found
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what pickles the result as a `ForwardResult` of plain arrays."""
-        return _unpickled, (self.chain, self.batch, {name: np.array(x) for name, x in self.arrays.items()})
+        """Return what makes the result again from a copy of its numbers."""
+        return _unpickled, (self.chain, self.layout, self.batch, self.memory)
 
 
-def _unpickled(chain: ClosedChain, batch: int | None, arrays: Mapping[str, Array]) -> CompiledResult:
-    externals = {name: External(x.shape if batch is None else x.shape[1:], "output") for name, x in arrays.items()}
-    result = CompiledResult(chain, externals, batch)
-    for name, x in arrays.items():
-        result.arrays[name][...] = x
+def _unpickled(chain: ClosedChain, layout: ResultLayout, batch: int | None, memory: Array) -> CompiledResult:
+    result = CompiledResult(chain, layout, batch)
+    result.memory[...] = memory
     return result

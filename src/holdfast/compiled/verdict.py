@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from holdfast.compiled.forward_schedule import GUARDED
 from holdfast.compiled.result import INDETERMINATE, INVALID, SINGULAR, UNDECIDED, CompiledResult
 from holdfast.compiler.trigonometry import LARGEST_ARGUMENT
 from holdfast.dynamics import rank
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 def settle(compiled: CompiledChain, found: Mapping[str, Array], result: CompiledResult) -> None:
     """Decide the statuses that machine code left open, for want of the generic rank."""
-    status, ranks = np.atleast_1d(result.arrays["status"]), np.atleast_1d(result.arrays["rank"])
+    status, ranks = np.atleast_1d(result.array("status")), np.atleast_1d(result.array("rank"))
     open_ = np.flatnonzero(status == UNDECIDED)
     if not open_.size:
         return
@@ -32,8 +33,9 @@ def settle(compiled: CompiledChain, found: Mapping[str, Array], result: Compiled
     singular = open_[ranks[open_] < compiled.generic_rank]
     status[open_] = INDETERMINATE
     status[singular] = SINGULAR
-    for name, x in result.arrays.items():
-        if name not in ("rank", "status", "condition") and singular.size:
+    if singular.size:
+        for name in GUARDED:
+            x = result.array(name)
             (x if result.batch is not None else x[None])[singular] = np.nan
 
 
@@ -57,7 +59,7 @@ def require_answer(compiled: CompiledChain, found: Mapping[str, Array], result: 
     Raises:
         SingularChainError, StateError, ModelError: saying why.
     """
-    status = int(result.arrays["status"])
+    status = int(result.array("status"))
     if status == SINGULAR:
         rank.verdict(compiled.chain, state_of(found, 0), result.rank, compiled.generic_rank)
     if status == INVALID:

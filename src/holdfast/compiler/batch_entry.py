@@ -71,7 +71,8 @@ def batch_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
         "  ret void",
         "}",
     ]
-    declared = [*declarations(lanes), *transpositions(lanes)]
+    moves = [("from_lanes" if e.role == "output" else "to_lanes", e.size) for e in schedule.externals.values() if e.size]
+    declared = [*declarations(lanes), *transpositions(moves, lanes)]
     if schedule.status is not None:
         declared += _watchers(lanes)
     return "\n".join([*declared, *module.tables, *module.functions, *lines]), layout.total + module.scratch
@@ -79,8 +80,7 @@ def batch_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
 
 def _moved(function: str, schedule: Schedule, role: schedules.Role) -> list[str]:
     return [
-        f"  call void @{function}(ptr %external{k}, i64 %stride{k}, i64 %first, i64 %last, ptr %lanes{k},"
-        f" i64 {external.size})"
+        f"  call void @{function}.{external.size}(ptr %external{k}, i64 %stride{k}, i64 %first, i64 %last, ptr %lanes{k})"
         for k, external in enumerate(schedule.externals.values())
         if external.role == role and external.size
     ]

@@ -1,30 +1,34 @@
 """Rows of systems to lanes and back, as square blocks turned over in registers.
 
-    void to_lanes(double *rows, i64 stride, i64 first, i64 last, double *lanes, i64 size)
-    void from_lanes(the same)
+    void to_lanes.N(double *rows, i64 stride, i64 first, i64 last, double *lanes)
+    void from_lanes.N(the same)
 
-Lane j is row min(first + j, last); `stride` doubles lie between rows (0: one row for all), `size`
-of them are moved. Element by element this took a quarter of a batch's time.
+Lane j is row min(first + j, last); `stride` doubles lie between rows (0: one row for all), N of
+them are moved. Number by number this took a quarter of a batch's time.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 
-def transpositions(lanes: int) -> list[str]:
-    """Return the text of both functions for vectors of so many lanes."""
+_UNROLLED = 2  # squares that are written out; more of them are a loop
+
+
+def transpositions(sizes: Iterable[tuple[str, int]], lanes: int) -> list[str]:
+    """Return the text of the functions for the given directions and sizes, and what they call."""
     V = f"<{lanes} x double>"
-    return [
-        f"declare {V} @llvm.masked.load.v{lanes}f64.p0(ptr, i32, <{lanes} x i1>, {V})",
-        f"declare void @llvm.masked.store.v{lanes}f64.p0({V}, ptr, i32, <{lanes} x i1>)",
-        "declare i64 @llvm.smin.i64(i64, i64)",
-        *_function("to_lanes", lanes),
-        *_function("from_lanes", lanes),
-    ]
-
-
-def _function(name: str, lanes: int) -> list[str]:
     lines = [
-        f"define internal void @{name}(ptr %rows, i64 %stride, i64 %first, i64 %last, ptr %lanes, i64 %size)"
+        f"declare {V} @llvm.masked.load.v{lanes}f64.p0(ptr, i32, <{lanes} x i1>, {V})",
+        "declare i64 @llvm.smin.i64(i64, i64)",
+    ]
+    for name, size in sorted(set(sizes)):
+        lines += _function(name, size, lanes)
+    return lines
+
+
+def _function(name: str, size: int, lanes: int) -> list[str]:
+    lines = [
+        f"define internal void @{name}.{size}(ptr %rows, i64 %stride, i64 %first, i64 %last, ptr %lanes)"
         " noinline nounwind {",
         "entry:",
     ]
@@ -35,36 +39,30 @@ def _function(name: str, lanes: int) -> list[str]:
             f"  %s{j} = mul i64 %k{j}, %stride",
             f"  %row{j} = getelementptr double, ptr %rows, i64 %s{j}",
         ]
-    lines += [
-        f"  %rest = urem i64 %size, {lanes}",
-        "  %whole = sub i64 %size, %rest",
-        "  %short = icmp eq i64 %whole, 0",
-        "  br i1 %short, label %tail, label %square",
-        "square:",
-        "  %e = phi i64 [ 0, %entry ], [ %e.next, %square ]",
-        *_square(name, "q", "%e", lanes, None),
-        f"  %e.next = add i64 %e, {lanes}",
-        "  %more = icmp slt i64 %e.next, %whole",
-        "  br i1 %more, label %square, label %tail",
-        "tail:",
-        "  %even = icmp eq i64 %rest, 0",
-        "  br i1 %even, label %done, label %part",
-        "part:",
-        f"  %limit = insertelement <{lanes} x i64> poison, i64 %rest, i64 0",
-        f"  %limits = shufflevector <{lanes} x i64> %limit, <{lanes} x i64> poison,"
-        f" <{lanes} x i32> zeroinitializer",
-        f"  %mask = icmp slt <{lanes} x i64> <{', '.join(f'i64 {j}' for j in range(lanes))}>, %limits",
-        *_square(name, "p", "%whole", lanes, "%mask"),
-        "  br label %done",
-        "done:",
-        "  ret void",
-        "}",
-    ]
-    return lines
+    whole, rest = divmod(size, lanes)
+    if whole > _UNROLLED:
+        lines += [
+            "  br label %square",
+            "square:",
+            "  %e = phi i64 [ 0, %entry ], [ %e.next, %square ]",
+            *_square(name, "q", "%e", lanes, lanes),
+            f"  %e.next = add i64 %e, {lanes}",
+            f"  %more = icmp slt i64 %e.next, {whole * lanes}",
+            "  br i1 %more, label %square, label %tail",
+            "tail:",
+        ]
+    else:
+        for k in range(whole):
+            lines += _square(name, f"q{k}", str(k * lanes), lanes, lanes)
+    if rest and whole:  # some numbers are moved twice
+        lines += _square(name, "t", str(size - lanes), lanes, lanes)
+    elif rest:
+        lines += _square(name, "t", "0", lanes, rest)
+    return [*lines, "  ret void", "}"]
 
 
-def _square(name: str, tag: str, entry: str, lanes: int, mask: str | None) -> list[str]:
-    """Return what turns over the square of `lanes` rows from an entry on."""
+def _square(name: str, tag: str, entry: str, lanes: int, width: int) -> list[str]:
+    """Return what turns over `lanes` rows of `width` numbers each from an entry on."""
     V = f"<{lanes} x double>"
     lines = [f"  %{tag}.first = mul i64 {entry}, {lanes}"]
     for j in range(lanes):
@@ -72,10 +70,14 @@ def _square(name: str, tag: str, entry: str, lanes: int, mask: str | None) -> li
         lines.append(f"  %{tag}.f{j} = add i64 %{tag}.first, {j * lanes}")
         lines.append(f"  %{tag}.l{j} = getelementptr double, ptr %lanes, i64 %{tag}.f{j}")
     values = []
+    mask = f"<{', '.join(f'i1 {int(j < width)}' for j in range(lanes))}>"
     for j in range(lanes):
+        if j >= width and name == "from_lanes":
+            values.append("zeroinitializer")
+            continue
         if name == "from_lanes":
             text = f"load {V}, ptr %{tag}.l{j}, align {8 * lanes}"
-        elif mask is None:
+        elif width == lanes:
             text = f"load {V}, ptr %{tag}.r{j}, align 8"
         else:
             text = (
@@ -94,18 +96,35 @@ def _square(name: str, tag: str, entry: str, lanes: int, mask: str | None) -> li
             low = [k if not k & step else lanes + k - step for k in range(lanes)]
             high = [k + step if not k & step else lanes + k for k in range(lanes)]
             for target, order in ((i, low), (i + step, high)):
-                indices = ", ".join(f"i32 {k}" for k in order)
                 turned[target] = f"%{tag}.t{step}.{target}"
-                lines.append(f"  {turned[target]} = shufflevector {V} {a}, {V} {b}, <{lanes} x i32> <{indices}>")
+                lines.append(f"  {turned[target]} = shufflevector {V} {a}, {V} {b}, {_order(order)}")
         values, step = turned, 2 * step
     for j, value in enumerate(values):
         if name == "to_lanes":
-            lines.append(f"  store {V} {value}, ptr %{tag}.l{j}, align {8 * lanes}")
-        elif mask is None:
+            if j < width:
+                lines.append(f"  store {V} {value}, ptr %{tag}.l{j}, align {8 * lanes}")
+        elif width == lanes:
             lines.append(f"  store {V} {value}, ptr %{tag}.r{j}, align 8")
         else:
-            lines.append(
-                f"  call void @llvm.masked.store.v{lanes}f64.p0({V} {value}, ptr %{tag}.r{j}, i32 8,"
-                f" <{lanes} x i1> {mask})"
-            )
+            lines += _part(f"%{tag}.p{j}", value, f"%{tag}.r{j}", lanes, width)
     return lines
+
+
+def _part(name: str, value: str, row: str, lanes: int, width: int) -> list[str]:
+    """Return what stores the first numbers of a vector in powers of two: masked stores are slow on some CPUs."""
+    lines, start = [], 0
+    while start < width:
+        size = 1 << ((width - start).bit_length() - 1)
+        piece = f"{name}.{start}"
+        order = _order([start + k for k in range(size)])
+        lines += [
+            f"  {piece} = shufflevector <{lanes} x double> {value}, <{lanes} x double> poison, {order}",
+            f"  {piece}.at = getelementptr double, ptr {row}, i64 {start}",
+            f"  store <{size} x double> {piece}, ptr {piece}.at, align 8",
+        ]
+        start += size
+    return lines
+
+
+def _order(places: list[int]) -> str:
+    return f"<{len(places)} x i32> <{', '.join(f'i32 {k}' for k in places)}>"
