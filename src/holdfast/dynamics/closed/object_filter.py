@@ -24,7 +24,7 @@ from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored
 from holdfast.dynamics.closed.measurement import LIGHTEST_OBJECT, Step, measurement, mobility_ratio, object_share
 from holdfast.dynamics.closed.object_motion import ObjectMotion
-from holdfast.dynamics.closed.rigid_step import rigid_step
+from holdfast.dynamics.closed.rigid_step import LastStep, last_rigid_step, rigid_step
 from holdfast.dynamics.closed.row_steps import row_steps
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.spatial.scalar import Array, Scalar, minimum
@@ -69,21 +69,28 @@ def object_filter(contacts: list[Contact], tips: list[TipResponse], body: Object
     order = sorted(range(len(contacts)), key=lambda i: not parallel[i])
 
     x, P = body.free_acceleration, body.mobility.dense()
+    alpha = x
     factors: FactoredMobility | None = FactoredMobility(*body.mobility_factors)
     steps: list[Step] = []
+    wrenches: list[Array] = [body.wrench] * len(contacts)
+    turn: LastStep | None = None
     for i in order:
-        if parallel[i]:
-            x, P, step = rigid_step(x, P, seen[i], scales[i])
+        if not parallel[i]:
+            x, factors, step = row_steps(x, factors or factored(P), seen[i], scales[i])
+        elif i == order[-1]:
+            turn = last_rigid_step(x, P, seen[i], scales[i], body.wrench)
+            step = Step(lambda s, end=turn: end.wrench, turn.kept, turn.weakest)
             factors = None
         else:
-            x, factors, step = row_steps(x, factors or factored(P), seen[i], scales[i])
+            x, P, step = rigid_step(x, P, seen[i], scales[i])
+            factors = None
         steps.append(step)
-    if factors is not None:
-        P = factors.dense()
-    alpha = x + (P @ body.wrench if factors is None else factors.apply(body.wrench))
+    if turn is not None:
+        alpha, P = turn.acceleration, turn.mobility
+    elif factors is not None:
+        alpha, P = x + factors.apply(body.wrench), factors.dense()
 
     s = body.wrench
-    wrenches: list[Array] = [s] * len(contacts)
     for i, step in reversed(list(zip(order, steps, strict=True))):
         from_arm = step.back(s)
         s = s + from_arm
