@@ -36,7 +36,7 @@ def test_accuracy_decides(system, fast):
     assert found["coarse"]["error"] == pytest.approx(1e-8, rel=1e-3)
     assert found["forward_dynamics"]["error"] <= 1e-11
     assert found["bind"]["wrench_error"] <= 1e-11
-    assert set(found["fine"]["ratios"]) == {"forward_dynamics", "bind", "bind, call only"}
+    assert set(found["fine"]["ratios"]) == {"forward_dynamics", "bind", "bind, copying"}
     assert found["bind"]["ratios"] == {}
 
 

@@ -1,5 +1,6 @@
 """Code on disk: loaded when whole, rebuilt when not, never from a folder that others may write."""
 
+import ctypes
 import os
 import stat
 from concurrent.futures import ThreadPoolExecutor
@@ -8,12 +9,20 @@ import numpy as np
 import pytest
 
 from holdfast.compiler import cache, cpu
-from holdfast.compiler.kernel import compile_program
+from holdfast.compiler.expand import lowered
+from holdfast.compiler.kernel import Kernel, compile_program
+from holdfast.compiler.program_schedule import schedule_of
 from holdfast.compiler.trace import trace
 
 X = np.array([0.3, -1.2, 2.0])
 PROGRAM = trace(lambda x: (np.sin(x) @ x / (x @ x + 1.0),), [(3,)])
 EXPECTED = np.sin(X) @ X / (X @ X + 1.0)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def builtins():
+    """What calls bound kernels is machine code too, made once in a process: not here, where kernels are counted."""
+    compile_program(PROGRAM).bind()
 
 
 @pytest.fixture
@@ -29,7 +38,7 @@ def compilations(monkeypatch):
     """A list that grows with every compilation."""
     made = []
     compiled = cpu._compiled
-    monkeypatch.setattr(cpu, "_compiled", lambda text, machine: made.append(text) or compiled(text, machine))
+    monkeypatch.setattr(cpu, "_compiled", lambda text, notes: made.append(text) or compiled(text, notes))
     return made
 
 
@@ -152,3 +161,92 @@ def test_many_writers(place):
 def test_keys():
     """Parts are kept apart."""
     assert cache.key_of("ab", "c") != cache.key_of("a", "bc")
+
+
+class Source:
+    """What makes a module's text, counting how often."""
+
+    def __init__(self, result=42, **notes):
+        self.calls, self.notes = 0, notes
+        self.text = f"define i64 @run() {{\n  ret i64 {result}\n}}"
+
+    def __call__(self):
+        self.calls += 1
+        return self.text, self.notes
+
+
+def run(code: cpu.Code) -> int:
+    """Return what a module's function returns."""
+    return ctypes.CFUNCTYPE(ctypes.c_int64)(code.address)()
+
+
+def test_under_a_key(place, compilations):
+    """Found under its key, code comes back with its notes, and its text is not made."""
+    source = Source(arena=7, operations=12345678901)
+    first = cpu.Code(source, "run", key="chain")
+    again = cpu.Code(source, "run", key="chain")
+    assert source.calls == len(compilations) == len(list(place.iterdir())) == 1
+    assert run(first) == run(again) == 42
+    assert first.notes == again.notes == source.notes
+    other = Source(43)
+    assert run(cpu.Code(other, "run", key="chain")) == 42 and other.calls == 0
+    assert run(cpu.Code(other, "run", key="another chain")) == 43 and other.calls == 1
+
+
+def test_without_a_key(place, compilations):
+    """The text stands for itself: made each time, once, and compiled once."""
+    source = Source(arena=7)
+    for calls in (1, 2):
+        assert run(cpu.Code(source, "run")) == 42 and source.calls == calls
+    assert run(cpu.Code(source.text, "run")) == 42
+    assert len(compilations) == 1
+
+
+def test_made_once_without_a_cache(place, monkeypatch, compilations):
+    """With a key or without."""
+    monkeypatch.setenv("HOLDFAST_CACHE", "off")
+    for key in ("", "chain"):
+        source = Source()
+        cpu.Code(source, "run", key=key)
+        assert source.calls == 1
+
+
+@pytest.mark.parametrize("damage", ["cut", "flip", "empty", "notes"])
+def test_corruption_under_a_key(place, compilations, damage):
+    """The text is made again, and the entry with it."""
+    source = Source(arena=7)
+    cpu.Code(source, "run", key="chain")
+    (entry,) = place.iterdir()
+    whole = entry.read_bytes()
+    at = whole.index(b"arena") if damage == "notes" else len(whole) // 2
+    flipped = whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :]
+    entry.write_bytes({"cut": whole[:at], "empty": b""}.get(damage, flipped))
+    again = cpu.Code(source, "run", key="chain")
+    assert source.calls == len(compilations) == 2
+    assert run(again) == 42 and again.notes == {"arena": 7}
+    assert entry.read_bytes() == whole
+    cpu.Code(source, "run", key="chain")
+    assert source.calls == 2
+
+
+def test_kernel_under_a_key(place, compilations):
+    """A kernel that was compiled before does not ask for its schedule: alone, bound, in a batch, and in counts."""
+    schedule = schedule_of(lowered(PROGRAM))
+    asked = []
+    batch = np.stack([X, 2.0 * X, -X])
+
+    def answers(lanes: int = 4) -> tuple[float, ...]:
+        kernel = Kernel(schedule.externals, lambda: asked.append(1) or schedule, "chain", lanes)
+        bound = kernel.bind()
+        bound.arrays["in0"][:] = X
+        bound.run()
+        counts = (kernel.operation_count, kernel.lanes)
+        return (*counts, float(kernel(X)[0]), float(bound.arrays["out0"]), *kernel(batch)[0].tolist())
+
+    first = answers()
+    assert first[2:] == pytest.approx([EXPECTED] * 3 + [first[5], EXPECTED], rel=1e-14)
+    assert len(asked) == 1 and len(compilations) == 2
+    assert answers() == first
+    assert len(asked) == 1 and len(compilations) == 2
+    assert answers(2)[2:] == first[2:]
+    assert len(asked) == 2 and len(compilations) == 4

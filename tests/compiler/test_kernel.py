@@ -40,6 +40,20 @@ def test_same_bits(program, batch, data):
 
 @settings(max_examples=20, deadline=None)
 @given(programs())
+def test_long_texts(program):
+    """What is compiled with less care, for its length, computes the same bits."""
+    x = (np.array([0.3, -1.7, 2.9]), np.array([[0.1, 5.3], [-0.7, 1.1]]))
+    careful = compile_program(program)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cpu, "_LONG", 0)
+        quick = compile_program(program)
+        assert all_same_bits(quick(*x), careful(*x))
+        batch = tuple(np.stack([a, 2.0 * a, -a]) for a in x)
+        assert all_same_bits(quick(*batch), careful(*batch))
+
+
+@settings(max_examples=20, deadline=None)
+@given(programs())
 def test_unfused(program):
     """LLVM does not fuse on its own."""
     x = (np.array([0.3, -1.7, 2.9]), np.array([[0.1, 5.3], [-0.7, 1.1]]))

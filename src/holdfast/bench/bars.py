@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from holdfast.bench.entry import ACCURATE
-from holdfast.bench.own_entries import BIND, BIND_CALL, PUBLIC
+from holdfast.bench.own_entries import BIND, BIND_COPYING, PUBLIC
 
 Document = dict[str, Any]
 Record = dict[str, Any]
@@ -71,7 +71,7 @@ def _ratio(system: str, library: str, method: str = "", ours: str = PUBLIC) -> C
         if not rival["accurate"]:
             note += f", error {rival['error']:.1e}"
         if ours == BIND:
-            note += f"; call only: {rival['ratios'][BIND_CALL]:.2f}"
+            note += f"; with five arrays copied in: {rival['ratios'][BIND_COPYING]:.2f}"
         return rival["ratios"][ours], note
 
     return value

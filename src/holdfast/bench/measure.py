@@ -33,7 +33,7 @@ def measure_system(
         effort: how long to time.
         each_round: called now and then, for progress.
     """
-    own = [make(system, fast) for make in (own_entries.public, own_entries.bind, own_entries.bind_call)]
+    own = [make(system, fast) for make in (own_entries.public, own_entries.bind, own_entries.bind_copying)]
     truth: Answers | None = None
     rows: dict[str, list[Array]] = {entry.name: [] for entry in own}
     records, skipped = [], []

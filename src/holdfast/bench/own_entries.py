@@ -9,9 +9,10 @@ import numpy as np
 import holdfast
 from holdfast.bench.entry import Answers, Entry, each_state
 from holdfast.bench.systems import System
+from holdfast.spatial.scalar import Array
 
 LIBRARY = "holdfast"
-PUBLIC, BIND, BIND_CALL = "forward_dynamics", "bind", "bind, call only"
+PUBLIC, BIND, BIND_COPYING = "forward_dynamics", "bind", "bind, copying"
 
 
 def compiled(system: System) -> Any:
@@ -36,44 +37,49 @@ def public(system: System, fast: Any) -> Entry:
 
 
 def bind(system: System, fast: Any) -> Entry:
-    """Return the bound call, its five input arrays written before each."""
-    states, bound = each_state(system), fast.bind()
-    into_q, into_qd, into_tau, into_pose, into_twist = _inputs(bound)
+    """Return the bound call, tied to the caller's own five arrays; one for each state."""
+    names = ("q", "qd", "tau", "object_pose", "object_twist")
+    bound = [fast.bind(**dict(zip(names, state, strict=True))) for state in each_state(system)]
 
     def sweep() -> None:
-        for q, qd, tau, pose, twist in states:
-            into_q[...] = q
-            into_qd[...] = qd
-            into_tau[...] = tau
-            into_pose[...] = pose
-            into_twist[...] = twist
-            bound()
+        for step in bound:
+            step()
+
+    def answers() -> Answers:
+        sweep()
+        found = [step.result for step in bound]
+        return Answers(np.array([r.qdd for r in found]), np.array([r.grasp_wrench for r in found]))
+
+    return Entry(BIND, LIBRARY, sweep, system.states, answers, "tied to each state's own five arrays")
+
+
+def bind_copying(system: System, fast: Any) -> Entry:
+    """Return one bound call, each state's five arrays copied into its own before."""
+    states, bound = each_state(system), fast.bind()
+    into_q, into_qd, into_tau = bound.q, bound.qd, bound.tau
+    into_pose, into_twist = bound.object_pose, bound.object_twist
+
+    def sweep() -> None:
+        for state in states:
+            solve(*state)
+
+    def solve(q: Array, qd: Array, tau: Array, pose: Array, twist: Array) -> None:
+        into_q[...] = q
+        into_qd[...] = qd
+        into_tau[...] = tau
+        into_pose[...] = pose
+        into_twist[...] = twist
+        bound()
 
     def answers() -> Answers:
         qdd, wrenches = [], []
         for state in states:
-            for array, value in zip(_inputs(bound), state, strict=True):
-                array[...] = value
-            bound()
+            solve(*state)
             qdd.append(bound.result.qdd.copy())
             wrenches.append(bound.result.grasp_wrench.copy())
         return Answers(np.array(qdd), np.array(wrenches))
 
-    return Entry(BIND, LIBRARY, sweep, system.states, answers, "five arrays written into its buffers")
-
-
-def bind_call(system: System, fast: Any) -> Entry:
-    """Return the bound call alone, its inputs already in place (as for a controller that computes into them)."""
-    whole, bound = bind(system, fast), fast.bind()
-    for array, value in zip(_inputs(bound), each_state(system)[0], strict=True):
-        array[...] = value
-    rounds = range(system.states)
-
-    def sweep() -> None:
-        for _ in rounds:
-            bound()
-
-    return Entry(BIND_CALL, LIBRARY, sweep, system.states, whole.answers, "inputs already in its buffers; one state")
+    return Entry(BIND_COPYING, LIBRARY, sweep, system.states, answers, "five arrays copied into its own")
 
 
 def batch(system: System, fast: Any, size: int) -> Entry:
@@ -90,6 +96,3 @@ def batch(system: System, fast: Any, size: int) -> Entry:
 
     return Entry(f"batch of {size}", LIBRARY, sweep, size, answers, "one call, result re-used, one thread")
 
-
-def _inputs(bound: Any) -> tuple[Any, ...]:
-    return bound.q, bound.qd, bound.tau, bound.object_pose, bound.object_twist

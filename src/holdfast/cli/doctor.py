@@ -28,12 +28,34 @@ def doctor() -> int:
     name, flags = processor()
     table.add_row("processor", name)
     table.add_row("features", ", ".join(f"{k} {'yes' if v in flags else 'no'}" for k, v in FEATURES.items()))
+    table.add_row("machine code", _machine_code())
+    table.add_row("its cache", _cache())
     for extra, packages in extras.items():
         missing = [package for package in packages if _version(package) is None]
         found = f"missing {', '.join(missing)}: pip install 'holdfast[{extra}]'" if missing else "installed"
         table.add_row(f"extra '{extra}'", found)
     console.print(table)
     return 0
+
+
+def _machine_code() -> str:
+    """Return how `holdfast.compile` uses this processor."""
+    from holdfast.compiler import cpu
+
+    if cpu.has_fma():
+        return f"{cpu.lanes()} numbers side by side, fma: bits as on every processor with fma"
+    return f"{cpu.lanes()} numbers side by side, no fma: last digits differ from processors that have it"
+
+
+def _cache() -> str:
+    """Return where machine code is kept, and how much there is."""
+    from holdfast.compiler import cache
+
+    place = cache.folder()
+    if place is None:
+        return "off (HOLDFAST_CACHE=off, or its folder is not the user's alone): code is compiled in every process"
+    size = sum(path.stat().st_size for path in place.iterdir() if path.is_file())
+    return f"{place}, {size / 2**20:.1f} MiB"
 
 
 def _requirements() -> dict[str, list[str]]:

@@ -5,16 +5,19 @@ The texts are those of the reference; between their phases the object's filter a
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from holdfast.compiled.packing import symmetric, upper, upper_count
+from holdfast.compiled.structure import Options
+from holdfast.compiler.program import Shape
 from holdfast.compiler.stage import Stage, stage
 from holdfast.dynamics.arm.free_dynamics import tip_acceleration
 from holdfast.dynamics.arm.motion import ArmInputs, ArmMotion, arm_motion
+from holdfast.dynamics.arm.regrouping import regrouped
 from holdfast.dynamics.closed.contact import contact
 from holdfast.dynamics.closed.measurement import measurement, mobility_ratio
 from holdfast.dynamics.closed.tip_response import Route, TipResponse, tip_response
@@ -26,9 +29,26 @@ from holdfast.spatial.scalar import Array, Scalar, concatenate, maximum, where
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 from holdfast.spatial.symmetric import symmetric6
 
+BASE_MOTION = ("base_twist", "base_acceleration")  # parameters, if bases move
+LINKS = ("link_mass", "link_com", "link_inertia")  # parameters, if the links' inertias are
+
 Phases = Generator[tuple[Any, ...], tuple[Any, ...], tuple[Any, ...]]
 
 NO_INERTIA = 1e-14  # as in dynamics/forward: what is left of an articulated inertia is rounding
+
+SHAPES: dict[str, Shape] = {
+    "gravity": (3,),
+    "base_R": (3, 3),
+    "base_p": (3,),
+    "base_twist": (6,),
+    "base_acceleration": (6,),
+    "grasp_R": (3, 3),
+    "grasp_p": (3,),
+    "grasp_wrench": (6,),
+    "object_R": (3, 3),
+    "object_p": (3,),
+    "object_twist": (6,),
+}  # of ports that are alike for all arms
 
 
 class ArmType:
@@ -37,51 +57,58 @@ class ArmType:
     Attributes:
         arm: one of them; base and name do not matter.
         kind: of its grasp, or None.
-        link_inertia: whether the links' inertias are run-time parameters.
-        link_wrenches: whether external wrenches act on the links.
+        options: the user's choices.
     """
 
-    def __init__(self, arm: Arm, kind: str | None, link_inertia: bool, link_wrenches: bool) -> None:
-        self.arm, self.kind = arm, kind
-        self.link_inertia, self.link_wrenches = link_inertia, link_wrenches
+    def __init__(self, arm: Arm, kind: str | None, options: Options) -> None:
+        self.arm = arm if options.link_inertia else regrouped(arm)
+        self.kind, self.options = kind, options
 
-    def parameters(self) -> dict[str, tuple[int, ...]]:
+    def ports(self, names: Iterable[str]) -> dict[str, Shape]:
+        """Return the shapes of named ports; those of links only if they are run-time parameters or inputs."""
+        N = self.arm.joint_count
+        by_joint: dict[str, Shape] = {"q": (N,), "qd": (N,), "qdd": (N,), "tau": (N,)}
+        links: dict[str, Shape] = {"link_mass": (N,), "link_com": (N, 3), "link_inertia": (N, 3, 3)}
+        shapes = SHAPES | by_joint | (links if self.options.link_inertia else {})
+        if self.options.link_wrenches:
+            shapes["link_wrench"] = (N, 6)
+        return {name: shapes[name] for name in names if name in shapes}
+
+    def parameters(self) -> dict[str, Shape]:
         """Return the shapes of the arm's run-time parameters."""
-        N = self.arm.joint_count
-        shapes: dict[str, tuple[int, ...]] = {
-            "base_R": (3, 3),
-            "base_twist": (6,),
-            "base_acceleration": (6,),
-            "gravity": (3,),
-        }
-        if self.link_inertia:
-            shapes |= {"link_mass": (N,), "link_com": (N, 3), "link_inertia": (N, 3, 3)}
-        return shapes | ({"grasp_R": (3, 3), "grasp_p": (3,)} if self.kind else {})
+        names = ("base_R", *(BASE_MOTION if self.options.base_motion else ()), "gravity", *LINKS)
+        return self.ports((*names, "grasp_R", "grasp_p") if self.kind else names)
 
-    def inputs(self) -> dict[str, tuple[int, ...]]:
+    def inputs(self) -> dict[str, Shape]:
         """Return the shapes of the arm's own inputs."""
-        N = self.arm.joint_count
-        shapes: dict[str, tuple[int, ...]] = {"q": (N,), "qd": (N,), "tau": (N,)}
-        return shapes | ({"link_wrench": (N, 6)} if self.link_wrenches else {})
+        return self.ports(("q", "qd", "tau", "link_wrench"))
 
     def mounted(self, given: dict[str, Array]) -> Arm:
-        """Return the arm with its run-time parameters in place."""
-        arm = replace(self.arm, base=Pose(given["base_R"], np.zeros(3)))
-        if self.link_inertia:
+        """Return the arm with its run-time parameters in place; what is not given does not matter."""
+        base = Pose(given.get("base_R", np.eye(3)), given.get("base_p", np.zeros(3)))
+        arm = replace(self.arm, base=base)
+        if self.options.link_inertia:
             links = zip(given["link_mass"], given["link_com"], given["link_inertia"], strict=True)
             arm = replace(arm, links=tuple(Link(m, com, I, physical=False) for m, com, I in links))
         return arm
 
+    def held(self, given: dict[str, Array]) -> Grasp:
+        """Return the arm's grasp with its run-time parameters in place."""
+        assert self.kind is not None
+        frame = Pose(given["grasp_R"], given["grasp_p"])
+        return replace(Grasp(self.kind), frame=frame)  # type: ignore[arg-type]
+
     def motion(self, given: dict[str, Array], now: dict[str, Array]) -> ArmMotion:
         """Return the arm in motion."""
-        acceleration = given["base_acceleration"] - concatenate([np.zeros(3), given["gravity"]])
+        still = np.zeros(6)
+        acceleration = given.get("base_acceleration", still) - concatenate([np.zeros(3), given["gravity"]])
         return arm_motion(
             ArmInputs(
                 self.mounted(given),
                 now["q"],
                 now["qd"],
                 now["tau"],
-                given["base_twist"],
+                given.get("base_twist", still),
                 acceleration,
                 now.get("link_wrench"),
             )
@@ -90,16 +117,13 @@ class ArmType:
 
 def held_arm(of: ArmType, route: Route) -> Stage:
     """Return the stage of an arm that holds: its measurement of alpha(C), and what f does to it."""
-    assert of.kind is not None
-    grasp = Grasp(of.kind)  # type: ignore[arg-type]
     parameters, inputs = of.parameters(), of.inputs()
 
     def text(*arrays: Array) -> Phases:
         given = dict(zip(parameters, arrays, strict=True))
         *own, object_R, object_twist, mobility = yield ()
         motion = of.motion(given, dict(zip(inputs, own, strict=True)))
-        held = replace(grasp, frame=Pose(given["grasp_R"], given["grasp_p"]))
-        c = contact(held, Pose(object_R, np.zeros(3)), object_twist, motion.tip_twist)
+        c = contact(of.held(given), Pose(object_R, np.zeros(3)), object_twist, motion.tip_twist)
         tip = tip_response(motion, route)
         m = measurement(c, tip, symmetric6(symmetric(mobility)))
         seen = (upper(m.R), m.r, mobility_ratio(m))

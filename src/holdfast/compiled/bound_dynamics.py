@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from holdfast.compiled.arm_stages import BASE_MOTION
 from holdfast.compiled.parameters import taken
 from holdfast.compiled.result import UNDECIDED, CompiledResult, ResultLayout
 from holdfast.compiler.kernel import Kernel
@@ -49,8 +50,8 @@ class BoundDynamics:
         layout = ResultLayout(kernel.externals)
         self.result = CompiledResult(compiled.chain, layout, None)
         self._bound.use({name: self.result.array(name) for name in layout.shapes})
-        self.set(**{name: x for name, x in given.items() if name not in inputs})
         self.run = self._bound.run
+        self.set(**{name: x for name, x in given.items() if name not in inputs})
 
     def __call__(self) -> Status:
         """Compute `result` from the inputs."""
@@ -67,6 +68,8 @@ class BoundDynamics:
         Raises:
             StateError: an unknown name, a wrong shape, a number that is not finite.
         """
+        if any(name in parameters and name not in self._externals for name in BASE_MOTION):
+            self._move(self._compiled.moving)
         found = taken(parameters, self._externals)
         for name, x in found.items():
             if x.ndim > len(self._externals[name].shape):
@@ -74,6 +77,16 @@ class BoundDynamics:
         for name, x in found.items():
             self._bound.arrays[name][...] = x
         self._bound.prepare()
+
+    def _move(self, moving: CompiledChain) -> None:
+        """Change to the code for bases that move; arrays stay what they are."""
+        before, self._bound, self._externals = self._bound, moving.bound(), moving.externals
+        for name, x in before.arrays.items():
+            if self._externals[name].role == "parameter":
+                self._bound.arrays[name][...] = x
+            else:
+                self._bound.use({name: x})
+        self.run = self._bound.run
 
     def _decide(self) -> None:
         """Find the generic rank, and compute again."""

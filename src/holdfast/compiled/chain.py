@@ -5,12 +5,14 @@ from __future__ import annotations
 import ctypes
 import threading
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, get_args
 
 import numpy as np
 
 from holdfast.compiled import arrays, verdict
+from holdfast.compiled.arm_stages import BASE_MOTION
 from holdfast.compiled.arrays import Addresses
 from holdfast.compiled.bound_dynamics import BoundDynamics
 from holdfast.compiled.forward_schedule import forward_externals, forward_schedule
@@ -22,6 +24,7 @@ from holdfast.compiled.structure import Options, Structure
 from holdfast.compiler.bound import Bound
 from holdfast.compiler.builtin import Entry
 from holdfast.compiler.kernel import Kernel
+from holdfast.compiler.schedule import External
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.methods import method_named
 from holdfast.errors import MethodNotApplicable, StateError
@@ -162,7 +165,14 @@ class CompiledChain(ChainFunctions):
                 caller's to read at every call (float64, C order), for those not given there are new
                 ones; parameters as in `forward_dynamics`.
         """
+        if not self.options.base_motion and any(name in arrays_or_parameters for name in BASE_MOTION):
+            return self.moving.bind(**arrays_or_parameters)
         return BoundDynamics(self, self._kernel, self._own, arrays_or_parameters)
+
+    @cached_property
+    def moving(self) -> CompiledChain:
+        """The same chain on bases that move: other code, made when a base's motion is first given."""
+        return CompiledChain(self.chain, replace(self.options, base_motion=True), self.generic_rank)
 
     @property
     def operation_count(self) -> int:
@@ -186,6 +196,11 @@ class CompiledChain(ChainFunctions):
         **parameters: Any,
     ) -> CompiledResult:
         """Take the calls that the builtin does not; see `forward_dynamics`."""
+        if not self.options.base_motion and any(name in parameters for name in BASE_MOTION):
+            result = self.moving._forward(q, qd, tau, object_pose, object_twist, out=out, threads=threads, **parameters)
+            if self.generic_rank is None and self.moving.generic_rank is not None:
+                self.know_rank(self.moving.generic_rank)
+            return result
         inputs = zip(_INPUTS, (q, qd, tau, object_pose, object_twist), strict=True)
         found = {name: arrays.floats(name, x, self._externals[name].shape) for name, x in inputs}
         if parameters:
@@ -200,7 +215,7 @@ class CompiledChain(ChainFunctions):
         if batch is not None:
             self._kernel.run_batch(table, batch, threads)
             if result.array("status").any():
-                verdict.settle(self, self._own | found, result)
+                verdict.settle(self, self._own | found | _origins(parameters), result)
             return result
         if parameters:
             sound = self._apart(found, result)
@@ -211,8 +226,9 @@ class CompiledChain(ChainFunctions):
                 self._entry.expect(out, out.memory, whole[len(_INPUTS) :].tolist())
             sound = self._run(whole.ctypes.data) == 0
         if not sound:
-            verdict.settle(self, self._own | found, result)
-            verdict.require_answer(self, self._own | found, result)
+            found = self._own | found | _origins(parameters)
+            verdict.settle(self, found, result)
+            verdict.require_answer(self, found, result)
         return result
 
     def _apart(self, found: Mapping[str, Array], result: CompiledResult) -> bool:
@@ -224,6 +240,18 @@ class CompiledChain(ChainFunctions):
             self._spare.prepare()
             return self._spare.run() == 0
 
+    @property
+    def externals(self) -> dict[str, External]:
+        """The arrays that forward dynamics takes and returns."""
+        return self._externals
+
+    def bound(self) -> Bound:
+        """Return the machine code tied to arrays of its own, parameters those of the chain."""
+        bound = self._kernel.bind()
+        for name, x in self._own.items():
+            bound.arrays[name][...] = x
+        return bound
+
     @cached_property
     def _spare(self) -> Bound:
         return self._kernel.bind()
@@ -233,3 +261,9 @@ class CompiledChain(ChainFunctions):
         self.generic_rank = generic_rank
         self._own["generic_rank"][...] = float(generic_rank)
         self._bound.prepare()
+
+
+def _origins(parameters: Mapping[str, Any]) -> dict[str, Array]:
+    """Return where given bases stand, which matters only to who seeks the generic rank."""
+    given = parameters.get("base_pose")
+    return {} if given is None else {"base_p": np.array(given, dtype=float)[..., 4:]}

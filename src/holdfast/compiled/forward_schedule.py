@@ -1,21 +1,24 @@
 """Forward dynamics as a schedule: arms outward, the object's filter out and back, arms back.
 
-    object -> arms (side by side) -> filter, arm after arm -> turning point
-           <- arms (side by side) <- filter, arm after arm <-
+object -> arms (side by side) -> filter, arm after arm -> turning point
+<- arms (side by side) <- filter, arm after arm <-
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import groupby
 
 from holdfast.compiled import object_stages
-from holdfast.compiled.arm_stages import ArmType, held_arm, lone_arm
+from holdfast.compiled.arm_stages import BASE_MOTION, LINKS, ArmType, held_arm, lone_arm
 from holdfast.compiled.packing import upper_count
 from holdfast.compiled.structure import Structure
-from holdfast.compiler.schedule import Call, External, Group, Internal, Schedule, Wire
+from holdfast.compiled.wiring import ScheduleWriter, externals, shapes
+from holdfast.compiler.program import Shape
+from holdfast.compiler.schedule import Call, External, Internal, Schedule, Wire
 from holdfast.compiler.stage import Stage
 from holdfast.model.grasp import Grasp
+
+Run = tuple[str, tuple[int, ...]]  # arms of one type that follow each other in the filter
 
 GUARDED = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench")
 
@@ -23,46 +26,16 @@ GUARDED = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration",
 def forward_externals(structure: Structure) -> dict[str, External]:
     """Return the arrays of compiled forward dynamics: inputs, parameters, results."""
     chain, options = structure.chain, structure.options
-    n, l, g = chain.joint_count, len(chain.arms), len(chain.grasps)
-    inputs: dict[str, tuple[int, ...]] = {
-        "q": (n,),
-        "qd": (n,),
-        "tau": (n,),
-        "object_pose": (7,),
-        "object_twist": (6,),
-        "object_wrench": (6,),
-    }
+    inputs = ["q", "qd", "tau", "object_pose", "object_twist", "object_wrench"]
+    parameters = ["gravity", "generic_rank", "object_mass", "object_com", "object_inertia"]
+    parameters += ["base_R", *(BASE_MOTION if options.base_motion else ()), "grasp_R", "grasp_p"]
     if options.link_wrenches:
-        inputs["link_wrench"] = (n, 6)
-    parameters: dict[str, tuple[int, ...]] = {
-        "gravity": (3,),
-        "generic_rank": (),
-        "object_mass": (),
-        "object_com": (3,),
-        "object_inertia": (3, 3),
-        "base_R": (l, 3, 3),
-        "base_twist": (l, 6),
-        "base_acceleration": (l, 6),
-        "grasp_R": (g, 3, 3),
-        "grasp_p": (g, 3),
-    }
+        inputs.append("link_wrench")
     if options.link_inertia:
-        parameters |= {"link_mass": (n,), "link_com": (n, 3), "link_inertia": (n, 3, 3)}
-    outputs: dict[str, tuple[int, ...]] = {
-        "qdd": (n,),
-        "grasp_wrench": (l, 6),
-        "object_acceleration": (6,),
-        "contact_acceleration": (chain.contact_freedom_count,),
-        "base_wrench": (l, 6),
-        "rank": (),
-        "status": (),
-        "condition": (),
-    }
-    return (
-        {name: External(shape, "input") for name, shape in inputs.items()}
-        | {name: External(shape, "parameter") for name, shape in parameters.items()}
-        | {name: External(shape, "output") for name, shape in outputs.items()}
-    )
+        parameters += LINKS
+    verdict: dict[str, Shape] = {"generic_rank": (), "rank": (), "status": (), "condition": ()}
+    outputs = (*GUARDED, "rank", "status", "condition")
+    return externals(inputs, parameters, outputs, shapes(chain) | verdict)
 
 
 def forward_schedule(structure: Structure) -> Schedule:
@@ -70,16 +43,11 @@ def forward_schedule(structure: Structure) -> Schedule:
     return _Writer(structure).schedule()
 
 
-class _Writer:
+class _Writer(ScheduleWriter):
     """Collects groups, arrays and calls."""
 
     def __init__(self, structure: Structure) -> None:
-        self.structure = structure
-        self.externals = forward_externals(structure)
-        self.internals: dict[str, Internal] = {}
-        self.groups: dict[str, Group] = {}
-        self.prepare: list[Call] = []
-        self.calls: list[Call] = []
+        super().__init__(structure, forward_externals(structure))
         rows = structure.filter_order
         self.dense_first = bool(rows) and structure.parallel(rows[0])
         self.dense_last = bool(rows) and structure.parallel(rows[-1])
@@ -91,8 +59,14 @@ class _Writer:
         for group, held in arms:
             self.calls.append(Call(group, 1, tuple(range(len(held)))))
         self._share()
-        self._outward(runs)
-        self._alone("turning_point", object_stages.turning_point(self.dense_last, 6 * len(self.structure.held_rows)))
+        row_count = 6 * len(self.structure.held_rows)
+        if self.dense_last:
+            runs, last = self._without_last(runs)
+            self._outward(runs)
+            self.alone("turning_point", object_stages.last_rigid_arm(row_count), last)
+        else:
+            self._outward(runs)
+            self.alone("turning_point", object_stages.turning_point(row_count))
         for group, items in reversed(runs):
             self.calls.append(Call(group, 1, tuple(reversed(items))))
         for group, rows in arms:
@@ -111,49 +85,19 @@ class _Writer:
         for name, size in {"R": 9, "mobility": upper_count(6), "size": 6, "alpha": 6}.items():
             self.internals[name] = Internal(1, size)
         freedoms = self.structure.chain.contact_freedom_count
-        self._alone("object", object_stages.held_object(self.dense_first, freedoms))
-
-    def _alone(self, name: str, stage: Stage) -> None:
-        """A stage that runs once."""
-        self._group(name, stage, 1, {}, side_by_side=False)
-        for phase in range(len(stage.inputs)):
-            parameters_only = phase == 0 and len(stage.inputs) > 1
-            (self.prepare if parameters_only else self.calls).append(Call(name, phase, (0,)))
+        self.alone("object", object_stages.held_object(self.dense_first, freedoms))
 
     def _arms(self, name: str, rows: list[int]) -> tuple[str, list[int]]:
         """The arms of one type, in lanes."""
-        structure, chain = self.structure, self.structure.chain
-        kind, arm, options = structure.kind(rows[0]), structure.arm(rows[0]), structure.options
-        of = ArmType(arm, kind, options.link_inertia, options.link_wrenches)
+        structure, options = self.structure, self.structure.options
+        kind, arm = structure.kind(rows[0]), structure.arm(rows[0])
+        of = ArmType(arm, kind, options)
         stage = held_arm(of, options.route) if kind else lone_arm(of, options.route)
-        joints = tuple(chain.joints[chain.names[row]].start for row in rows)
-        wires = {port: Wire(port, joints) for port in ("q", "qd", "tau", "qdd", "link_mass")}
-        wires |= {"link_wrench": Wire("link_wrench", tuple(6 * j for j in joints))}
-        wires |= {"link_com": Wire("link_com", tuple(3 * j for j in joints))}
-        wires |= {"link_inertia": Wire("link_inertia", tuple(9 * j for j in joints))}
-        for port, size in {"base_R": 9, "base_twist": 6, "base_acceleration": 6}.items():
-            wires[port] = Wire(port, tuple(size * row for row in rows))
-        for port in ("grasp_wrench", "base_wrench"):
-            wires[port] = Wire(port, tuple(6 * row for row in rows))
-        wires |= {port: Wire(port, (0,) * len(rows)) for port in ("gravity", "object_twist")}
-        wires |= {"object_R": Wire("R", (0,) * len(rows)), "mobility": Wire("mobility", (0,) * len(rows))}
-        wires["alpha"] = Wire("alpha", (0,) * len(rows))
-        if kind:
-            holding = [structure.held_rows.index(row) for row in rows]
-            freedoms = tuple(chain.contact_freedoms[chain.names[row]].start for row in rows)
-            wires |= {"grasp_R": Wire("grasp_R", tuple(9 * i for i in holding))}
-            wires |= {"grasp_p": Wire("grasp_p", tuple(3 * i for i in holding))}
-            wires["contact_acceleration"] = Wire("contact_acceleration", freedoms)
-            for port in ("noise", "measured", "ratio", "rows", "object_size", "from_arm"):
-                if port in stage.shapes:
-                    array = f"{name}.{port}"
-                    self.internals[array] = Internal(len(rows), stage.size(port))
-                    wires[port] = Wire(array, tuple(range(len(rows))))
-        self.groups[name] = Group(stage, len(rows), {p: wires[p] for p in stage.shapes}, side_by_side=True)
-        self.prepare.append(Call(name, 0, tuple(range(len(rows)))))
+        own = ("noise", "measured", "ratio", "rows", "object_size", "from_arm")
+        self.arms(name, stage, rows, own, {"object_R": Wire("R", (0,) * len(rows))})
         return name, rows
 
-    def _filter(self) -> list[tuple[str, tuple[int, ...]]]:
+    def _filter(self) -> list[Run]:
         """The filter's stages; returns which arms of which type follow each other."""
         structure = self.structure
         types = {row: (k, i) for k, rows in enumerate(structure.types.values()) for i, row in enumerate(rows)}
@@ -175,15 +119,23 @@ class _Writer:
                 stage = made.setdefault((kind, most), object_stages.rows_arm(kind, most))
             count = self.groups[group].count
             wires = {
-                port: Wire(f"{group}.{port}", tuple(range(count)))
-                for port in ("noise", "measured", "rows", "from_arm")
+                port: Wire(f"{group}.{port}", tuple(range(count))) for port in ("noise", "measured", "rows", "from_arm")
             }
             own_size = f"{group}.object_size" in self.internals
             wires["size"] = Wire(f"{group}.object_size" if own_size else "size", tuple(range(count)))
             if not own_size:
                 wires["size"] = Wire("size", (0,) * count)
-            self._group(name, stage, count, wires, side_by_side=False)
+            self.group(name, stage, count, wires)
         return runs
+
+    def _without_last(self, runs: list[Run]) -> tuple[list[Run], dict[str, Wire]]:
+        """Return the runs without their last arm, and what that one's ports are tied to."""
+        *before, (name, items) = runs
+        wires = {}
+        for port in ("noise", "measured", "from_arm"):
+            wire = self.groups[name].wires[port]
+            wires[port] = Wire(wire.array, (wire.places[items[-1]],))
+        return [*before, *([(name, items[:-1])] if len(items) > 1 else [])], wires
 
     def _share(self) -> None:
         """The arms' share in the scale of pivots."""
@@ -191,20 +143,14 @@ class _Writer:
         for k, rows in enumerate(self.structure.types.values()):
             if self.structure.kind(rows[0]):
                 wires = {"ratio": Wire(f"arms{k}.ratio", tuple(range(len(rows))))}
-                self._group(f"share{k}", stage, len(rows), wires, side_by_side=False)
+                self.group(f"share{k}", stage, len(rows), wires)
                 self.calls.append(Call(f"share{k}", 0, tuple(range(len(rows)))))
 
-    def _outward(self, runs: list[tuple[str, tuple[int, ...]]]) -> None:
+    def _outward(self, runs: list[Run]) -> None:
         """The filter from the object through all arms, in factors from the first rows on."""
         dense = self.dense_first
         for name, items in runs:
             if dense and "D'" in self.groups[name].stage.shapes:
-                self._alone("into_factors", object_stages.into_factors())
+                self.alone("into_factors", object_stages.into_factors())
                 dense = False
             self.calls.append(Call(name, 0, items))
-
-    def _group(self, name: str, stage: Stage, count: int, wires: Mapping[str, Wire], side_by_side: bool) -> None:
-        """Add a group; ports without a wire are tied to the one array of their name."""
-        shared = {port: Wire(port.removesuffix("'"), (0,) * count) for port in stage.shapes}
-        wired = {port: wires.get(port, shared[port]) for port in stage.shapes}
-        self.groups[name] = Group(stage, count, wired, side_by_side)

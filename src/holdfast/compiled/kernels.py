@@ -22,9 +22,7 @@ _made: weakref.WeakValueDictionary[str, Kernel] = weakref.WeakValueDictionary()
 _lock = threading.Lock()
 
 
-def kernel(
-    what: str, structure: Structure, externals: dict[str, External], make: Callable[[], Schedule]
-) -> Kernel:
+def kernel(what: str, structure: Structure, externals: dict[str, External], make: Callable[[], Schedule]) -> Kernel:
     """Return the kernel of one computation for chains of one structure.
 
     Args:

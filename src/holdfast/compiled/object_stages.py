@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from holdfast.compiler.stage import Stage, stage
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored
 from holdfast.dynamics.closed.measurement import LIGHTEST_OBJECT, Measurement, object_share
 from holdfast.dynamics.closed.object_motion import object_motion
-from holdfast.dynamics.closed.rigid_step import rigid_step
+from holdfast.dynamics.closed.rigid_step import last_rigid_step, rigid_step
 from holdfast.dynamics.closed.row_steps import row_steps
 from holdfast.model.checks import ROTATION_TOLERANCE
 from holdfast.model.grasp import Grasp
@@ -25,11 +26,16 @@ DENSE = {"P": (upper_count(6),)}
 FACTORS = {"D": (6,), "w": (6, 6)}
 
 
-def unit_pose(wxyz_xyz: Array) -> Pose:
-    """Return a pose; not-a-number if its quaternion is not of unit length within 1e-6."""
+def unit_pose(wxyz_xyz: Array, unused: Iterable[Scalar] = ()) -> Pose:
+    """Return a pose; not-a-number if its quaternion is not of unit length within 1e-6.
+
+    So it is where its origin, or what else is not needed, is not finite: no result would tell.
+    """
     length = sqrt(wxyz_xyz[:4] @ wxyz_xyz[:4])
-    near = abs(length - 1.0) <= ROTATION_TOLERANCE
-    return Pose(rotation.from_quaternion(wxyz_xyz[:4] / where(near, length, float("nan"))), wxyz_xyz[4:])
+    length = where(abs(length - 1.0) <= ROTATION_TOLERANCE, length, float("nan"))
+    for x in (*wxyz_xyz[4:], *unused):
+        length = where(abs(x) < float("inf"), length, float("nan"))
+    return Pose(rotation.from_quaternion(wxyz_xyz[:4] / length), wxyz_xyz[4:])
 
 
 def held_object(dense: bool, freedoms: int) -> Stage:
@@ -43,7 +49,7 @@ def held_object(dense: bool, freedoms: int) -> Stage:
     def text(mass: Scalar, com: Array, inertia: Array) -> Phases:
         held = HeldObject(mass[()], inertia, com, physical=False)
         pose, twist = yield ()
-        frame = unit_pose(pose)
+        frame = unit_pose(pose, twist[3:])
         body = object_motion(held, frame, twist, np.zeros(6))
         mobility = body.mobility.dense()
         size = np.diag(mobility)
@@ -123,35 +129,56 @@ def into_factors() -> Stage:
     return stage("into_factors", text, [DENSE], [("D'", "w'")])
 
 
-def turning_point(dense: bool, row_count: int) -> Stage:
-    """Return the stage after the last arm: the object's acceleration, and the verdict on the rank.
+def verdict(rank: Scalar, generic_rank: Scalar, row_count: int) -> Scalar:
+    """Return the status of a rank, as `compiled.result` numbers them.
 
-    The status is 0 where all is unique, 1 where the rank is constantly low, 2 where it is low and
-    the generic rank is not known (given as -1), 3 at a singular configuration.
+    0: all is unique. 1: the rank is constantly low. 2: it is low, and the generic rank is not
+    known (given as -1). 3: it is lower than in general, a singular configuration.
     """
+    low = where(generic_rank < 0.0, 2.0, where(rank < generic_rank, 3.0, 1.0))
+    return where(rank < float(row_count), low, 0.0)
+
+
+TURNING = ("alpha", "object_acceleration", "s'", "rank", "status", "condition")
+CONSTANTS = {"gravity": (3,), "generic_rank": ()}
+
+
+def last_rigid_arm(row_count: int) -> Stage:
+    """Return the stage where the filter turns round at a rigid grasp (`last_rigid_step`)."""
 
     def text(gravity: Array, generic_rank: Array) -> Phases:
-        x, kept, weakest, wrench, *mobility = yield ()
-        if dense:
-            alpha = x + symmetric(mobility[0]) @ wrench
-        else:
-            alpha = x + FactoredMobility(list(mobility[0]), list(mobility[1])).apply(wrench)
-        rank, generic = kept[()], generic_rank[()]
-        low = where(generic < 0.0, 2.0, where(rank < generic, 3.0, 1.0))
-        status = where(rank < float(row_count), low, 0.0)
-        true = alpha + concatenate([np.zeros(3), gravity])
-        return alpha, true, wrench, rank, status, 1.0 / weakest[()]
+        x, P, kept, weakest, share, noise, measured, size, w = yield ()
+        R = symmetric(noise)
+        m = Measurement(np.eye(6), R, measured, size, 6, True)
+        turn = last_rigid_step(x, symmetric(P), m, np.diag(R) + share[()] * size, w)
+        alpha, rank = turn.acceleration, kept[()] + turn.kept
+        return (
+            alpha,
+            alpha + concatenate([np.zeros(3), gravity]),
+            w + turn.wrench,
+            rank,
+            verdict(rank, generic_rank[()], row_count),
+            1.0 / minimum(weakest[()], turn.weakest),
+            turn.wrench,
+        )
 
-    mobility = DENSE if dense else FACTORS
-    return stage(
-        "turning_point",
-        text,
-        [
-            {"gravity": (3,), "generic_rank": ()},
-            {"x": (6,), "kept": (), "weakest": (), "object_wrench": (6,)} | mobility,
-        ],
-        [(), ("alpha", "object_acceleration", "s'", "rank", "status", "condition")],
-    )
+    given = {"x": (6,)} | DENSE | {"kept": (), "weakest": (), "share": ()}
+    seen = {"noise": (upper_count(6),), "measured": (6,), "size": (6,), "object_wrench": (6,)}
+    return stage("last_rigid_arm", text, [CONSTANTS, given | seen], [(), (*TURNING, "from_arm")])
+
+
+def turning_point(row_count: int) -> Stage:
+    """Return the stage where the filter turns round after rows, or without any arm."""
+
+    def text(gravity: Array, generic_rank: Array) -> Phases:
+        x, kept, weakest, wrench, D, w = yield ()
+        alpha = x + FactoredMobility(list(D), list(w)).apply(wrench)
+        rank = kept[()]
+        status = verdict(rank, generic_rank[()], row_count)
+        return alpha, alpha + concatenate([np.zeros(3), gravity]), wrench, rank, status, 1.0 / weakest[()]
+
+    given = {"x": (6,), "kept": (), "weakest": (), "object_wrench": (6,)} | FACTORS
+    return stage("turning_point", text, [CONSTANTS, given], [(), TURNING])
 
 
 def _mobility(dense: bool) -> tuple[str, ...]:

@@ -68,7 +68,7 @@ def taken(given: Mapping[str, Any], externals: Mapping[str, External]) -> dict[s
         a = np.asarray(value)
         if a.dtype.kind not in "fiub":
             raise StateError(f"{name}: expected real numbers, got {a.dtype}")
-        a = np.array(a, dtype=float)
+        a = np.array(a, dtype=float, order="C")
         if a.shape != shapes[name] and a.shape[1:] != shapes[name]:
             raise StateError(f"{name}: expected shape {shapes[name]} or (batch, *{shapes[name]}), got {a.shape}")
         if not np.isfinite(a).all():

@@ -22,11 +22,13 @@ class Options:
         route: how each arm answers at its tip.
         link_inertia: links' masses, mass centres and inertias become run-time parameters.
         link_wrenches: external wrenches on the links become an input.
+        base_motion: twist and acceleration of the bases are run-time parameters, rather than zero.
     """
 
     route: Route = "auto"
     link_inertia: bool = False
     link_wrenches: bool = False
+    base_motion: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,10 +38,15 @@ class Structure:
     Attributes:
         chain: the chain.
         options: the user's choices.
+        by_grasp: whether the computation depends on the grasps: whether arms that hold differently
+            are of different types.
+        by_links: the same of the links' inertias.
     """
 
     chain: ClosedChain
     options: Options
+    by_grasp: bool = True
+    by_links: bool = True
 
     @cached_property
     def types(self) -> dict[str, list[int]]:
@@ -80,9 +87,10 @@ class Structure:
         return sorted(self.held_rows, key=lambda row: not self.parallel(row))
 
     def _type_of(self, name: str) -> str:
-        grasp = self.chain.grasps.get(name)
+        grasp = self.chain.grasps.get(name) if self.by_grasp else None
         kind = grasp.kind if grasp else "none"
-        return _digest([kind.encode(), *_folded(self.chain.arms[name], self.options.link_inertia)])
+        folded = _folded(self.chain.arms[name], self.options.link_inertia or not self.by_links)
+        return _digest([kind.encode(), *folded])
 
 
 def _folded(arm: Arm, without_links: bool) -> Iterator[bytes]:

@@ -3,40 +3,60 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from holdfast.compiled.faults import fault, largest_positions
 from holdfast.compiled.forward_schedule import GUARDED
 from holdfast.compiled.result import INDETERMINATE, INVALID, SINGULAR, UNDECIDED, CompiledResult
-from holdfast.compiler.trigonometry import LARGEST_ARGUMENT
 from holdfast.dynamics import rank
-from holdfast.errors import HoldfastError, ModelError, StateError
-from holdfast.model.checks import ROTATION_TOLERANCE
+from holdfast.dynamics.consistency import POSITION_TOLERANCE, closure
+from holdfast.errors import HoldfastError, ModelError
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
+
+MOST_TRIED = 16  # open systems that are looked at for one that is closed
 
 if TYPE_CHECKING:
     from holdfast.compiled.chain import CompiledChain
 
 
 def settle(compiled: CompiledChain, found: Mapping[str, Array], result: CompiledResult) -> None:
-    """Decide the statuses that machine code left open, for want of the generic rank."""
+    """Decide the statuses that machine code left open, for want of the generic rank.
+
+    It is sought near the first of the open systems that is closed, and then remembered. Systems
+    that are not closed have no rank to speak of; among themselves the first one decides.
+    """
     status, ranks = np.atleast_1d(result.array("status")), np.atleast_1d(result.array("rank"))
     open_ = np.flatnonzero(status == UNDECIDED)
     if not open_.size:
         return
-    if compiled.generic_rank is None:
-        compiled.know_rank(generic_rank(compiled.chain, state_of(found, int(open_[0])), int(ranks[open_[0]])))
-    assert compiled.generic_rank is not None
-    singular = open_[ranks[open_] < compiled.generic_rank]
+    generic = compiled.generic_rank
+    if generic is None:
+        tried = open_[:MOST_TRIED].tolist()
+        row = next((i for i in tried if is_closed(*system(compiled.chain, found, i))), None)
+        first = tried[0] if row is None else row
+        generic = generic_rank(*system(compiled.chain, found, first), int(ranks[first]))
+        if row is not None:
+            compiled.know_rank(generic)
+    singular = open_[ranks[open_] < generic]
     status[open_] = INDETERMINATE
     status[singular] = SINGULAR
     if singular.size:
         for name in GUARDED:
             x = result.array(name)
             (x if result.batch is not None else x[None])[singular] = np.nan
+
+
+def is_closed(chain: ClosedChain, state: State) -> bool:
+    """Return whether a state satisfies its grasps' positions."""
+    with np.errstate(all="ignore"):
+        gaps = [gap.position for gap in closure(chain, state).values()]
+    return bool(all(np.abs(gap).max(initial=0.0) <= POSITION_TOLERANCE for gap in gaps))
 
 
 def generic_rank(chain: ClosedChain, state: State, found: int) -> int:
@@ -47,10 +67,19 @@ def generic_rank(chain: ClosedChain, state: State, found: int) -> int:
     return verdict.generic_rank
 
 
-def state_of(found: Mapping[str, Array], row: int) -> State:
-    """Return the state of one system of a batch (or the one that all share)."""
-    shapes = {"q": 1, "qd": 1, "object_pose": 1, "object_twist": 1}
-    return State(*(found[name][row] if found[name].ndim > n else found[name] for name, n in shapes.items()))
+def system(chain: ClosedChain, found: Mapping[str, Array], row: int) -> tuple[ClosedChain, State]:
+    """Return chain and state of one system of a batch, bases and grasp frames being its own."""
+
+    def of(name: str, axes: int) -> Array:
+        return found[name][row] if found[name].ndim > axes else found[name]
+
+    state = State(*(of(name, 1) for name in ("q", "qd", "object_pose", "object_twist")))
+    if "base_p" in found:
+        poses = zip(chain.names, of("base_R", 3), of("base_p", 2), strict=True)
+        chain = chain.with_bases({name: Pose(R, p) for name, R, p in poses})
+    frames = zip(chain.grasps, of("grasp_R", 3), of("grasp_p", 2), strict=True)
+    grasps = {name: replace(chain.grasps[name], frame=Pose(R, p)) for name, R, p in frames}
+    return replace(chain, grasps=grasps), state
 
 
 def require_answer(compiled: CompiledChain, found: Mapping[str, Array], result: CompiledResult) -> None:
@@ -61,21 +90,16 @@ def require_answer(compiled: CompiledChain, found: Mapping[str, Array], result: 
     """
     status = int(result.array("status"))
     if status == SINGULAR:
-        rank.verdict(compiled.chain, state_of(found, 0), result.rank, compiled.generic_rank)
+        rank.verdict(*system(compiled.chain, found, 0), result.rank, compiled.generic_rank)
     if status == INVALID:
-        raise reason(found)
+        raise reason(compiled.chain, found)
 
 
-def reason(found: Mapping[str, Array]) -> HoldfastError:
+def reason(chain: ClosedChain, found: Mapping[str, Array]) -> HoldfastError:
     """Return why one system's results are not finite."""
-    for name, x in found.items():
-        if not np.isfinite(x).all():
-            return StateError(f"{name}: expected finite numbers, got {x[~np.isfinite(x)][0]}")
-    length = float(np.linalg.norm(found["object_pose"][:4]))
-    if abs(length - 1.0) > ROTATION_TOLERANCE:
-        return StateError(f"object_pose: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}")
-    if np.abs(found["q"]).max() > LARGEST_ARGUMENT:
-        return StateError(f"q: expected at most {LARGEST_ARGUMENT:g} rad, got {np.abs(found['q']).max():.6g}")
+    wrong = fault(found, largest_positions(chain))
+    if wrong is not None:
+        return wrong
     return ModelError(
         "the accelerations are not finite: an arm's mass matrix is singular here, or sizes overflow; holdfast."
         "forward_dynamics on the same state names the arm and the joint"

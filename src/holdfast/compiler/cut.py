@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -36,24 +37,22 @@ def cut(program: Program, piece: Sequence[int], outputs: Sequence[Sequence[Outpu
             those of inputs and constants do not matter.
         outputs: for every piece its results, as places in the program.
     """
-    count = len(outputs)
+    count, first = len(outputs), program.input_size
+    roots = _roots(program)
     kept: list[list[int]] = [[] for _ in range(count)]  # by piece: places whose values later pieces need
+    own: list[list[int]] = [[] for _ in range(count)]  # by piece: places that it computes
     seen: set[int] = set()
 
     def keep(place: int, reader: int) -> None:
         """Note what `reader` needs of earlier pieces to have the value at `place`."""
-        stack = [place]
-        while stack:
-            p = stack.pop()
-            kind, args, _ = program.instructions[p]
-            if kind in _MADE_AGAIN:
-                stack.extend(args)
-            elif kind != "input" and piece[p] < reader and p not in seen:
+        for p in roots[place]:
+            if piece[p] < reader and p not in seen:
                 seen.add(p)
                 kept[piece[p]].append(p)
 
     for p, (kind, args, _) in enumerate(program.instructions):
-        if kind not in _MADE_AGAIN:
+        if p >= first and kind not in _MADE_AGAIN:
+            own[piece[p]].append(p)
             for a in args:
                 keep(a, piece[p])
     for k, results in enumerate(outputs):
@@ -61,49 +60,59 @@ def cut(program: Program, piece: Sequence[int], outputs: Sequence[Sequence[Outpu
             for p in output.places:
                 if p >= 0:
                     keep(p, k)
+    memory = tuple(len(places) for places in kept)
+    before = {}  # where a kept value is among the inputs of the later pieces: in each the same
     for places in kept:
         places.sort()
-    memory = tuple(len(places) for places in kept)
-    programs = tuple(_piece(program, piece, k, kept, outputs[k]) for k in range(count))
-    return Pieces(programs, memory)
+        for p in places:
+            before[p] = first + len(before)
+    shapes = (*program.input_shapes, *((size,) for size in memory))
+    programs = []
+    for k in range(count):
+        inputs = program.instructions[:first] + (Instruction("input"),) * sum(memory[:k])
+        writer = _Piece(program, piece, k, before, list(inputs))
+        for p in own[k]:
+            writer.place(p)
+        results = (*outputs[k], Output((memory[k],), tuple(kept[k])))
+        found = tuple(Output(o.shape, tuple([writer.place(p) if p >= 0 else -1 for p in o.places])) for o in results)
+        programs.append(Program(shapes[: len(program.input_shapes) + k], tuple(writer.instructions), found))
+    return Pieces(tuple(programs), memory)
 
 
-def _piece(
-    program: Program, piece: Sequence[int], k: int, kept: list[list[int]], outputs: Sequence[Output]
-) -> Program:
-    instructions = [i for i in program.instructions[: program.input_size]]
-    new = {p: p for p in range(len(instructions))}
-    for j in range(k):
-        for p in kept[j]:
-            new[p] = len(instructions)
-            instructions.append(Instruction("input"))
+def _roots(program: Program) -> list[tuple[int, ...]]:
+    """Return for every place the computed values from which it is made again: mostly itself."""
+    roots: list[tuple[int, ...]] = []
+    for p, (kind, args, _) in enumerate(program.instructions):
+        if kind in _MADE_AGAIN:
+            roots.append(tuple(r for a in args for r in roots[a]))
+        else:
+            roots.append(() if kind == "input" else (p,))
+    return roots
 
-    def place_of(p: int) -> int:
-        """Return where the value is in the piece, made again if need be."""
-        stack = [p]
-        while stack:
-            q = stack[-1]
-            if q in new:
-                stack.pop()
-                continue
-            kind, args, value = program.instructions[q]
-            waiting = [a for a in args if a not in new]
-            if waiting:
-                stack.extend(waiting)
-                continue
-            assert kind in _MADE_AGAIN or piece[q] == k, (kind, piece[q], k)
-            new[q] = len(instructions)
-            instructions.append(Instruction(kind, tuple(new[a] for a in args), value))
-            stack.pop()
+
+class _Piece:
+    """Writes the instructions of one piece."""
+
+    def __init__(
+        self, program: Program, piece: Sequence[int], k: int, before: dict[int, int], instructions: list[Instruction]
+    ) -> None:
+        self.program, self.piece, self.k, self.before, self.instructions = program, piece, k, before, instructions
+        self.new: dict[int, int] = {}
+
+    def place(self, p: int) -> int:
+        """Return where a value is in the piece, made again if need be."""
+        new = self.new
+        if p in new:
+            return new[p]
+        kind, args, value = self.program.instructions[p]
+        if kind == "input":
+            return p
+        if kind not in _MADE_AGAIN and self.piece[p] < self.k:
+            return self.before[p]
+        places = tuple([new[a] if a in new else self.place(a) for a in args])
+        new[p] = len(self.instructions)
+        self.instructions.append(Instruction(kind, places, value))
         return new[p]
-
-    for p, (kind, _, _) in enumerate(program.instructions):
-        if kind not in _MADE_AGAIN and kind != "input" and piece[p] == k:
-            place_of(p)
-    found = [Output(o.shape, tuple(place_of(p) if p >= 0 else -1 for p in o.places)) for o in outputs]
-    found.append(Output((len(kept[k]),), tuple(place_of(p) for p in kept[k])))
-    shapes = (*program.input_shapes, *((len(kept[j]),) for j in range(k)))
-    return Program(shapes, tuple(instructions), tuple(found))
 
 
 def by_phase(program: Program, input_phases: Sequence[int], results: Sequence[int]) -> Pieces:
@@ -115,9 +124,10 @@ def by_phase(program: Program, input_phases: Sequence[int], results: Sequence[in
         results: how many of the outputs belong to each phase, in order.
     """
     piece: list[int] = []
-    known = [phase for phase, shape in zip(input_phases, program.input_shapes, strict=True) for _ in range(_size(shape))]
+    sizes = [math.prod(shape) for shape in program.input_shapes]
+    known = [phase for phase, size in zip(input_phases, sizes, strict=True) for _ in range(size)]
     for p, (kind, args, _) in enumerate(program.instructions):
-        piece.append(known[p] if kind == "input" else max((piece[a] for a in args), default=0))
+        piece.append(known[p] if kind == "input" else max([piece[a] for a in args], default=0))
     outputs, start = [], 0
     for n in results:
         outputs.append(program.outputs[start : start + n])
@@ -132,16 +142,9 @@ def by_length(program: Program, length: int) -> Pieces:
     piece = [max(0, p - first) // length for p in range(len(program.instructions))]
     for p, (kind, args, _) in enumerate(program.instructions):
         if kind in _MADE_AGAIN and args:
-            piece[p] = max(piece[a] for a in args)
+            piece[p] = max([piece[a] for a in args])
     outputs = [
         tuple(Output(o.shape, tuple(p if piece[p] == k else -1 for p in o.places)) for o in program.outputs)
         for k in range(count)
     ]
     return cut(program, piece, outputs)
-
-
-def _size(shape: Sequence[int]) -> int:
-    size = 1
-    for n in shape:
-        size *= n
-    return size

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from holdfast.compiler import trigonometry
 from holdfast.compiler.fuse import fuse
@@ -16,9 +16,8 @@ def expand(program: Program) -> Program:
     """Return the program with sines and cosines written out; it is the same one if there are none."""
     if not program.counts["sin"] and not program.counts["cos"]:
         return program
-    written = {"sin": trigonometry.sin, "cos": trigonometry.cos}
     graph = Graph()
-    values = _replayed(program, graph, lambda kind, args: written[kind](*args) if kind in written else None)
+    values = _replayed(program, graph, {"sin": trigonometry.sin, "cos": trigonometry.cos})
     return program_of(graph, program.input_shapes, [_result(graph, values, output) for output in program.outputs])
 
 
@@ -34,7 +33,7 @@ def with_status(program: Program) -> Program:
     Too large is beyond 1e5 rad or not a number; otherwise the result is 0.0.
     """
     graph = Graph()
-    values = _replayed(program, graph, lambda kind, args: None)
+    values = _replayed(program, graph, {})
     status: Value = 0.0
     for instruction in program.instructions:
         if instruction.kind in ("sin", "cos"):
@@ -44,18 +43,21 @@ def with_status(program: Program) -> Program:
     return program_of(graph, program.input_shapes, [*results, ((), [_node(graph, status)])])
 
 
-def _replayed(program: Program, graph: Graph, rewrite: Callable[[str, list[Value]], Value | None]) -> list[Value]:
-    """Return what every instruction is in a new graph, where `rewrite` may replace operations."""
+def _replayed(program: Program, graph: Graph, written: Mapping[str, Callable[[Value], Value]]) -> list[Value]:
+    """Return what every instruction is in a new graph, where some operations are `written` out.
+
+    The others stand as they are: they were simplified when they were traced.
+    """
     values: list[Value] = []
     for kind, places, number in program.instructions:
-        args = [values[p] for p in places]
         if kind == "input":
             values.append(graph.input())
         elif kind == "constant":
-            values.append(number)
+            values.append(graph.constant(number))
+        elif kind in written:
+            values.append(written[kind](values[places[0]]))
         else:
-            new = rewrite(kind, args)
-            values.append(graph.apply(kind, *args) if new is None else new)
+            values.append(graph.make(kind, *[values[p] for p in places]))
     return values
 
 

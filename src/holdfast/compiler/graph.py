@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from operator import attrgetter
+
 from holdfast.compiler import algebra
-from holdfast.compiler.arithmetic import OPERATIONS
+from holdfast.compiler.arithmetic import OPERATIONS, TRUTHS
 from holdfast.compiler.errors import CompileError, place_of_call
 from holdfast.compiler.node import Node
 
 Value = Node | float
+
+SERIAL = attrgetter("serial")
 
 
 class Graph:
@@ -20,6 +24,7 @@ class Graph:
     def __init__(self) -> None:
         self.nodes: list[Node] = []
         self._known: dict[tuple[object, ...], Node] = {}
+        self._constants: dict[str, Node] = {}
 
     def input(self) -> Node:
         """Return a new run-time input."""
@@ -27,42 +32,53 @@ class Graph:
 
     def constant(self, value: float) -> Node:
         """Return the node of a number; 0.0 and -0.0 are two."""
-        key = ("constant", value.hex())
-        if key not in self._known:
-            self._known[key] = self._new("constant", (), value)
-        return self._known[key]
+        bits = value.hex()
+        node = self._constants.get(bits)
+        if node is None:
+            node = self._constants[bits] = self._new("constant", (), value)
+        return node
 
     def known(self, kind: str, *args: Value) -> Node | None:
         """Return the node of an operation if it was made before."""
-        return self._known.get((kind, *(self._node(a).serial for a in args)))
+        return self._known.get((kind, *map(SERIAL, self._nodes(args))))
 
     def make(self, kind: str, *args: Value) -> Node:
         """Return the node of an operation as it stands, without simplifying."""
-        nodes = tuple(self._node(a) for a in args)
-        key = (kind, *(a.serial for a in nodes))
-        if key not in self._known:
-            self._known[key] = self._new(kind, nodes, 0.0)
-        return self._known[key]
+        nodes = self._nodes(args)
+        key = (kind, *map(SERIAL, nodes))
+        node = self._known.get(key)
+        if node is None:
+            node = self._known[key] = self._new(kind, nodes, 0.0)
+        return node
 
     def apply(self, kind: str, *args: Value) -> Value:
         """Return an operation's result, simplified: a number if it is known already."""
-        numbers = args[1:] if kind == "select" else args
+        traced = truths = False
         for a in args:
-            if isinstance(a, Node) and a.graph is not self:
-                raise CompileError(f"{place_of_call()}: operands of two different traces meet")
-        if any(isinstance(a, Node) and a.is_truth for a in numbers):
-            raise CompileError(
-                f"{place_of_call()}: expected a number, got the truth of a comparison; try where(condition, 1.0, 0.0)"
-            )
-        if kind in OPERATIONS and not any(isinstance(a, Node) for a in args):
+            if isinstance(a, Node):
+                traced = True
+                if a.graph is not self:
+                    raise CompileError(f"{place_of_call()}: operands of two different traces meet")
+                if a.kind in TRUTHS:
+                    truths = True
+        if truths:
+            _refuse_truths(args[1:] if kind == "select" else args)
+        if not traced and kind in OPERATIONS:
             return OPERATIONS[kind](*args)
         rule = algebra.RULES.get(kind)
         return rule(self, *args) if rule else self.make(kind, *args)
 
-    def _node(self, x: Value) -> Node:
-        return x if isinstance(x, Node) else self.constant(x)
+    def _nodes(self, args: tuple[Value, ...]) -> tuple[Node, ...]:
+        return tuple([a if isinstance(a, Node) else self.constant(a) for a in args])
 
     def _new(self, kind: str, args: tuple[Node, ...], value: float) -> Node:
         node = Node(self, len(self.nodes), kind, args, value)
         self.nodes.append(node)
         return node
+
+
+def _refuse_truths(numbers: tuple[Value, ...]) -> None:
+    if any(isinstance(a, Node) and a.is_truth for a in numbers):
+        raise CompileError(
+            f"{place_of_call()}: expected a number, got the truth of a comparison; try where(condition, 1.0, 0.0)"
+        )

@@ -6,15 +6,16 @@ No fast-math flag is ever written, so LLVM neither fuses nor reorders: the bits 
 from __future__ import annotations
 
 import struct
+from bisect import bisect_right
 from collections.abc import Sequence
+from itertools import accumulate
 from typing import NamedTuple
 
 from holdfast.compiler.cut import by_length
 from holdfast.compiler.program import Program
 
 _BINARY = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv"}
-_INTRINSICS = {"absolute": "fabs", "sqrt": "sqrt", "fma": "fma"}
-_ARITY = {"absolute": 1, "sqrt": 1, "fma": 3}
+_FUNCTIONS = {"absolute": "fabs", "sqrt": "sqrt"}
 _COMPARISONS = {"less": "olt", "less_equal": "ole"}
 
 # Longer functions are cut: LLVM's cost grows faster than their length, and so do its spills.
@@ -91,9 +92,8 @@ def function(
 def declarations(lanes: int) -> list[str]:
     """Return the declarations of what functions on so many lanes call."""
     T = number_type(lanes)
-    return [
-        f"declare {T} @llvm.{_INTRINSICS[kind]}.{_suffix(lanes)}({', '.join([T] * n)})" for kind, n in _ARITY.items()
-    ]
+    functions = [f"declare {T} @llvm.{name}.{_suffix(lanes)}({T})" for name in _FUNCTIONS.values()]
+    return [*functions, f"declare {T} @llvm.fma.{_suffix(lanes)}({T}, {T}, {T})"]
 
 
 def number_type(lanes: int) -> str:
@@ -104,7 +104,7 @@ def number_type(lanes: int) -> str:
 def constant(value: float, lanes: int) -> str:
     """Return a number by its bits, in every lane."""
     bits = f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
-    return bits if lanes == 1 else "<" + ", ".join([f"double {bits}"] * lanes) + ">"
+    return bits if lanes == 1 else f"splat (double {bits})"
 
 
 def splat(name: str, scalar: str, lanes: int) -> list[str]:
@@ -138,7 +138,8 @@ def _body(
     T, truth, suffix = number_type(lanes), _truth_type(lanes), _suffix(lanes)
     lines: list[str] = []
     names: dict[int, str] = {}
-    where = [(k, e) for k, shape in enumerate(program.input_shapes) for e in range(_size(shape))]
+    starts = list(accumulate((_size(shape) for shape in program.input_shapes), initial=0))
+    first_operation = starts.pop()
     wanted: dict[int, list[tuple[int, int]]] = {}
     for k, output in enumerate(program.outputs):
         for e, place in enumerate(output.places):
@@ -153,9 +154,10 @@ def _body(
             names[place] = constant(value, lanes)
             return names[place]
         assert kind == "input"
-        k, entry = where[place]
+        k = bisect_right(starts, place) - 1
         pointer, first, access = sources[k]
-        lines.append(f"  %i{place} = getelementptr double, ptr {pointer}, i64 {(first + entry) * access.step}")
+        at = (first + place - starts[k]) * access.step
+        lines.append(f"  %i{place} = getelementptr double, ptr {pointer}, i64 {at}")
         if access.splat and lanes > 1:
             lines.append(f"  %s{place} = load double, ptr %i{place}, align 8")
             lines.extend(splat(f"%v{place}", f"%s{place}", lanes))
@@ -165,19 +167,25 @@ def _body(
         return names[place]
 
     def store(place: int) -> None:
-        for k, entry in wanted.get(place, ()):
+        for k, entry in wanted[place]:
             pointer, first, access = targets[k]
             result, at = read(place), f"%o{k}.{entry}"
             lines.append(f"  {at} = getelementptr double, ptr {pointer}, i64 {(first + entry) * access.step}")
             lines.append(f"  store {T} {result}, ptr {at}, align {8 * lanes}")
 
-    for place, (kind, args, _) in enumerate(program.instructions):
-        if kind not in ("input", "constant"):
-            x = [read(a) for a in args]
+    for place in sorted(p for p in wanted if p < first_operation):
+        store(place)
+    for place in range(first_operation, len(program.instructions)):
+        kind, args, _ = program.instructions[place]
+        if kind != "constant":
+            x = [names.get(a) or read(a) for a in args]
+            name = names[place] = f"%v{place}"
             if kind in _BINARY:
                 text = f"{_BINARY[kind]} {T} {x[0]}, {x[1]}"
-            elif kind in _INTRINSICS:
-                text = f"call {T} @llvm.{_INTRINSICS[kind]}.{suffix}({', '.join(f'{T} {a}' for a in x)})"
+            elif kind == "fma":
+                text = f"call {T} @llvm.fma.{suffix}({T} {x[0]}, {T} {x[1]}, {T} {x[2]})"
+            elif kind in _FUNCTIONS:
+                text = f"call {T} @llvm.{_FUNCTIONS[kind]}.{suffix}({T} {x[0]})"
             elif kind in _COMPARISONS:
                 text = f"fcmp {_COMPARISONS[kind]} {T} {x[0]}, {x[1]}"
             elif kind == "select":
@@ -185,9 +193,9 @@ def _body(
             else:
                 assert kind == "negate", kind
                 text = f"fneg {T} {x[0]}"
-            lines.append(f"  %v{place} = {text}")
-            names[place] = f"%v{place}"
-        store(place)
+            lines.append(f"  {name} = {text}")
+        if place in wanted:
+            store(place)
     return lines
 
 

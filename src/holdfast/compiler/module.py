@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 from holdfast.compiler.layout import Layout, Place
 from holdfast.compiler.llvm import Access, Function, function
-from holdfast.compiler.program import Output, Program
 from holdfast.compiler.schedule import Call
 
 _UNROLLED = 2  # calls that are written out; more of them are a loop

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -74,23 +74,26 @@ class Program:
         return sum(n for kind, n in self.counts.items() if kind not in free)
 
 
-def pruned(input_shapes: tuple[Shape, ...], instructions: list[Instruction], outputs: Iterable[Output]) -> Program:
+def pruned(
+    input_shapes: tuple[Shape, ...],
+    instructions: Sequence[tuple[str, tuple[int, ...], float]],
+    outputs: Iterable[Output],
+) -> Program:
     """Return the program without instructions that no output needs; unused inputs stay."""
     outputs = tuple(outputs)
-    needed = [i.kind == "input" for i in instructions]
+    needed = bytearray(len(instructions))
     for output in outputs:
         for place in output.places:
-            needed[place] = True
+            needed[place] = 1
     for place in reversed(range(len(instructions))):
         if needed[place]:
-            for arg in instructions[place].args:
-                needed[arg] = True
-    kept = [place for place, wanted in enumerate(needed) if wanted]
-    new = {old: place for place, old in enumerate(kept)}
-    return Program(
-        input_shapes,
-        tuple(
-            Instruction(i.kind, tuple(new[a] for a in i.args), i.value) for i in (instructions[place] for place in kept)
-        ),
-        tuple(Output(output.shape, tuple(new[p] for p in output.places)) for output in outputs),
-    )
+            for arg in instructions[place][1]:
+                needed[arg] = 1
+    kept: list[Instruction] = []
+    new = [-1] * len(instructions)
+    for place, (kind, args, value) in enumerate(instructions):
+        if needed[place] or kind == "input":
+            new[place] = len(kept)
+            kept.append(Instruction(kind, tuple([new[a] for a in args]), value))
+    found = tuple(Output(output.shape, tuple([new[p] for p in output.places])) for output in outputs)
+    return Program(input_shapes, tuple(kept), found)

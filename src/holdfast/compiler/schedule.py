@@ -118,8 +118,5 @@ class Schedule:
 
     @cached_property
     def operation_count(self) -> int:
-        """Arithmetic operations of one system, its parameters' included (signs and selections are free)."""
-        calls = (*self.prepare, *self.calls)
-        return sum(
-            len(c.items) * self.groups[c.group].stage.pieces.programs[c.phase].operation_count for c in calls
-        )
+        """Operations of the texts for one system, its parameters' included (signs and selections are free)."""
+        return sum(group.stage.operations * group.count for group in self.groups.values())

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from holdfast.compiler import cpu
 from holdfast.compiler.cut import Pieces, by_phase
 from holdfast.compiler.expand import lowered
 from holdfast.compiler.program import Program, Shape
@@ -26,6 +27,8 @@ class Stage:
         program: all phases as one, ready for the machine.
         pieces: the program by phase; piece k takes the inputs of all phases in order, then the
             memories of the phases before it, and returns its outputs, then its memory.
+        operations: of the text, all phases: sums, products, quotients, roots and sines, before
+            products and sums are fused.
     """
 
     name: str
@@ -33,6 +36,7 @@ class Stage:
     outputs: tuple[Ports, ...]
     program: Program
     pieces: Pieces
+    operations: int
 
     @cached_property
     def input_ports(self) -> tuple[str, ...]:
@@ -61,13 +65,16 @@ def stage(name: str, text: Text, inputs: Sequence[Ports], outputs: Sequence[Sequ
     """
     program, counts = trace_phases(text, [list(phase.values()) for phase in inputs])
     assert counts == tuple(len(ports) for ports in outputs), (name, counts, outputs)
-    return stage_of(name, lowered(program), inputs, outputs)
+    # a processor without fma would call a library for each: it keeps products and sums apart
+    return stage_of(name, lowered(program, cpu.has_fma()), inputs, outputs, program.operation_count)
 
 
-def stage_of(name: str, program: Program, inputs: Sequence[Ports], outputs: Sequence[Sequence[str]]) -> Stage:
-    """Return the stage of a program that is lowered already."""
+def stage_of(
+    name: str, program: Program, inputs: Sequence[Ports], outputs: Sequence[Sequence[str]], operations: int = 0
+) -> Stage:
+    """Return the stage of a program that is lowered already; its text had so many operations."""
     shapes = iter(program.outputs)
     named = tuple({port: next(shapes).shape for port in ports} for ports in outputs)
     phases = [k for k, phase in enumerate(inputs) for _ in phase]
     pieces = by_phase(program, phases, [len(ports) for ports in outputs])
-    return Stage(name, tuple(dict(phase) for phase in inputs), named, program, pieces)
+    return Stage(name, tuple(dict(phase) for phase in inputs), named, program, pieces, operations)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from holdfast.compiler.errors import CompileError, place_of_failure
-from holdfast.compiler.graph import Graph
+from holdfast.compiler.graph import SERIAL, Graph
 from holdfast.compiler.node import Node
-from holdfast.compiler.program import Instruction, Output, Program, Shape, pruned
+from holdfast.compiler.program import Output, Program, Shape, pruned
 from holdfast.errors import HoldfastError
 
 Text = Callable[..., Any]
@@ -50,7 +50,8 @@ def trace_phases(text: Text, phases: Sequence[Sequence[Shape]]) -> tuple[Program
     arrays = [[_inputs(graph, shape) for shape in phase] for phase in shapes]
     results: list[tuple[Any, ...]] = []
     try:
-        results = _run(text, arrays)
+        with np.errstate(all="ignore"):  # constants may overflow or vanish; what comes of it is the program's
+            results = _run(text, arrays)
     except HoldfastError:
         raise
     except Exception as error:
@@ -87,8 +88,8 @@ def _run(text: Text, arrays: list[list[np.ndarray]]) -> list[tuple[Any, ...]]:
 
 def program_of(graph: Graph, input_shapes: tuple[Shape, ...], results: list[tuple[Shape, list[Node]]]) -> Program:
     """Return the program that computes the given nodes of a graph, in the order of their making."""
-    instructions = [Instruction(n.kind, tuple(a.serial for a in n.args), n.value) for n in graph.nodes]
-    outputs = [Output(shape, tuple(n.serial for n in nodes)) for shape, nodes in results]
+    instructions = [(n.kind, tuple(map(SERIAL, n.args)), n.value) for n in graph.nodes]
+    outputs = [Output(shape, tuple(map(SERIAL, nodes))) for shape, nodes in results]
     return pruned(input_shapes, instructions, outputs)
 
 

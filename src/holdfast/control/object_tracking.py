@@ -11,7 +11,7 @@ import numpy as np
 from holdfast.control.grasp_forces import commanded_wrenches
 from holdfast.control.paths import Target
 from holdfast.dynamics.arm.jacobian import jacobian
-from holdfast.dynamics.arm.newton_euler import newton_euler
+from holdfast.dynamics.arm.newton_euler import drive_torques
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
@@ -56,7 +56,7 @@ class ObjectTracking:
         tau = np.zeros(chain.joint_count)
         for i, (name, arm) in enumerate(motion.arms.items()):
             part = chain.joints[name]
-            tau[part] = newton_euler(arm, qdd[part], wrenches[i])[0] + arm.arm.damping * state.qd[part]
+            tau[part] = drive_torques(arm, state.qd[part], qdd[part], wrenches[i])
         return tau, memory
 
     def commanded_acceleration(self, t: float, state: State) -> Array:

@@ -93,9 +93,7 @@ def _brought_together(
         rows = _position_rows(motion, names) * sizes
         if hold_object:
             rows[:, n:] = 0.0
-        rows[:, :n][:, _blocked(state.q, rows, gap, low, high)] = 0.0
-        U, s, Vt = np.linalg.svd(rows, full_matrices=False)
-        step = -Vt.T @ (s / (s**2 + damping**2) * (U.T @ gap))
+        step = _inward_step(rows, gap, damping, state.q <= low, state.q >= high)
         step *= min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
         trial = _clipped(state, sizes * step, low, high)
         trial_motion, trial_gap = _gap(chain, trial, given, names)
@@ -134,10 +132,25 @@ def _position_rows(motion: ChainMotion, names: Iterable[str]) -> Array:
     return matrix[keep]
 
 
-def _blocked(q: Array, rows: Array, gap: Array, low: Array, high: Array) -> Array:
-    """Return which joints stand at a limit and would be pushed beyond it."""
-    downhill = -(rows.T @ gap)[: len(q)]
-    return ((q <= low) & (downhill < 0)) | ((q >= high) & (downhill > 0))
+def _inward_step(rows: Array, gap: Array, damping: float, lowest: Array, highest: Array) -> Array:
+    """Return the damped Gauss-Newton step; joints at a limit that it would push beyond stay where they are.
+
+    Args:
+        rows: (rows, n + 6) of d(gap).
+        gap: (rows,).
+        damping: smallest singular value that counts.
+        lowest: (n,) whether a joint stands at its lowest position.
+        highest: the same of the highest.
+    """
+    n, rows = len(lowest), rows.copy()
+    while True:
+        U, s, Vt = np.linalg.svd(rows, full_matrices=False)
+        step = -Vt.T @ (s / (s**2 + damping**2) * (U.T @ gap))
+        beyond = (lowest & (step[:n] < 0)) | (highest & (step[:n] > 0))
+        beyond &= rows[:, :n].any(axis=0)  # those left out already take no step but rounding's
+        if not beyond.any():
+            return step
+        rows[:, :n][:, beyond] = 0.0
 
 
 def _clipped(state: State, step: Array, low: Array, high: Array) -> State:

@@ -18,12 +18,20 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
-from holdfast.spatial.spatial_vector import unrotate
+from holdfast.spatial.spatial_vector import rotate
 from holdfast.state import Inputs, State
 
 POSITION_TOLERANCE = 1e-6  # m and rad
 VELOCITY_TOLERANCE = 1e-6  # relative to max(1, |qd|)
 RATE_TOLERANCE = 1e-8  # rad/s, relative to max(1, |W|)
+
+# Components of [turn; shift] in contact axes that are zero while a grasp holds.
+POSITION_ROWS: dict[str, tuple[int, ...]] = {
+    "rigid": (0, 1, 2, 3, 4, 5),
+    "hinge": (1, 2, 3, 4, 5),
+    "softfinger": (3, 4, 5),
+    "ball": (3, 4, 5),
+}
 
 
 class GraspResidual(NamedTuple):
@@ -38,6 +46,17 @@ class GraspResidual(NamedTuple):
     velocity: Array
 
 
+def tip_from_contact(c: Contact, contact_point: Array, tip: Pose) -> Pose:
+    """Return the tip frame seen from the contact frame: the identity where a rigid grasp holds.
+
+    Args:
+        c: the grasp in motion.
+        contact_point: (3,) on the object, world axes.
+        tip: the arm's tip frame in the world.
+    """
+    return Pose(c.R.T @ tip.R, (tip.p - contact_point) @ c.R)
+
+
 def position_gap(c: Contact, contact_point: Array, tip: Pose) -> Array:
     """Return [turn; shift] that would bring the tip to the contact, (6,) world axes.
 
@@ -49,18 +68,22 @@ def position_gap(c: Contact, contact_point: Array, tip: Pose) -> Array:
         contact_point: (3,) on the object, world axes.
         tip: the arm's tip frame in the world.
     """
-    turn = np.zeros(3)
-    if c.grasp.kind == "rigid":
-        turn = tip.R @ rotation.log(tip.R.T @ c.R)
-    elif c.grasp.kind == "hinge":
-        turn = rotation.align(tip.R[:, 0], c.R[:, 0])
-    return np.concatenate([turn, contact_point - tip.p])
+    return rotate(c.R, _gap(c, tip_from_contact(c, contact_point, tip)))
 
 
 def position_residual(c: Contact, contact_point: Array, tip: Pose) -> Array:
     """Return the position rows of one grasp, contact axes: angles [rad], then lengths [m]."""
-    rows = {"rigid": range(6), "hinge": range(1, 6)}.get(c.grasp.kind, range(3, 6))
-    return unrotate(c.R, position_gap(c, contact_point, tip))[list(rows)]
+    return _gap(c, tip_from_contact(c, contact_point, tip))[list(POSITION_ROWS[c.grasp.kind])]
+
+
+def _gap(c: Contact, seen: Pose) -> Array:
+    """Return [turn; shift] in contact axes; a turn is the same in tip axes."""
+    turn = np.zeros(3)
+    if c.grasp.kind == "rigid":
+        turn = rotation.log(seen.R.T)
+    elif c.grasp.kind == "hinge":
+        turn = rotation.align(seen.R[:, 0], np.eye(3)[0])
+    return np.concatenate([turn, -seen.p])
 
 
 def residuals(motion: ChainMotion, state: State) -> dict[str, GraspResidual]:

@@ -10,10 +10,13 @@ import numpy as np
 from holdfast.dynamics.arm.posture import Posture, posture
 from holdfast.dynamics.arm.velocity import link_twists
 from holdfast.dynamics.result import ForwardResult
+from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.held_object import HeldObject
 from holdfast.spatial.inertia import RigidInertia
-from holdfast.spatial.scalar import Array
-from holdfast.spatial.spatial_vector import rotate, shift_wrench
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array, Scalar
+from holdfast.spatial.spatial_vector import rotate, shift_wrench, unrotate
 from holdfast.state import Inputs, State
 
 
@@ -30,32 +33,59 @@ class Body(NamedTuple):
         """(3,) mass times mass centre, world axes from the world's origin [kg m]."""
         return self.inertia.m * self.origin + self.R @ self.inertia.h
 
+    @property
+    def kinetic_energy(self) -> Scalar:
+        """1/2 V^T M V [J]."""
+        return 0.5 * (self.twist @ self.inertia.apply(self.twist))
+
+    def potential_energy(self, gravity: Array) -> Scalar:
+        """Return -m g . r, zero at the world's origin [J]."""
+        return -(gravity @ self.com)
+
 
 def bodies(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> Iterator[Body]:
     """Yield every link, arms in order, base to tip, and then the object."""
-    given = (inputs or Inputs()).shaped(chain)
-    assert given.base_twists is not None
-    for (name, arm), base_twist in zip(chain.arms.items(), given.base_twists, strict=True):
-        part = chain.joints[name]
-        at = posture(arm, state.q[part])
-        twists = link_twists(arm, at, state.qd[part], base_twist)
-        for link, V, R, origin in zip(arm.links, twists, at.R, _origins(at), strict=True):
-            yield Body(link.spatial_inertia, V, R, origin)
-    frame = state.object_frame
-    V = rotate(frame.R.T, state.object_twist)
-    yield Body(chain.held_object.spatial_inertia, V, frame.R, frame.p)
+    for arm, part, base_twist in _moving_arms(chain, inputs):
+        yield from links(arm, state.q[part], state.qd[part], base_twist)
+    yield held_body(chain.held_object, state.object_frame, state.object_twist)
+
+
+def links(arm: Arm, q: Array, qd: Array, base_twist: Array) -> Iterator[Body]:
+    """Yield the links of one arm, base to tip."""
+    at = posture(arm, q)
+    twists = link_twists(arm, at, qd, base_twist)
+    for link, V, R, origin in zip(arm.links, twists, at.R, _origins(at), strict=True):
+        yield Body(link.spatial_inertia, V, R, origin)
+
+
+def held_body(held: HeldObject, frame: Pose, twist: Array) -> Body:
+    """Return the object as a body; its twist given about C, world axes."""
+    return Body(held.spatial_inertia, unrotate(frame.R, twist), frame.R, frame.p)
 
 
 def kinetic_energy(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> float:
     """Return T = sum 1/2 V^T M V over links and object, and 1/2 armature qd^2 of the drives [J]."""
-    moving = sum(0.5 * body.twist @ body.inertia.apply(body.twist) for body in bodies(chain, state, inputs))
-    armature = np.concatenate([arm.armature for arm in chain.arms.values()])
-    return float(moving + 0.5 * armature @ state.qd**2)
+    arms = sum(
+        arm_kinetic_energy(arm, state.q[part], state.qd[part], base_twist)
+        for arm, part, base_twist in _moving_arms(chain, inputs)
+    )
+    return float(arms + held_body(chain.held_object, state.object_frame, state.object_twist).kinetic_energy)
+
+
+def arm_kinetic_energy(arm: Arm, q: Array, qd: Array, base_twist: Array) -> Scalar:
+    """Return T of one arm's links and drives [J]."""
+    return sum(body.kinetic_energy for body in links(arm, q, qd, base_twist)) + 0.5 * (arm.armature @ qd**2)
 
 
 def potential_energy(chain: ClosedChain, state: State) -> float:
     """Return U = -sum m g . r over links and object, zero at the world's origin [J]."""
-    return -float(sum(chain.gravity @ body.com for body in bodies(chain, state)))
+    return float(sum(body.potential_energy(chain.gravity) for body in bodies(chain, state)))
+
+
+def arm_potential_energy(arm: Arm, q: Array, gravity: Array) -> Scalar:
+    """Return U of one arm's links [J]."""
+    resting = links(arm, q, np.zeros(arm.joint_count), np.zeros(6))
+    return sum(body.potential_energy(gravity) for body in resting)
 
 
 def centre_of_mass(chain: ClosedChain, state: State) -> Array:
@@ -129,6 +159,13 @@ def power(chain: ClosedChain, state: State, tau: Array, result: ForwardResult, i
         float((result.base_wrench * given.base_twists).sum()),
         float(external),
     )
+
+
+def _moving_arms(chain: ClosedChain, inputs: Inputs | None) -> Iterator[tuple[Arm, slice, Array]]:
+    """Yield each arm, where its joints lie, and its base's twist."""
+    twists = (inputs or Inputs()).shaped(chain).base_twists
+    assert twists is not None
+    yield from zip(chain.arms.values(), chain.joints.values(), twists, strict=True)
 
 
 def _origins(at: Posture) -> list[Array]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast.dynamics.arm.newton_euler import newton_euler
+from holdfast.dynamics.arm.newton_euler import drive_torques
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -44,5 +44,5 @@ def inverse_dynamics(
         if name not in chain.grasps and f[i].any():
             raise StateError(f"grasp_wrench: arm '{name}' holds nothing, expected zeros, got {f[i]}")
         part = chain.joints[name]
-        tau[part] = newton_euler(arm, qdd[part], f[i])[0] + arm.arm.damping * state.qd[part]
+        tau[part] = drive_torques(arm, state.qd[part], qdd[part], f[i])
     return tau

@@ -37,7 +37,7 @@ class Link:
         label = f"link '{self.name}'" if self.name else "link"
         put = object.__setattr__
         put(self, "mass", checks.number(self.mass, f"{label}: mass"))
-        if not self.mass >= 0:
+        if isinstance(self.mass, float) and self.mass < 0:  # a traced mass is not known here
             raise ModelError(f"{label}: mass: expected > 0, got {self.mass!r} (0 is allowed for a massless link)")
         put(self, "com", checks.numbers(self.com, (3,), f"{label}: com"))
         what = f"{label}: inertia"

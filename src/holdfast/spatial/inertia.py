@@ -57,6 +57,10 @@ class RigidInertia(NamedTuple):
         """Return the inertia of two bodies welded together, same point and axes."""
         return RigidInertia(self.m + other.m, self.h + other.h, self.I + other.I)
 
+    def minus(self, other: RigidInertia) -> RigidInertia:
+        """Return what is left when a body of that inertia is taken away, same point and axes."""
+        return RigidInertia(self.m - other.m, self.h - other.h, self.I - other.I)
+
     def moved(self, R: Array, l: Array) -> RigidInertia:
         """Return the inertia in axes turned by R about the point at -l (new axes).
 

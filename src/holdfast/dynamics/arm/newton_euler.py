@@ -10,11 +10,23 @@ from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench, unrotate
 
 
+def drive_torques(motion: ArmMotion, qd: Array, qdd: Array, tip_wrench: Array) -> Array:
+    """Return tau = M qdd + C + J^T f + damping qd, (N,): what the drives exert [N m or N]. O(N).
+
+    Args:
+        motion: the arm in motion; its torque does not matter.
+        qd: (N,) joint rates.
+        qdd: (N,) joint accelerations.
+        tip_wrench: (6,) f of the arm on the object about the tip point, world axes.
+    """
+    return newton_euler(motion, qdd, tip_wrench)[0] + motion.arm.damping * qd
+
+
 def newton_euler(motion: ArmMotion, qdd: Array, tip_wrench: Array) -> tuple[Array, Array]:
     """Return the torques T of given accelerations and tip wrench, and the base wrench.
 
     T = M qdd + C + J^T f (2.1a), link by link: F(k) = phi F(k-1) + M(k) alpha(k) + b(k).
-    Damping is not in T; add `arm.damping * qd` for the drive's torque. O(N).
+    Damping is not in T; `drive_torques` adds it. O(N).
 
     Args:
         motion: the arm in motion (its bias wrenches hold M zeta + b).

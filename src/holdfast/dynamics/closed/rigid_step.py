@@ -49,7 +49,8 @@ def last_rigid_step(x: Array, P: Array, m: Measurement, scale: Array, w: Array) 
     z = S^-1 P w:  lambda = nu - z,  alpha(C) = x + P nu + R z, as P S^-1 R = R S^-1 P.
 
     Args:
-        x, P: of the object and the arms before.
+        x: acceleration at C of the object and the arms before.
+        P: their mobility there.
         m: the arm's measurement.
         scale: sizes of the pivots.
         w: (6,) external wrench on the object about C.

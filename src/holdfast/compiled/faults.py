@@ -1,0 +1,79 @@
+"""Inputs that no system has: numbers that are not finite, angles too large, quaternions not of unit length."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from holdfast.compiler.trigonometry import LARGEST_ARGUMENT
+from holdfast.errors import StateError
+from holdfast.model.checks import ROTATION_TOLERANCE
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array
+
+_LARGEST = float(np.finfo(np.float64).max)
+
+
+def largest_positions(chain: ClosedChain) -> Array:
+    """Return the largest |q| of each joint, (n,): 1e5 rad; what slides may go anywhere."""
+    kinds = [joint.kind for arm in chain.arms.values() for joint in arm.joints]
+    return np.array([LARGEST_ARGUMENT if kind == "revolute" else _LARGEST for kind in kinds])
+
+
+def faulty(found: Mapping[str, Array], ranks: Mapping[str, int], largest: Array, batch: int) -> Array | None:
+    """Return which systems of a batch have a faulty input, (batch,), or None if there are none.
+
+    Args:
+        found: inputs by name.
+        ranks: how many axes they have for one system; with one more they are the systems' own.
+        largest: (n,) largest |q|.
+        batch: how many systems.
+    """
+    unsure = {name: x for name, x in found.items() if not _surely_sound(name, x)}
+    if not unsure:
+        return None
+    bad = np.zeros(batch, dtype=bool)
+    for name, x in unsure.items():
+        wrong = ~_sound(name, x, largest)
+        bad |= wrong.reshape(batch, -1).any(1) if x.ndim > ranks[name] else wrong.any()
+    return bad
+
+
+def fault(found: Mapping[str, Array], largest: Array) -> StateError | None:
+    """Return what is wrong with the inputs of one system, if anything is."""
+    for name, x in found.items():
+        if _surely_sound(name, x) or _sound(name, x, largest).all():
+            continue
+        if not np.isfinite(x).all():
+            return StateError(f"{name}: expected finite numbers, got {x[~np.isfinite(x)][0]}")
+        if name == "object_pose":
+            length = float(np.linalg.norm(x[:4]))
+            return StateError(f"object_pose: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}")
+        worst = float(np.abs(x[~_sound(name, x, largest)]).max())
+        return StateError(f"{name}: expected at most {LARGEST_ARGUMENT:g} rad, got {worst:.6g}")
+    return None
+
+
+def _surely_sound(name: str, x: Array) -> bool:
+    """Return whether all numbers are sound at a glance; most are."""
+    if not x.size:
+        return True
+    most = LARGEST_ARGUMENT if name == "q" else _LARGEST
+    within = bool(-most <= x.min() and x.max() <= most)  # false for not-a-number
+    return within and (name != "object_pose" or bool(_of_unit_length(x).all()))
+
+
+def _sound(name: str, x: Array, largest: Array) -> Array:
+    """Return which numbers are sound; of a quaternion that is not of unit length none is."""
+    if name == "q":
+        return np.abs(x) <= largest
+    if name == "object_pose":
+        return np.isfinite(x) & _of_unit_length(x)[..., None]
+    return np.isfinite(x)
+
+
+def _of_unit_length(pose: Array) -> Array:
+    with np.errstate(over="ignore", invalid="ignore"):
+        length = np.sqrt(np.einsum("...i,...i", pose[..., :4], pose[..., :4]))
+        return np.abs(length - 1.0) <= ROTATION_TOLERANCE

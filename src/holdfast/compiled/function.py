@@ -1,0 +1,128 @@
+"""One computation of a chain as machine code: inputs checked, one system or a batch, arrays out."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from holdfast.compiled import arrays
+from holdfast.compiled.arm_functions import COMPUTATIONS
+from holdfast.compiled.faults import fault, faulty, largest_positions
+from holdfast.compiled.kernels import kernel
+from holdfast.compiled.parameters import parameters_of, taken
+from holdfast.compiled.structure import Options
+from holdfast.compiler.bound import Bound
+from holdfast.errors import StateError
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array
+
+
+class CompiledFunction:
+    """A computation of one chain.
+
+    Attributes:
+        externals: the arrays its machine code takes and returns.
+        parts: per result, by arm name, where its part lies in the last axis.
+    """
+
+    def __init__(self, name: str, chain: ClosedChain, options: Options) -> None:
+        """Compile, or find what is compiled already.
+
+        Args:
+            name: of the computation, one of `COMPUTATIONS`.
+            chain: the chain.
+            options: the user's choices.
+        """
+        computation = COMPUTATIONS[name]
+        structure = computation.structure(chain, options)
+        self.externals = computation.externals(structure)
+        self._kernel = kernel(name, structure, self.externals, lambda: computation.schedule(structure))
+        self._inputs = computation.inputs
+        own = parameters_of(chain, None)
+        self._own = {
+            name: own[name] for name, e in self.externals.items() if e.role != "output" and name not in self._inputs
+        }
+        self._results = {name: e.shape for name, e in self.externals.items() if e.role == "output"}
+        self._ranks = {name: len(e.shape) for name, e in self.externals.items()}
+        self._largest = largest_positions(chain)
+        self._lock = threading.Lock()
+        self.parts: dict[str, dict[str, slice]] = {}
+        for result in computation.results:
+            ends = computation.starts(chain, result)
+            spans = zip(chain.arms, ends, ends[1:], strict=False)
+            self.parts[result] = {arm: slice(begin, end) for arm, begin, end in spans}
+
+    def __call__(self, given: tuple[Any, ...], parameters: Mapping[str, Any], threads: int) -> dict[str, Array]:
+        """Return the results by name, with a batch axis if anything given has one.
+
+        Args:
+            given: the inputs, in order.
+            parameters: run-time parameters of this call, by the users' names.
+            threads: how many threads share a batch.
+
+        Raises:
+            StateError: wrong shapes, unknown parameters; of a single system also numbers that are
+                not finite, angles beyond 1e5 rad and a quaternion that is not of unit length.
+        """
+        if not isinstance(threads, int) or threads < 1:
+            raise StateError(f"threads: expected an integer >= 1, got {threads!r}")
+        inputs = {
+            name: arrays.floats(name, x, self.externals[name].shape)
+            for name, x in zip(self._inputs, given, strict=True)
+        }
+        changed = taken(parameters, self.externals) if parameters else {}
+        changed = {name: arrays.floats(name, x, self.externals[name].shape) for name, x in changed.items()}
+        batch = arrays.batch_of(inputs | changed, self.externals)
+        if batch is not None:
+            return self._many(inputs, changed, batch, threads)
+        wrong = fault(inputs, self._largest)
+        if wrong is not None:
+            raise wrong
+        return self._single(inputs, changed)
+
+    def _single(self, inputs: Mapping[str, Array], changed: Mapping[str, Array]) -> dict[str, Array]:
+        """Run one system."""
+        with self._lock:
+            bound = self._spare if changed else self._bound
+            for name, x in (self._own | dict(changed)).items() if changed else ():
+                bound.arrays[name][...] = x
+            for name, x in inputs.items():
+                bound.arrays[name][...] = x
+            if changed:
+                bound.prepare()
+            bound.run()
+            return {name: bound.arrays[name].copy() for name in self._results}
+
+    def _many(
+        self, inputs: Mapping[str, Array], changed: Mapping[str, Array], batch: int, threads: int
+    ) -> dict[str, Array]:
+        """Run a batch; systems with a faulty input get not-a-number."""
+        results = {name: np.empty((batch, *shape)) for name, shape in self._results.items()}
+        found = self._own | {**inputs, **changed, **results}
+        table = np.zeros((len(self.externals), 2), dtype=np.int64)
+        for row, (name, e) in zip(table, self.externals.items(), strict=True):
+            row[:] = found[name].ctypes.data, e.size if found[name].ndim > self._ranks[name] else 0
+        self._kernel.run_batch(table, batch, threads)
+        bad = faulty(inputs, self._ranks, self._largest, batch)
+        if bad is not None:
+            for x in results.values():
+                x[bad] = np.nan
+        return results
+
+    @cached_property
+    def _bound(self) -> Bound:
+        """What single calls with the chain's own parameters run on."""
+        bound = self._kernel.bind()
+        for name, x in self._own.items():
+            bound.arrays[name][...] = x
+        bound.prepare()
+        return bound
+
+    @cached_property
+    def _spare(self) -> Bound:
+        """What single calls with other parameters run on."""
+        return self._kernel.bind()

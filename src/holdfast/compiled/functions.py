@@ -1,0 +1,216 @@
+"""What a compiled chain computes besides forward dynamics; machine code is made when first needed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from holdfast.compiled import arrays
+from holdfast.compiled.arm_functions import ATTITUDES
+from holdfast.compiled.function import CompiledFunction
+from holdfast.compiled.structure import Options
+from holdfast.compiled.turns import align, log
+from holdfast.dynamics.consistency import POSITION_ROWS, GraspResidual
+from holdfast.errors import StateError
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array
+
+
+class ChainFunctions:
+    """The methods of a `CompiledChain` that are computed arm by arm.
+
+    All take one system or a batch: a leading axis on any argument or parameter, those without it
+    are shared. Bits depend neither on batch size nor on threads. Numbers that are not finite,
+    angles beyond 1e5 rad and an object's quaternion that is not of unit length are a `StateError`
+    for one system; in a batch all results of that system alone are not-a-number. Parameters must
+    be finite everywhere.
+
+    Attributes:
+        chain: the chain.
+        options: what was chosen when it was compiled.
+    """
+
+    chain: ClosedChain
+    options: Options
+
+    def inverse_dynamics(
+        self, q: Any, qd: Any, qdd: Any, grasp_wrench: Any, *, threads: int = 1, **parameters: Any
+    ) -> Array:
+        """Return tau = M qdd + C + J^T f + damping qd, as `holdfast.inverse_dynamics`.
+
+        Args:
+            q: (n,) or (batch, n) joint positions, arms in order, base to tip [rad or m].
+            qd: joint rates.
+            qdd: joint accelerations.
+            grasp_wrench: (arms, 6) of each arm on the object, about the contact, world axes; rows
+                of arms without a grasp must be zero.
+            threads: how many threads share a batch.
+            **parameters: for this call, any of gravity (3,), base_pose (arms, 7), base_twist and
+                base_acceleration (arms, 6), and those asked for in `compile`.
+
+        Returns:
+            (n,) joint torques [N m or N].
+
+        Raises:
+            StateError: wrong shapes or numbers, or a wrench on an arm that holds nothing.
+        """
+        f = arrays.floats("grasp_wrench", grasp_wrench, (len(self.chain.arms), 6))
+        self._require_holding(f)
+        return self._function("inverse_dynamics")((q, qd, qdd, f), parameters, threads)["tau"]
+
+    def mass_matrix(self, q: Any, *, threads: int = 1, **parameters: Any) -> dict[str, Array]:
+        """Return the joint mass matrix M of every arm, armature included: T = 1/2 qd^T M qd + ...
+
+        Args:
+            q: (n,) or (batch, n) joint positions [rad or m].
+            threads: how many threads share a batch.
+            **parameters: the links' mass properties, if asked for in `compile`.
+
+        Returns:
+            By arm name, (N, N) symmetric [kg m^2, kg m, kg].
+
+        Raises:
+            StateError: wrong shapes or numbers.
+        """
+        return self._matrices("mass_matrix", q, parameters, threads)
+
+    def jacobian(self, q: Any, *, threads: int = 1, **parameters: Any) -> dict[str, Array]:
+        """Return the Jacobian J of every arm's tip point: V = [omega; v] = J qd on a base at rest.
+
+        Args:
+            q: (n,) or (batch, n) joint positions [rad or m].
+            threads: how many threads share a batch.
+            **parameters: for this call, base_pose (arms, 7).
+
+        Returns:
+            By arm name, (6, N), world axes.
+
+        Raises:
+            StateError: wrong shapes or numbers.
+        """
+        return self._matrices("jacobian", q, parameters, threads)
+
+    def closure(
+        self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, threads: int = 1, **parameters: Any
+    ) -> dict[str, GraspResidual]:
+        """Return how far each grasp is from holding, as `holdfast.closure`.
+
+        Args:
+            q: (n,) or (batch, n) joint positions [rad or m].
+            qd: joint rates.
+            object_pose: (7,) wxyz_xyz of the object frame.
+            object_twist: (6,) [omega; v of C], world axes.
+            threads: how many threads share a batch.
+            **parameters: for this call, any of base_pose (arms, 7), base_twist (arms, 6),
+                grasp_pose (grasps, 7).
+
+        Returns:
+            By arm name, position rows in contact axes, angles [rad] then lengths [m], and velocity
+            rows K (A V(C) - V+) [rad/s, m/s].
+
+        Raises:
+            StateError: wrong shapes or numbers.
+        """
+        function = self._function("closure")
+        found = function((q, qd, object_pose, object_twist), parameters, threads)
+        turns = self._turns(found["attitude"], function.parts["attitude"])
+        residuals = {}
+        for name, grasp in self.chain.grasps.items():
+            shift, velocity = (found[result][..., function.parts[result][name]] for result in ("shift", "velocity"))
+            rows = POSITION_ROWS[grasp.kind]
+            turn = [turns[name][..., rows[0] :]] if name in turns else []
+            residuals[name] = GraspResidual(np.concatenate([*turn, shift], -1), velocity)
+        return residuals
+
+    def kinetic_energy(
+        self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, threads: int = 1, **parameters: Any
+    ) -> Any:
+        """Return T = sum 1/2 V^T M V over links and object, and 1/2 armature qd^2 of the drives.
+
+        Args:
+            q: (n,) or (batch, n) joint positions [rad or m].
+            qd: joint rates.
+            object_pose: (7,) wxyz_xyz of the object frame.
+            object_twist: (6,) [omega; v of C], world axes.
+            threads: how many threads share a batch.
+            **parameters: for this call, any of object_mass (), object_com (3,), object_inertia
+                (3, 3), base_pose (arms, 7), base_twist (arms, 6), and the links' if asked for.
+
+        Returns:
+            A number, or (batch,) [J].
+
+        Raises:
+            StateError: wrong shapes or numbers.
+        """
+        return self._energy("kinetic_energy", (q, qd, object_pose, object_twist), parameters, threads)
+
+    def potential_energy(self, q: Any, object_pose: Any, *, threads: int = 1, **parameters: Any) -> Any:
+        """Return U = -sum m g . r over links and object, zero at the world's origin.
+
+        Args:
+            q: (n,) or (batch, n) joint positions [rad or m].
+            object_pose: (7,) wxyz_xyz of the object frame.
+            threads: how many threads share a batch.
+            **parameters: for this call, any of gravity (3,), object_mass (), object_com (3,),
+                object_inertia (3, 3), base_pose (arms, 7), and the links' if asked for.
+
+        Returns:
+            A number, or (batch,) [J].
+
+        Raises:
+            StateError: wrong shapes or numbers.
+        """
+        return self._energy("potential_energy", (q, object_pose), parameters, threads)
+
+    def _function(self, name: str) -> CompiledFunction:
+        """Return a computation, compiled when first asked for."""
+        made: dict[str, CompiledFunction] = self.__dict__.setdefault("_functions", {})
+        if name not in made:
+            made[name] = CompiledFunction(name, self.chain, self.options)
+        return made[name]
+
+    def _matrices(self, name: str, q: Any, parameters: Mapping[str, Any], threads: int) -> dict[str, Array]:
+        function = self._function(name)
+        found = function((q,), parameters, threads)[name]
+        matrices = {}
+        for arm, part in function.parts[name].items():
+            N = self.chain.arms[arm].joint_count
+            matrices[arm] = found[..., part].reshape(*found.shape[:-1], (part.stop - part.start) // N, N)
+        return matrices
+
+    def _energy(self, name: str, given: tuple[Any, ...], parameters: Mapping[str, Any], threads: int) -> Any:
+        found = self._function(name)(given, parameters, threads)["energy"]
+        return found if found.ndim else float(found)
+
+    def _turns(self, attitudes: Array, parts: Mapping[str, slice]) -> dict[str, Array]:
+        """Return the turns from tip to contact, (..., 3) in contact axes, of the tips' attitudes seen from there."""
+        lead = attitudes.shape[:-1]
+        turns: dict[str, Array] = {}
+        for kind in ATTITUDES:
+            names = [name for name, grasp in self.chain.grasps.items() if grasp.kind == kind]
+            if names:
+                seen = np.concatenate([attitudes[..., parts[name]] for name in names], -1)
+                seen = seen.reshape(*lead, len(names), ATTITUDES[kind])
+                turn = _logarithm(seen) if kind == "rigid" else align(seen, np.eye(3)[0])
+                turns |= {name: turn[..., k, :] for k, name in enumerate(names)}
+        return turns
+
+    def _require_holding(self, f: Array) -> None:
+        """Refuse wrenches (..., arms, 6) on arms that hold nothing."""
+        for row, name in enumerate(self.chain.names):
+            if name in self.chain.grasps:
+                continue
+            loads = f[..., row, :].reshape(-1, 6)
+            loaded = np.flatnonzero((np.isfinite(loads) & (loads != 0.0)).any(1))
+            if loaded.size:
+                where = f" in system {loaded[0]}" if f.ndim > 2 else ""
+                raise StateError(
+                    f"grasp_wrench: arm '{name}' holds nothing, expected zeros, got {loads[loaded[0]]}{where}"
+                )
+
+
+def _logarithm(entries: Array) -> Array:
+    """Return the rotation vectors of the transposes of matrices (..., 9)."""
+    return log(entries.reshape(*entries.shape[:-1], 3, 3).swapaxes(-1, -2))

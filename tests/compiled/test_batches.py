@@ -1,0 +1,171 @@
+"""Bits do not depend on how many systems run together; arrays are taken as NumPy takes them."""
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from holdfast import StateError
+from holdfast.compiler import cpu
+from tests.compiled import problems
+from tests.compiled.problems import CHAINS, chain_named, compiled, numbers, one, outputs
+from tests.compiler.programs import all_same_bits
+
+LANES = cpu.lanes()
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_same_bits(name):
+    """Interpreter = single = lanes = tails = threads, in all outputs."""
+    chain, fast = chain_named(name), compiled(name)
+    given = numbers(chain, 2 * LANES + 1) | problems.forces(chain, 2 * LANES + 1)
+    singles = [outputs(fast.forward_dynamics(**one(given, i))) for i in range(2 * LANES + 1)]
+    assert all_same_bits(singles[0], problems.interpreted(fast, one(given, 0)))
+    for batch in range(1, 2 * LANES + 2):
+        part = {name: x[:batch] for name, x in given.items()}
+        for threads in (1, 2, 3) if batch > LANES else (1,):
+            found = fast.forward_dynamics(**part, threads=threads)
+            assert all(all_same_bits(outputs(found, i), singles[i]) for i in range(batch))
+
+
+def test_shared_arrays():
+    """Arguments without a leading axis are every system's."""
+    chain, fast = chain_named("nine"), compiled("nine")
+    given = numbers(chain, 11)
+    for name in problems.STATE:
+        mixed = {k: x if k == name else x[3] for k, x in given.items()}
+        found = fast.forward_dynamics(**mixed)
+        assert found.batch == 11
+        each = [fast.forward_dynamics(**one(given, 3) | {name: given[name][i]}) for i in range(11)]
+        assert all(all_same_bits(outputs(found, i), outputs(each[i])) for i in range(11))
+
+
+def test_empty_batch():
+    """No systems, no numbers, no error."""
+    chain, fast = chain_named("nine"), compiled("nine")
+    found = fast.forward_dynamics(**numbers(chain, 0), threads=4)
+    assert found.qdd.shape == (0, 27) and found.status.shape == found.rank.shape == (0,)
+    again = fast.forward_dynamics(**numbers(chain, 0), out=found)
+    assert again is found
+
+
+def test_other_arrays():
+    """Lists, integers, float32, Fortran order, strides and read-only arrays: as if converted first."""
+    chain, fast = chain_named("nine"), compiled("nine")
+    given = {name: np.round(x * 4) / 4 for name, x in numbers(chain, 5).items()}
+    given["object_pose"][:, :4] = [0.0, 1.0, 0.0, 0.0]
+    expected = fast.forward_dynamics(**given)
+    frozen = {name: x.copy() for name, x in given.items()}
+    for x in frozen.values():
+        x.flags.writeable = False
+    others = [
+        frozen,
+        {name: x.tolist() for name, x in given.items()},
+        {name: x.astype(np.float32) for name, x in given.items()},
+        {name: x.astype(">f8") for name, x in given.items()},
+        {name: np.asfortranarray(x) for name, x in given.items()},
+        {name: np.repeat(np.repeat(x, 2, 0), 3, 1)[::2, ::3] for name, x in given.items()},
+        {name: x[::-1].copy()[::-1] for name, x in given.items()},
+        {name: np.broadcast_to(x[0], x.shape) if name == "tau" else x for name, x in given.items()},
+    ]
+    for other in others[:-1]:
+        assert all_same_bits(outputs(fast.forward_dynamics(**other)), outputs(expected))
+        single = fast.forward_dynamics(**{name: x[2] for name, x in other.items()})
+        assert all_same_bits(outputs(single), outputs(expected, 2))
+    one_torque = fast.forward_dynamics(**given | {"tau": given["tau"][0]})
+    assert all_same_bits(outputs(fast.forward_dynamics(**others[-1])), outputs(one_torque))
+    whole = {name: np.round(x).astype(int) for name, x in given.items()}
+    floats = {name: x.astype(float) for name, x in whole.items()}
+    assert all_same_bits(outputs(fast.forward_dynamics(**whole)), outputs(fast.forward_dynamics(**floats)))
+
+
+def test_misaligned_arrays():
+    """Arrays that begin between two doubles."""
+    chain, fast = chain_named("nine"), compiled("nine")
+    given = numbers(chain, 3)
+    odd = {}
+    for name, x in given.items():
+        raw = np.zeros(x.nbytes + 1, dtype=np.uint8)[1:]
+        odd[name] = raw.view(np.float64).reshape(x.shape)
+        odd[name][...] = x
+    assert all_same_bits(outputs(fast.forward_dynamics(**odd)), outputs(fast.forward_dynamics(**given)))
+    single = fast.forward_dynamics(**one(odd, 1))
+    for _ in range(2):
+        assert all_same_bits(outputs(fast.forward_dynamics(*one(odd, 1).values(), out=single)), outputs(single))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"q": np.zeros(26)}, r"q: expected shape \(27,\) or \(batch, \*\(27,\)\), got \(26,\)"),
+        ({"q": np.zeros((2, 2, 27))}, "q: expected shape"),
+        ({"qd": 1.0}, r"qd: expected shape .* got \(\)"),
+        ({"object_pose": np.zeros((4, 6))}, r"object_pose: expected shape \(7,\)"),
+        ({"tau": np.zeros((4, 27)), "qd": np.zeros((3, 27))}, "expected one batch size, got qd: 3, tau: 4"),
+        ({"tau": "abc"}, "tau: expected real numbers"),
+        ({"tau": [1.0, [2.0]]}, "tau: expected numbers of shape .*, got ragged rows"),
+        ({"tau": None}, "tau: expected real numbers, got object"),
+        ({"tau": np.zeros(27, dtype=complex)}, "tau: expected real numbers, got complex128"),
+        ({"object_wrench": np.zeros((2, 6)), "qd": np.zeros((3, 27))}, "expected one batch size"),
+        ({"threads": 0}, "threads: expected an integer >= 1, got 0"),
+        ({"threads": 1.5}, "threads: expected an integer >= 1, got 1.5"),
+    ],
+)
+def test_wrong_arguments(change, message):
+    """Wrong shapes and sizes are refused before anything is computed; each message says what was expected."""
+    chain, fast = chain_named("nine"), compiled("nine")
+    with pytest.raises(StateError, match=message):
+        fast.forward_dynamics(**one(numbers(chain, 1), 0) | change)
+
+
+def test_missing_argument():
+    """As any function of Python's."""
+    with pytest.raises(TypeError, match="missing 4 required positional arguments"):
+        compiled("nine").forward_dynamics(np.zeros(27))
+
+
+def test_threads_of_python():
+    """Single calls with and without `out`, bound calls and batches at the same time: nobody's numbers are mixed up."""
+    chain, fast = chain_named("nine"), compiled("nine")
+    given = numbers(chain, 40)
+    expected = fast.forward_dynamics(**given)
+    start = threading.Barrier(4)
+
+    def singles(_):
+        start.wait()
+        return all(
+            all_same_bits(outputs(fast.forward_dynamics(**one(given, i % 40))), outputs(expected, i % 40))
+            for i in range(200)
+        )
+
+    def with_out(_):
+        out = fast.forward_dynamics(**one(given, 0))
+        start.wait()
+        return all(
+            all_same_bits(
+                outputs(fast.forward_dynamics(*one(given, i % 40).values(), out=out)), outputs(expected, i % 40)
+            )
+            for i in range(200)
+        )
+
+    def batches(_):
+        start.wait()
+        return all(
+            all_same_bits(outputs(fast.forward_dynamics(**given, threads=2)), outputs(expected)) for _ in range(60)
+        )
+
+    def bound(_):
+        call = fast.bind()
+        start.wait()
+        for i in range(200):
+            for name in problems.STATE:
+                getattr(call, name)[...] = given[name][i % 40]
+            call()
+            if not all_same_bits(outputs(call.result), outputs(expected, i % 40)):
+                return False
+        return True
+
+    with ThreadPoolExecutor(4) as pool:
+        started = [pool.submit(each, 0) for each in (singles, with_out, batches, bound)]
+        assert all(future.result() for future in started)

@@ -1,0 +1,166 @@
+"""`out=`: written over when it fits, refused when not; nobody else's numbers change."""
+
+import copy
+import gc
+import weakref
+
+import numpy as np
+import pytest
+
+import holdfast
+from holdfast import StateError
+from holdfast.compiled import arrays
+from tests.compiled.problems import STATE, chain_named, compiled, numbers, one, outputs
+from tests.compiler.programs import all_same_bits
+
+NAME = "nine"
+
+
+@pytest.fixture
+def fast():
+    """A compiled chain that has not been called."""
+    compiled(NAME)  # keeps the code
+    return holdfast.compile(chain_named(NAME), parameters=("link_inertia", "link_wrench"))
+
+
+@pytest.fixture
+def given():
+    """States of seven systems."""
+    return numbers(chain_named(NAME), 7)
+
+
+def test_single(fast, given):
+    """The same object, the same arrays, another call's numbers, by the checked way and by the builtin's."""
+    expected = [outputs(fast.forward_dynamics(**one(given, i))) for i in range(7)]
+    out = fast.forward_dynamics(**one(given, 0))
+    first = out.qdd
+    for i in (1, 2, 3, 4):
+        assert fast.forward_dynamics(*one(given, i).values(), out=out) is out
+        assert all_same_bits(outputs(out), expected[i])
+        assert out.qdd is first
+
+
+def test_single_by_the_builtin(fast, given, monkeypatch):
+    """From the second call on the Python code is left out, and the bits are the same."""
+    expected = [outputs(fast.forward_dynamics(**one(given, i))) for i in range(7)]
+    out = fast.forward_dynamics(**one(given, 0))
+    fast.forward_dynamics(*one(given, 1).values(), out=out)
+    monkeypatch.setattr(arrays, "floats", None)
+    for i in range(7):
+        fast.forward_dynamics(*one(given, i).values(), out=out)
+        assert all_same_bits(outputs(out), expected[i])
+    with pytest.raises(TypeError, match="not callable"):  # otherwise the checks are not left out
+        fast.forward_dynamics(*one(given, 0).values())
+
+
+def test_batch(fast, given):
+    """A batch's result is reused too."""
+    out = fast.forward_dynamics(**given)
+    before = [x.copy() for x in outputs(out)]
+    changed = given | {"tau": given["tau"][::-1].copy()}
+    assert fast.forward_dynamics(**changed, out=out, threads=2) is out
+    assert all_same_bits(outputs(out), outputs(fast.forward_dynamics(**changed)))
+    fast.forward_dynamics(**given, out=out)
+    assert all_same_bits(outputs(out), tuple(before))
+
+
+def test_earlier_results_stay(fast, given):
+    """A result belongs to its caller: later calls do not touch it, nor each other's `out`."""
+    first, second = (fast.forward_dynamics(**one(given, i)) for i in (0, 1))
+    batch = fast.forward_dynamics(**given)
+    kept = [[x.copy() for x in outputs(r)] for r in (first, second, batch)]
+    third = fast.forward_dynamics(**one(given, 2))
+    for _ in range(3):
+        fast.forward_dynamics(*one(given, 3).values(), out=third)
+    fast.forward_dynamics(**given | {"q": given["q"] + 0.1})
+    bound = fast.bind()
+    bound.q[...] = 1.0
+    bound()
+    for result, x in zip((first, second, batch), kept, strict=True):
+        assert all_same_bits(outputs(result), tuple(x))
+
+
+def test_two_results_in_turn(fast, given):
+    """The builtin serves one `out` at a time; the other is right as well."""
+    a, b = (fast.forward_dynamics(**one(given, 0)) for _ in range(2))
+    for i in range(1, 7):
+        out = a if i % 2 else b
+        fast.forward_dynamics(*one(given, i).values(), out=out)
+        assert all_same_bits(outputs(out), outputs(fast.forward_dynamics(**one(given, i))))
+
+
+def test_parameters_do_not_stay(fast, given):
+    """A parameter is for its call only, also between calls that the builtin takes."""
+    out = fast.forward_dynamics(**one(given, 0))
+    plain = [x.copy() for x in outputs(fast.forward_dynamics(*one(given, 0).values(), out=out))]
+    fast.forward_dynamics(*one(given, 0).values(), out=out, gravity=[1.0, 2.0, 3.0])
+    assert not all_same_bits(outputs(out), tuple(plain))
+    fast.forward_dynamics(*one(given, 0).values(), out=out)
+    assert all_same_bits(outputs(out), tuple(plain))
+
+
+def test_what_does_not_fit(fast, given):
+    """Another chain's result, another batch size, other objects; nothing is written."""
+    single, batch = fast.forward_dynamics(**one(given, 0)), fast.forward_dynamics(**given)
+    stranger = compiled("one").forward_dynamics(**one(numbers(chain_named("one"), 1), 0))
+    kept = [[x.copy() for x in outputs(r)] for r in (single, batch)]
+    three = {name: x[:3] for name, x in given.items()}
+    for arguments, out, message in (
+        (one(given, 1), stranger, "out: expected a result of this compiled chain, got CompiledResult; leave it out"),
+        (one(given, 1), np.zeros(27), "out: expected a result of this compiled chain, got ndarray"),
+        (one(given, 1), copy.deepcopy(single), "out: expected a result of this compiled chain"),
+        (one(given, 1), batch, "out: expected a result of one system, got one of a batch of 7"),
+        (given, single, "out: expected a result of a batch of 7, got one of one system"),
+        (three, batch, "out: expected a result of a batch of 3, got one of a batch of 7"),
+    ):
+        for _ in range(2):
+            with pytest.raises(StateError, match=message):
+                fast.forward_dynamics(**arguments, out=out)
+    for result, x in zip((single, batch), kept, strict=True):
+        assert all_same_bits(outputs(result), tuple(x))
+
+
+def test_input_inside_out(fast, given):
+    """An input that lies in the memory to be written is refused, also after calls that the builtin took."""
+    for arguments in (one(given, 0), given):
+        out = fast.forward_dynamics(**arguments)
+        for _ in range(3):
+            fast.forward_dynamics(**arguments, out=out)
+        for inside in (out.qdd, out.memory[: out.qdd.size].reshape(out.qdd.shape)):
+            with pytest.raises(
+                StateError, match="out: expected memory of its own, but an input lies in it; try a copy"
+            ):
+                fast.forward_dynamics(**arguments | {"tau": inside}, out=out)
+        fast.forward_dynamics(**arguments | {"tau": out.qdd.copy()}, out=out)
+        wrench = out.object_acceleration.copy()  # parameters are copied first
+        expected = outputs(fast.forward_dynamics(**arguments, object_wrench=wrench))
+        fast.forward_dynamics(**arguments, object_wrench=out.object_acceleration, out=out)
+        assert all_same_bits(outputs(out), expected)
+
+
+def test_input_inside_another_result(fast, given):
+    """One result's accelerations may be another call's torques."""
+    a, b = (fast.forward_dynamics(**one(given, 0)) for _ in range(2))
+    torque = a.qdd.copy()
+    fast.forward_dynamics(**one(given, 0) | {"tau": a.qdd}, out=b)
+    assert all_same_bits(outputs(b), outputs(fast.forward_dynamics(**one(given, 0) | {"tau": torque})))
+
+
+def test_let_go(given):
+    """A compiled chain that nobody holds is freed, results and builtin included; a result outlives it."""
+    compiled(NAME)
+    fast = holdfast.compile(chain_named(NAME), parameters=("link_inertia", "link_wrench"))
+    out = fast.forward_dynamics(**one(given, 0))
+    call = fast.forward_dynamics
+    call(*one(given, 1).values(), out=out)
+    kept = [x.copy() for x in outputs(out)]
+    seen = weakref.ref(fast)
+    del fast
+    gc.collect()
+    assert seen() is not None  # its builtin is held
+    assert call(*one(given, 1).values(), out=out) is out
+    del call
+    gc.collect()
+    assert seen() is None
+    assert all_same_bits(outputs(out), tuple(kept))
+    assert set(STATE) <= set(given)
