@@ -76,7 +76,19 @@ def test_doctor(capsys):
     """Versions, processor features, extras with the command that brings what is missing."""
     assert main(["doctor"]) == 0
     out = capsys.readouterr().out
-    for word in ("holdfast", "python", "numpy", "processor", "avx2", "avx512", "fma", "neon", "machine code", "cache", "extra 'plot'"):
+    for word in (
+        "holdfast",
+        "python",
+        "numpy",
+        "processor",
+        "avx2",
+        "avx512",
+        "fma",
+        "neon",
+        "machine code",
+        "cache",
+        "extra 'plot'",
+    ):
         assert word in out
 
 

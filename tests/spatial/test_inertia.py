@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from holdfast.dynamics.operators import phi
-from holdfast.spatial.spatial_vector import acceleration_gradient
 from holdfast.spatial.inertia import NO_INERTIA, RigidInertia, about_origin
+from holdfast.spatial.spatial_vector import acceleration_gradient
 from holdfast.spatial.vector import skew
 from tests.systems.random_parts import inertia_about_com, rotation
 

@@ -95,4 +95,3 @@ def batch(system: System, fast: Any, size: int) -> Entry:
         return Answers(np.array(found.qdd), np.array(found.grasp_wrench))
 
     return Entry(f"batch of {size}", LIBRARY, sweep, size, answers, "one call, result re-used, one thread")
-

@@ -231,7 +231,7 @@ class CompiledChain(ChainFunctions):
             verdict.require_answer(self, found, result)
         return result
 
-    def _apart(self, found: Mapping[str, Array], result: CompiledResult) -> bool:
+    def _apart(self, found: dict[str, Array], result: CompiledResult) -> bool:
         """Run one system with parameters of its own, apart from what other calls use; return whether all is well."""
         with self._lock:
             self._spare.use({name: result.array(name) for name in self._layout.shapes})

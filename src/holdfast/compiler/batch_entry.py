@@ -71,7 +71,9 @@ def batch_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
         "  ret void",
         "}",
     ]
-    moves = [("from_lanes" if e.role == "output" else "to_lanes", e.size) for e in schedule.externals.values() if e.size]
+    moves = [
+        ("from_lanes" if e.role == "output" else "to_lanes", e.size) for e in schedule.externals.values() if e.size
+    ]
     declared = [*declarations(lanes), *transpositions(moves, lanes)]
     if schedule.status is not None:
         declared += _watchers(lanes)

@@ -64,9 +64,7 @@ def interpret_schedule(schedule: Schedule, given: Mapping[str, object]) -> dict[
         for item in call.items:
             _call(schedule, call, item, numbers, memory)
     _guard(schedule, numbers)
-    return {
-        name: np.array(numbers[name]).reshape(schedule.externals[name].shape) for name in schedule.names("output")
-    }
+    return {name: np.array(numbers[name]).reshape(schedule.externals[name].shape) for name in schedule.names("output")}
 
 
 def _call(

@@ -24,9 +24,7 @@ from holdfast.compiler.single_entry import single_module
 Array = np.ndarray
 
 # A call of this kind lets other Python threads run meanwhile.
-_BATCH = ctypes.CFUNCTYPE(
-    None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p
-)
+_BATCH = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p)
 
 
 def compile_program(program: Program, fused: bool = True, lanes: int | None = None) -> Kernel:

@@ -124,5 +124,3 @@ def _pointer(lines: list[str], name: str, place: Place | None, moving: str | Non
     base = "%arena" if place.external is None else f"%external{place.external}"
     lines.append(f"  {name} = getelementptr double, ptr {base}, i64 {moving or place.offset}")
     return f"ptr {name}"
-
-

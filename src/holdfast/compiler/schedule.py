@@ -66,7 +66,8 @@ class Wire(NamedTuple):
     places: tuple[int, ...]
 
 
-class Group(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Group:
     """The items that one stage runs for.
 
     Attributes:
@@ -119,4 +120,5 @@ class Schedule:
     @cached_property
     def operation_count(self) -> int:
         """Operations of the texts for one system, its parameters' included (signs and selections are free)."""
-        return sum(group.stage.operations * group.count for group in self.groups.values())
+        run = {(call.group, item) for call in (*self.prepare, *self.calls) for item in call.items}
+        return sum(self.groups[group].stage.operations for group, _ in run)

@@ -70,7 +70,7 @@ def stage(name: str, text: Text, inputs: Sequence[Ports], outputs: Sequence[Sequ
 
 
 def stage_of(
-    name: str, program: Program, inputs: Sequence[Ports], outputs: Sequence[Sequence[str]], operations: int = 0
+    name: str, program: Program, inputs: Sequence[Ports], outputs: Sequence[Sequence[str]], operations: int
 ) -> Stage:
     """Return the stage of a program that is lowered already; its text had so many operations."""
     shapes = iter(program.outputs)

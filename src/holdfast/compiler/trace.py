@@ -81,9 +81,11 @@ def _run(text: Text, arrays: list[list[np.ndarray]]) -> list[tuple[Any, ...]]:
             results.append(running.send(tuple(given)))
     except StopIteration as end:
         if len(results) != len(arrays) - 1:
-            raise CompileError(f"trace: expected {len(arrays)} phases, the text ends after {len(results) + 1}") from end
+            raise CompileError(
+                f"trace: expected {len(arrays)} phase(s), the text ends after {len(results) + 1}"
+            ) from end
         return [*results, end.value]
-    raise CompileError(f"trace: expected {len(arrays)} phases, the text goes on")
+    raise CompileError(f"trace: expected {len(arrays)} phase(s), the text goes on")
 
 
 def program_of(graph: Graph, input_shapes: tuple[Shape, ...], results: list[tuple[Shape, list[Node]]]) -> Program:
