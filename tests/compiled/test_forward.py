@@ -53,8 +53,9 @@ def test_sorts_of_chains(name):
 
 
 @pytest.mark.parametrize("method", ["recursive", "mass_matrix"])
-def test_routes(method, name="interleaved"):
+def test_routes(method):
     """Both routes of an arm's answer at its tip; neither is the other's code."""
+    name = "interleaved"
     chain, fast = chain_named(name), compiled(name, method)
     given = one(numbers(chain, 1) | problems.forces(chain, 1), 0)
     found = fast.forward_dynamics(**given)

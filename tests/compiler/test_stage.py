@@ -77,9 +77,9 @@ def test_replaced_values():
     ("text", "phases", "message"),
     [
         (lambda a: (a,), 2, "expected a generator for 2 phases, got a plain function"),
-        (three, 2, "expected 2 phases, the text goes on"),
-        (three, 4, "expected 4 phases, the text ends after 3"),
-        (three, 1, "expected 1 phases, the text goes on"),
+        (three, 2, r"expected 2 phase\(s\), the text goes on"),
+        (three, 4, r"expected 4 phase\(s\), the text ends after 3"),
+        (three, 1, r"expected 1 phase\(s\), the text goes on"),
     ],
 )
 def test_wrong_number_of_phases(text, phases, message):

@@ -82,7 +82,8 @@ def batch_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
 
 def _moved(function: str, schedule: Schedule, role: schedules.Role) -> list[str]:
     return [
-        f"  call void @{function}.{external.size}(ptr %external{k}, i64 %stride{k}, i64 %first, i64 %last, ptr %lanes{k})"
+        f"  call void @{function}.{external.size}(ptr %external{k}, i64 %stride{k}, i64 %first, i64 %last,"
+        f" ptr %lanes{k})"
         for k, external in enumerate(schedule.externals.values())
         if external.role == role and external.size
     ]

@@ -14,7 +14,6 @@ def schedule_of(program: Program) -> Schedule:
     externals = {name: External(shape, "input") for name, shape in inputs.items()}
     externals |= {name: External(shape, "output") for name, shape in outputs.items()}
     wires = {name: Wire(name, (0,)) for name in externals}
-    group = Group(
-        stage_of("program", program, [inputs], [tuple(outputs)], program.operation_count), 1, wires, side_by_side=False
-    )
+    stage = stage_of("program", program, [inputs], [tuple(outputs)])
+    group = Group(stage, 1, wires, side_by_side=False)
     return Schedule(externals, {}, {"program": group}, (), (Call("program", 0, (0,)),))

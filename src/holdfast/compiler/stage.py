@@ -70,11 +70,17 @@ def stage(name: str, text: Text, inputs: Sequence[Ports], outputs: Sequence[Sequ
 
 
 def stage_of(
-    name: str, program: Program, inputs: Sequence[Ports], outputs: Sequence[Sequence[str]], operations: int
+    name: str,
+    program: Program,
+    inputs: Sequence[Ports],
+    outputs: Sequence[Sequence[str]],
+    operations: int | None = None,
 ) -> Stage:
-    """Return the stage of a program that is lowered already; its text had so many operations."""
+    """Return the stage of a program that is lowered already; its text had so many operations, or as many as it."""
     shapes = iter(program.outputs)
     named = tuple({port: next(shapes).shape for port in ports} for ports in outputs)
     phases = [k for k, phase in enumerate(inputs) for _ in phase]
     pieces = by_phase(program, phases, [len(ports) for ports in outputs])
-    return Stage(name, tuple(dict(phase) for phase in inputs), named, program, pieces, operations)
+    return Stage(
+        name, tuple(dict(phase) for phase in inputs), named, program, pieces, operations or program.operation_count
+    )
