@@ -27,7 +27,7 @@ thread, and is called from Python.
   after call. `constrainedABA` and `pv`, in C++ only, are not here. `aba` without any grasp is a floor.
 * MuJoCo: no geoms, islands off, the hardest weld it accepts; the fastest solver counts. Its welds are soft by design.
 * `forward_dynamics` is the checked call with five arrays and a re-used result; `bind` is tied to each state's arrays
-  and only called; *copying* has one bound call and copies the arrays into it. All of them return all grasp wrenches and the
+  and only called; *copying* has one bound call and copies the arrays into it. All return every grasp wrench and the
   object's acceleration. Our machine code is made for the arms at hand, for the seconds given at the end; the peers'
   code serves every model.
 """

@@ -92,7 +92,6 @@ class CompiledChain(ChainFunctions):
     def __init__(self, chain: ClosedChain, options: Options, generic_rank: int | None) -> None:
         self.chain, self.options, self.generic_rank = chain, options, generic_rank
         structure = Structure(chain, options)
-        self._structure = structure
         self._externals = forward_externals(structure)
         self._kernel: Kernel = kernel("forward", structure, self._externals, lambda: forward_schedule(structure))
         self._lock = threading.Lock()

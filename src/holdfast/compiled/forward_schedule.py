@@ -113,7 +113,7 @@ class _Writer(ScheduleWriter):
             kind, joints = structure.kind(row), structure.arm(row).joint_count
             assert kind is not None
             if structure.parallel(row):
-                stage = made.setdefault(("parallel", 6), object_stages.rigid_arm(6))
+                stage = made.setdefault(("parallel", 6), object_stages.rigid_arm())
             else:
                 most = min(joints, len(Grasp(kind).transmitted))  # type: ignore[arg-type]
                 stage = made.setdefault((kind, most), object_stages.rows_arm(kind, most))

@@ -75,13 +75,13 @@ def share() -> Stage:
     )
 
 
-def rigid_arm(joint_count: int) -> Stage:
+def rigid_arm() -> Stage:
     """Return the stage of one rigid grasp in the filter: out with x and P, back with s."""
 
     def text(x: Array, P: Array, kept: Array, weakest: Array, share: Array, *seen: Array) -> Phases:
         noise, measured, size = seen
         R = symmetric(noise)
-        m = Measurement(np.eye(6), R, measured, size, joint_count, True)
+        m = Measurement(np.eye(6), R, measured, size, 6, True)
         x, P, step = rigid_step(x, symmetric(P), m, np.diag(R) + share[()] * size)
         (s,) = yield x, upper(P), kept[()] + step.kept, minimum(weakest[()], step.weakest)
         from_arm = step.back(s)

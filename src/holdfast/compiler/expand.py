@@ -27,22 +27,6 @@ def lowered(program: Program, fused: bool = True) -> Program:
     return fuse(program) if fused else program
 
 
-def with_status(program: Program) -> Program:
-    """Return the program with one more result, of shape (): 1.0 if an argument of `sin` or `cos` is too large.
-
-    Too large is beyond 1e5 rad or not a number; otherwise the result is 0.0.
-    """
-    graph = Graph()
-    values = _replayed(program, graph, {})
-    status: Value = 0.0
-    for instruction in program.instructions:
-        if instruction.kind in ("sin", "cos"):
-            small = graph.apply("less_equal", abs(values[instruction.args[0]]), trigonometry.LARGEST_ARGUMENT)
-            status = graph.apply("select", small, status, 1.0)
-    results = [_result(graph, values, output) for output in program.outputs]
-    return program_of(graph, program.input_shapes, [*results, ((), [_node(graph, status)])])
-
-
 def _replayed(program: Program, graph: Graph, written: Mapping[str, Callable[[Value], Value]]) -> list[Value]:
     """Return what every instruction is in a new graph, where some operations are `written` out.
 

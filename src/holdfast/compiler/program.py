@@ -57,11 +57,6 @@ class Program:
         """How many numbers go in."""
         return sum(math.prod(shape) for shape in self.input_shapes)
 
-    @property
-    def output_size(self) -> int:
-        """How many numbers come out."""
-        return sum(len(output.places) for output in self.outputs)
-
     @cached_property
     def counts(self) -> Counter[str]:
         """How many instructions of each kind there are, inputs and constants apart."""

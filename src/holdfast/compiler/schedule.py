@@ -17,8 +17,7 @@ from holdfast.compiler.stage import Stage
 
 Role = Literal["input", "parameter", "output"]
 
-# Numbers that a status may hold. From the first bad one on, guarded outputs are not-a-number.
-FINE = 0.0
+# Numbers that a status may hold, 0 if all is well. From the first bad one on, guarded outputs are not-a-number.
 FIRST_BAD = 3.0
 NOT_FINITE = 4.0  # set by the machine code itself if a guarded output is not finite
 

@@ -40,11 +40,6 @@ _COSINE = (
 Value = Any  # a node; the reduction is shared because equal operations are one node
 
 
-def too_large(x: Value) -> Value:
-    """Return the truth of |x| > 1e5 rad, where `sin` and `cos` answer not-a-number (as they do for NaN)."""
-    return abs(x) > LARGEST_ARGUMENT
-
-
 def sin(x: Value) -> Value:
     """Return the sine of x [rad]; NaN beyond 1e5 rad rather than a wrong value."""
     r, rest, quadrant = _reduced(x)
