@@ -7,11 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from holdfast.errors import ClosureError, ModelError, SingularChainError, StateError
+from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.instant import Controller, evaluate
-from holdfast.simulation.step import back_on_constraint, take_step
+from holdfast.simulation.stepper import ReferenceStepper
 from holdfast.simulation.trajectory import Trajectory, sample, stacked
 from holdfast.simulation.world import BaseMotion, World
 from holdfast.spatial.scalar import Array
@@ -59,8 +59,8 @@ def simulate(
     world = World(chain, base_motion or {}, Inputs() if inputs is None else inputs)
     # the start is judged with its neighbours; later a rank below its rank is a singularity
     generic = evaluate(world, controller, 0.0, state, None, check=True).result.rank
-    state, gaps = back_on_constraint(world, 0.0, state)
-    now = evaluate(world, controller, 0.0, state, None, generic_rank=generic)
+    stepper = ReferenceStepper(world, controller, generic)
+    now, gaps = stepper.start(0.0, state, None)
     work = np.zeros(4)
     samples: list[Trajectory] = []
 
@@ -71,11 +71,10 @@ def simulate(
 
     keep()
     for begin, end in pairwise(times):
-        try:
-            now, gaps, done = take_step(world, controller, now, float(end), generic)
-        except (SingularChainError, ClosureError, StateError) as cause:
-            return stacked(samples, f"stopped after t = {begin:.6g} s: {cause}")
-        work = work + done
+        (reached,) = stepper.advance(now, [float(end)])
+        if reached.instant is None:
+            return stacked(samples, f"stopped after t = {begin:.6g} s: {reached.failure}")
+        now, gaps, work = reached.instant, reached.gaps, work + reached.work
         keep()
         if progress is not None:
             progress(float(end))

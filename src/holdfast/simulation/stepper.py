@@ -1,0 +1,91 @@
+"""What takes steps: from the last accepted instant to later ones, each by a single step of the scheme.
+
+Several ends may be asked for at once: the points inside a step at which contacts are verified are
+reached by shortened steps from its start, not from an interpolant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from holdfast.errors import ClosureError, HoldfastError, SingularChainError, StateError
+from holdfast.simulation.instant import Controller, Instant, evaluate
+from holdfast.simulation.step import Gaps, back_on_constraint, take_step
+from holdfast.simulation.world import World
+from holdfast.spatial.scalar import Array
+from holdfast.state import State
+
+NO_GAPS = Gaps(np.zeros(2), np.zeros(2))
+
+
+@dataclass(frozen=True, eq=False)
+class Advance:
+    """Where one step led.
+
+    Attributes:
+        t: the step's end [s].
+        instant: the chain then, closed again; None if the step failed.
+        gaps: what projection found and left.
+        work: (4,) done during the step, see `balance.WORK_TERMS` [J].
+        error: estimated error of the step over the tolerance; 0 for a scheme that estimates none.
+        failure: why there is no instant: SingularChainError, ClosureError or StateError.
+    """
+
+    t: float
+    instant: Instant | None
+    gaps: Gaps
+    work: Array
+    error: float = 0.0
+    failure: HoldfastError | None = None
+
+
+class Stepper(Protocol):
+    """Takes steps of one chain in one world under one controller."""
+
+    def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
+        """Return the chain at a given state, projected onto the grasps, and the gaps.
+
+        Raises:
+            SingularChainError: the configuration is singular.
+            StateError: the state breaks a grasp, or the controller's torques do not fit.
+        """
+        ...
+
+    def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
+        """Return where one step from `now` to each of the end times leads; failures are in the answers."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceStepper:
+    """Steps by the readable texts on floats.
+
+    Attributes:
+        world: the chain and what acts on it.
+        controller: torques.
+        generic_rank: rank of the constraint away from singular configurations.
+    """
+
+    world: World
+    controller: Controller
+    generic_rank: int
+
+    def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
+        """Return the chain at a given state; see `Stepper`."""
+        state, gaps = back_on_constraint(self.world, t, state)
+        return evaluate(self.world, self.controller, t, state, memory, generic_rank=self.generic_rank), gaps
+
+    def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
+        """Return where one step leads; see `Stepper`."""
+        return [self._to(now, end) for end in ends]
+
+    def _to(self, now: Instant, end: float) -> Advance:
+        try:
+            instant, gaps, work = take_step(self.world, self.controller, now, end, self.generic_rank)
+        except (SingularChainError, ClosureError, StateError) as cause:
+            return Advance(end, None, NO_GAPS, np.zeros(4), failure=cause)
+        return Advance(end, instant, gaps, work)
