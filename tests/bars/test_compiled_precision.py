@@ -15,7 +15,7 @@ from tests.compiled.problems import compiled_for
 from tests.compiler.conftest import no_cache  # noqa: F401
 from tests.systems.as_chain import Problem
 
-SEEDS = 3  # of each sweep: every seed is a chain to compile, by two routes
+SEEDS = 1  # of each sweep: every seed is a chain to compile, by two routes
 STRETCHES: tuple[dict, ...] = (
     {"com_offset": 1.0},
     {"world_offset": (20.0, -15.0, 10.0)},
@@ -76,7 +76,7 @@ def test_stored_cases_of_any_mass(scale):
 
 @pytest.mark.long
 @pytest.mark.parametrize("joints", [(6, 6, 6), (7, 7, 7)])
-@pytest.mark.parametrize("which", [(0,), (1,), (2,), (0, 1), (1, 2), (0, 2)])
+@pytest.mark.parametrize("which", [(0,), (1,), (0, 2)])
 def test_straight_arm_sweep(which, joints):
     """Bends from 0.1 rad to exactly straight: <= 1e-12."""
     precision.test_straight_arm_sweep(which, joints)

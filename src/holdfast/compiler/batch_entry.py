@@ -1,10 +1,11 @@
 """The module that runs a schedule for a batch, one system in each lane.
 
-    void batch(i64 *table, i64 begin, i64 end, i64 count, double *arena)
+    void batch(i64 *table, i64 begin, i64 end, i64 count, i64 repeats, double *arena)
 
-runs blocks begin <= b < end of `lanes` systems. `table` holds address and stride (doubles from one
-system to the next, 0: shared by all) of every external array, in order. Lanes beyond the last
-system repeat it: they compute, and write, the same bits again, so a tail needs no code of its own.
+runs blocks begin <= b < end of `lanes` systems, each so many times in a row if the schedule
+carries arrays on. `table` holds address and stride (doubles from one system to the next, 0: shared
+by all) of every external array, in order. Lanes beyond the last system repeat it: they compute, and
+write, the same bits again, so a tail needs no code of its own.
 """
 
 from __future__ import annotations
@@ -18,6 +19,13 @@ from holdfast.compiler.module import Module
 from holdfast.compiler.schedule import Schedule
 from holdfast.compiler.transposition import transpositions
 
+_WAYS: dict[schedules.Role, tuple[str, ...]] = {
+    "input": ("to_lanes",),
+    "parameter": ("to_lanes",),
+    "output": ("from_lanes",),
+    "carried": ("to_lanes", "from_lanes"),
+}
+
 
 def batch_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
     """Return the module's text and how many doubles of working memory a thread needs."""
@@ -25,7 +33,7 @@ def batch_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
     module = Module(layout)
     names = list(schedule.externals)
     lines = [
-        "define void @batch(ptr %table, i64 %begin, i64 %end, i64 %count, ptr %arena) nounwind {",
+        "define void @batch(ptr %table, i64 %begin, i64 %end, i64 %count, i64 %repeats, ptr %arena) nounwind {",
         "entry:",
         f"  %scratch = getelementptr double, ptr %arena, i64 {layout.total}",
         "  %last = sub i64 %count, 1",
@@ -57,11 +65,16 @@ def batch_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
         *_moved("to_lanes", schedule, "parameter"),
     ]
     module.calls(schedule.prepare, lines, "prepare")
-    lines += ["  br label %compute", "compute:", *_moved("to_lanes", schedule, "input")]
-    module.calls(schedule.calls, lines, "compute")
+    lines += ["  br label %compute", "compute:"]
+    lines += [*_moved("to_lanes", schedule, "input"), *_moved("to_lanes", schedule, "carried")]
+    if schedule.names("carried"):
+        _repeated(module, lines)
+    else:
+        module.calls(schedule.calls, lines, "compute")
     lines += _guard(schedule, layout, lanes)
     lines += [
         *_moved("from_lanes", schedule, "output"),
+        *_moved("from_lanes", schedule, "carried"),
         "  br label %stored",
         "stored:",
         "  %b.next = add i64 %b, 1",
@@ -71,9 +84,7 @@ def batch_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
         "  ret void",
         "}",
     ]
-    moves = [
-        ("from_lanes" if e.role == "output" else "to_lanes", e.size) for e in schedule.externals.values() if e.size
-    ]
+    moves = [(way, e.size) for e in schedule.externals.values() for way in _WAYS[e.role] if e.size]
     declared = [*declarations(lanes), *transpositions(moves, lanes)]
     if schedule.status is not None:
         declared += _watchers(lanes)
@@ -86,6 +97,20 @@ def _moved(function: str, schedule: Schedule, role: schedules.Role) -> list[str]
         f" ptr %lanes{k})"
         for k, external in enumerate(schedule.externals.values())
         if external.role == role and external.size
+    ]
+
+
+def _repeated(module: Module, lines: list[str]) -> None:
+    """Append the calls in a loop: the systems stay in lanes meanwhile."""
+    lines += ["  br label %repeat", "repeat:", "  %r = phi i64 [ 0, %compute ], [ %r.next, %repeated ]"]
+    module.calls(module.layout.schedule.calls, lines, "repeat")
+    lines += [
+        "  br label %repeated",
+        "repeated:",
+        "  %r.next = add i64 %r, 1",
+        "  %again = icmp slt i64 %r.next, %repeats",
+        "  br i1 %again, label %repeat, label %finished",
+        "finished:",
     ]
 
 

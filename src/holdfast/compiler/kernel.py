@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import ctypes
 import threading
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from holdfast.compiler import arguments, cpu
-from holdfast.compiler.batch_entry import batch_module
-from holdfast.compiler.bound import Bound, aligned
+from holdfast.compiler.batch_kernel import BatchKernel
+from holdfast.compiler.bound import Bound
 from holdfast.compiler.errors import CompileError
 from holdfast.compiler.expand import lowered
 from holdfast.compiler.program import Program
@@ -22,9 +19,6 @@ from holdfast.compiler.schedule import External, Schedule
 from holdfast.compiler.single_entry import single_module
 
 Array = np.ndarray
-
-# A call of this kind lets other Python threads run meanwhile.
-_BATCH = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p)
 
 
 def compile_program(program: Program, fused: bool = True, lanes: int | None = None) -> Kernel:
@@ -39,7 +33,7 @@ def compile_program(program: Program, fused: bool = True, lanes: int | None = No
     return Kernel(schedule.externals, lambda: schedule, lanes=lanes)
 
 
-class Kernel:
+class Kernel(BatchKernel):
     """A compiled schedule. Calls from several threads may overlap.
 
     Attributes:
@@ -62,18 +56,11 @@ class Kernel:
             key: stands for the schedule there; without it, its text does.
             lanes: items or systems computed side by side.
         """
-        self.externals, self.lanes = externals, lanes or cpu.lanes()
-        self._make, self._key = make, f"{key}/{self.lanes}" if key else ""
+        super().__init__(externals, make, key, lanes)
         self._given = {name: e for name, e in externals.items() if e.role != "output"}
         self._returned = {name: e for name, e in externals.items() if e.role == "output"}
         self._code = cpu.Code(self._single_source, "single", "prepare", key=self._key and f"{self._key}/single")
         self._private = threading.local()
-        self._compiling = threading.Lock()
-
-    @cached_property
-    def schedule(self) -> Schedule:
-        """What it computes, stage by stage."""
-        return self._make()
 
     @property
     def operation_count(self) -> int:
@@ -138,39 +125,6 @@ class Kernel:
         self.run_batch(np.array([rows[order.index(name)] for name in self.externals], dtype=np.int64), batch, threads)
         return results
 
-    def run_batch(self, table: Array, batch: int, threads: int = 1) -> None:
-        """Run a batch; the caller vouches for the addresses.
-
-        Args:
-            table: (externals, 2) address and stride in doubles of each array, in order.
-            batch: how many systems.
-            threads: how many threads share their blocks.
-        """
-        with self._compiling:
-            code = self._batch_code
-        run, address = _BATCH(code.address), table.ctypes.data
-        blocks = -(-batch // self.lanes)
-        threads = min(threads, max(1, blocks))
-        bounds = [blocks * t // threads for t in range(threads + 1)]
-
-        def part(t: int) -> None:
-            arena = aligned(code.notes["arena"])
-            run(address, bounds[t], bounds[t + 1], batch, arena.ctypes.data)
-
-        if threads == 1:
-            part(0)
-            return
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(part, range(threads)))
-
     def _single_source(self) -> tuple[str, cpu.Notes]:
         text, arena = single_module(self.schedule, self.lanes)
         return text, {"arena": arena, "operations": self.schedule.operation_count}
-
-    @cached_property
-    def _batch_code(self) -> cpu.Code:
-        return cpu.Code(self._batch_source, "batch", key=self._key and f"{self._key}/batch")
-
-    def _batch_source(self) -> tuple[str, cpu.Notes]:
-        text, arena = batch_module(self.schedule, self.lanes)
-        return text, {"arena": arena}

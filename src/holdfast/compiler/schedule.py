@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 from holdfast.compiler.program import Shape
 from holdfast.compiler.stage import Stage
 
-Role = Literal["input", "parameter", "output"]
+Role = Literal["input", "parameter", "output", "carried"]
 
 # Numbers that a status may hold, 0 if all is well. From the first bad one on, guarded outputs are not-a-number.
 FIRST_BAD = 3.0
@@ -27,7 +27,8 @@ class External(NamedTuple):
 
     Attributes:
         shape: of one system.
-        role: inputs change with every call, parameters seldom.
+        role: inputs change with every call, parameters seldom. What is carried is read and written: a
+            schedule with such arrays may be repeated within one call (batches only).
     """
 
     shape: Shape

@@ -19,13 +19,15 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.object_filter import object_filter
 from holdfast.dynamics.closed.tip_response import tip_response
-from holdfast.dynamics.consistency import position_gap
+from holdfast.dynamics.consistency import tip_from_contact
 from holdfast.errors import ClosureError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.spatial import rotation
-from holdfast.spatial.scalar import Array
-from holdfast.spatial.spatial_vector import shift_twist
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array, array, concatenate
+from holdfast.spatial.spatial_vector import rotate, shift_twist
+from holdfast.spatial.vector import cross
 from holdfast.state import Inputs, State
 
 CLOSED = 1e-14  # m and rad: no round beyond this
@@ -99,7 +101,7 @@ def project(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> t
                 f"the grasps are open by {size:.3g} (m or rad), expected a step's rounding; try a smaller time step"
             )
         before = size
-        dq, dx, _ = constraint_impulses(motion, [_position_contact(c) for c in motion.contacts], gaps)
+        dq, dx, _ = constraint_impulses(motion, [position_contact(c) for c in motion.contacts], gaps)
         state = moved(state, dq, dx)
         motion = chain_motion(chain, state, tau, given)
     state = project_velocities(motion, state)
@@ -110,18 +112,39 @@ def position_mismatch(motion: ChainMotion, state: State) -> list[Array]:
     """Return per grasp the small displacement tip minus object, (6,) world axes."""
     origin = state.object_frame.p
     return [
-        -position_gap(c, origin + c.offset, arm.at.tip) for c, arm in zip(motion.contacts, motion.holding, strict=True)
+        small_displacement(c, origin + c.offset, arm.at.tip)
+        for c, arm in zip(motion.contacts, motion.holding, strict=True)
     ]
+
+
+def small_displacement(c: Contact, contact_point: Array, tip: Pose) -> Array:
+    """Return the displacement tip minus object, (6,) world axes, its turn as sine times axis.
+
+    Newton's rounds need a turn only as exactly as they converge: for a turn t the sine is off by
+    t^3 / 6. The turn is zero where attitudes are free, and about no direction of a hinge's axis.
+
+    Args:
+        c: the grasp in motion.
+        contact_point: (3,) on the object, world axes.
+        tip: the arm's tip frame in the world.
+    """
+    seen = tip_from_contact(c, contact_point, tip)
+    turn = np.zeros(3)
+    if c.grasp.kind == "rigid":
+        turn = 0.5 * array([seen.R[2, 1] - seen.R[1, 2], seen.R[0, 2] - seen.R[2, 0], seen.R[1, 0] - seen.R[0, 1]])
+    elif c.grasp.kind == "hinge":
+        turn = cross(np.eye(3)[0], seen.R[:, 0])
+    return rotate(c.R, concatenate([turn, seen.p]))
 
 
 def moved(state: State, dq: Array, dx: Array) -> State:
     """Return the state displaced by joint steps dq and an object displacement [turn; shift]."""
     turn = rotation.quaternion_product(rotation.quaternion_exp(dx[:3]), state.object_pose[:4])
-    pose = np.concatenate([rotation.normalised(turn), state.object_pose[4:] + dx[3:]])
+    pose = concatenate([rotation.normalised(turn), state.object_pose[4:] + dx[3:]])
     return State(state.q + dq, state.qd, pose, state.object_twist)
 
 
-def _position_contact(c: Contact) -> Contact:
+def position_contact(c: Contact) -> Contact:
     """Return the contact with its position rows: a soft finger's attitude is free like a ball's."""
     if c.grasp.kind != "softfinger":
         return c

@@ -5,14 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, array, sqrt
 
-# Rate at which friction has reached 76 % of its size. A sign function has no slope that a
+# Rate at which friction has reached 71 % of its size. A sign function has no slope that a
 # fixed step could follow, and none of its solutions sticks exactly either way.
 SMOOTHING_RATE = 0.05  # rad/s or m/s
 
 
-def friction_torque(chain: ClosedChain, qd: Array) -> Array:
-    """Return what friction takes from the drives' torques, F_c tanh(qd / 0.05), (n,) [N m or N]."""
-    size = np.array([joint.friction for arm in chain.arms.values() for joint in arm.joints])
-    return size * np.tanh(qd / SMOOTHING_RATE)
+def joint_friction(chain: ClosedChain) -> Array:
+    """Return the joints' Coulomb friction F_c, (n,) [N m or N]."""
+    return np.array([joint.friction for arm in chain.arms.values() for joint in arm.joints])
+
+
+def friction_torque(size: Array, qd: Array) -> Array:
+    """Return what friction takes from the drives' torques, F_c qd / sqrt(qd^2 + 0.05^2), (n,) [N m or N]."""
+    return array([F * v / sqrt(v * v + SMOOTHING_RATE**2) for F, v in zip(size, qd, strict=True)])

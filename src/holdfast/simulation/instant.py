@@ -14,7 +14,7 @@ from holdfast.errors import SingularChainError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import power_terms
-from holdfast.simulation.friction import friction_torque
+from holdfast.simulation.friction import friction_torque, joint_friction
 from holdfast.simulation.rk4 import rotation_vector_rate
 from holdfast.simulation.world import World
 from holdfast.spatial.scalar import Array
@@ -90,7 +90,7 @@ def evaluate(
     chain, inputs = world.at(t)
     tau, memory = controller(t, state, memory)
     tau = checks.numbers(tau, (chain.joint_count,), "controller: torques", StateError)
-    friction = friction_torque(chain, state.qd)
+    friction = friction_torque(joint_friction(chain), state.qd)
     found = forward_dynamics(chain, state, tau - friction, inputs=inputs, check=check, generic_rank=generic_rank)
     if not found.condition <= WORST_CONDITION:
         raise SingularChainError(

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from holdfast.spatial.scalar import Array, array, sqrt
+from holdfast.spatial.scalar import Array, array, concatenate, cos, sin, sqrt, where
 from holdfast.spatial.vector import cross
 
 
@@ -55,16 +55,17 @@ def to_quaternion(R: Array) -> Array:
 
 
 def exp(rotation_vector: Array) -> Array:
-    """Return the rotation by |r| radians about r / |r| (Rodrigues), floats only."""
+    """Return the rotation by |r| radians about r / |r|."""
     return from_quaternion(quaternion_exp(rotation_vector))
 
 
 def quaternion_exp(rotation_vector: Array) -> Array:
-    """Return the unit quaternion of a rotation vector [rad], floats only."""
-    half = 0.5 * math.sqrt(rotation_vector @ rotation_vector)
+    """Return the unit quaternion of a rotation vector [rad]."""
+    half = 0.5 * sqrt(rotation_vector @ rotation_vector)
     # sin(half)/(2 half): the series is exact to the last digit below 1e-4
-    ratio = 0.5 * (1 - half * half / 6) if half < 1e-4 else 0.5 * math.sin(half) / half
-    return np.concatenate([[math.cos(half)], ratio * rotation_vector])
+    small = half < 1e-4
+    ratio = where(small, 0.5 * (1 - half * half / 6), 0.5 * sin(half) / where(small, 1.0, half))
+    return concatenate([[cos(half)], ratio * rotation_vector])
 
 
 def log(R: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -64,8 +64,12 @@ def arm_motion(given: ArmInputs) -> ArmMotion:
     return ArmMotion(arm, at, tip_twist(arm, at, twists), b, given.tau - arm.damping * given.qd)
 
 
+def resting(arm: Arm, at: Posture) -> ArmMotion:
+    """Return an arm in a posture without torque, motion, gravity or external wrenches."""
+    none, n = np.zeros(6), arm.joint_count
+    return ArmMotion(arm, at, none, Bias((none,) * n, none), np.zeros(n))
+
+
 def at_rest(motion: ArmMotion) -> ArmMotion:
     """Return the same posture without torque, motion, gravity or external wrenches."""
-    none = np.zeros(6)
-    wrenches = tuple(none for _ in motion.bias.wrenches)
-    return replace(motion, tip_twist=none, bias=Bias(wrenches, none), torque=np.zeros(motion.arm.joint_count))
+    return resting(motion.arm, motion.at)
