@@ -22,6 +22,17 @@ _made: weakref.WeakValueDictionary[str, Kernel] = weakref.WeakValueDictionary()
 _lock = threading.Lock()
 
 
+def key_of(what: str, structure: Structure, *further: str) -> str:
+    """Return what stands on disk for a computation of chains of one structure.
+
+    Args:
+        what: the computation's name, and what else decides it.
+        structure: what is folded into the code.
+        further: rooms whose text it is made of, besides those of forward dynamics.
+    """
+    return f"{what}/{structure.key}/{_sources(*further)}"
+
+
 def kernel(what: str, structure: Structure, externals: dict[str, External], make: Callable[[], Schedule]) -> Kernel:
     """Return the kernel of one computation for chains of one structure.
 
@@ -31,7 +42,7 @@ def kernel(what: str, structure: Structure, externals: dict[str, External], make
         externals: the arrays it takes and returns.
         make: returns its schedule, if it must be traced.
     """
-    key = f"{what}/{structure.key}/{_sources()}"
+    key = key_of(what, structure)
     with _lock:
         found = _made.get(key)
         if found is None:
@@ -40,11 +51,11 @@ def kernel(what: str, structure: Structure, externals: dict[str, External], make
 
 
 @functools.cache
-def _sources() -> str:
+def _sources(*further: str) -> str:
     """Return a digest of the text that decides the machine code, with the version."""
     root = Path(holdfast.compiler.__file__).parent.parent
     digest = hashlib.sha256(metadata.version("holdfast").encode())
-    for room in _ROOMS:
+    for room in (*_ROOMS, *further):
         for path in sorted((root / room).rglob("*.py")):
             digest.update(path.name.encode())
             digest.update(path.read_bytes())

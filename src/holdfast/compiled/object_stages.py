@@ -9,6 +9,7 @@ import numpy as np
 
 from holdfast.compiled.arm_stages import Phases
 from holdfast.compiled.packing import symmetric, upper, upper_count
+from holdfast.compiler.program import Shape
 from holdfast.compiler.stage import Stage, stage
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored
 from holdfast.dynamics.closed.measurement import LIGHTEST_OBJECT, Measurement, object_share
@@ -66,6 +67,32 @@ def held_object(dense: bool, freedoms: int) -> Stage:
         ],
         [(), ("R", "mobility", "size", "x'", "kept'", "weakest'", "share'", *(f"{k}'" for k in _mobility(dense)))],
     )
+
+
+def resting_object(dense: bool) -> Stage:
+    """Return the stage of the object alone in a projection: at rest, with nothing acting on it.
+
+    Args:
+        dense: whether the mobility begins as a matrix, for a rigid step, or in factors.
+    """
+
+    def text(mass: Scalar, com: Array, inertia: Array) -> Phases:
+        held = HeldObject(mass[()], inertia, com, physical=False)
+        (pose,) = yield ()
+        none = np.zeros(6)
+        frame = Pose.from_wxyz_xyz(pose)
+        body = object_motion(held, frame, none, none)
+        mobility = body.mobility.dense()
+        D, w = body.mobility_factors
+        start = (upper(mobility),) if dense else (array(D), array(w))
+        return (frame.R, upper(mobility), np.diag(mobility), none, 0.0, 1.0, LIGHTEST_OBJECT, none, 0.0, *start)
+
+    within: list[dict[str, Shape]] = [
+        {"object_mass": (), "object_com": (3,), "object_inertia": (3, 3)},
+        {"object_pose": (7,)},
+    ]
+    found = ("R", "mobility", "size", "x'", "kept'", "weakest'", "share'", "no_wrench", "gap'")
+    return stage("resting_object", text, within, [(), (*found, *(f"{k}'" for k in _mobility(dense)))])
 
 
 def share() -> Stage:

@@ -72,6 +72,10 @@ class Structure:
         """Return an arm by its row."""
         return self.chain.arms[self.chain.names[row]]
 
+    def joint_start(self, row: int) -> int:
+        """Return where an arm's joints begin in q."""
+        return self.chain.joints[self.chain.names[row]].start
+
     @cached_property
     def held_rows(self) -> list[int]:
         """Rows of the arms that hold, in order."""

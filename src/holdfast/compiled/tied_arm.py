@@ -1,0 +1,82 @@
+"""One arm in a projection as a stage: its gap at the grasp outward, and back the change that closes it.
+
+The texts are those of `dynamics/projection`: an arm at rest, its gap in the place of the free acceleration.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from holdfast.compiled.arm_stages import LINKS, ArmType, Phases
+from holdfast.compiled.packing import symmetric, upper, upper_count
+from holdfast.compiler.program import Shape
+from holdfast.compiler.stage import Stage, stage
+from holdfast.dynamics.arm.motion import resting
+from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.velocity import link_twists, tip_twist
+from holdfast.dynamics.closed.contact import contact
+from holdfast.dynamics.closed.measurement import measurement, mobility_ratio
+from holdfast.dynamics.closed.tip_response import Route, tip_response
+from holdfast.dynamics.projection import position_contact, small_displacement
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array, Scalar, maximum
+from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
+from holdfast.spatial.symmetric import symmetric6
+
+Level = Literal["position", "velocity"]
+
+# Inputs of an arm by level, the object's mobility apart.
+_SEEN: dict[Level, tuple[str, ...]] = {
+    "position": ("q", "object_R", "object_p"),
+    "velocity": ("q", "qd", "object_R", "object_twist"),
+}
+
+
+def tied_arm(of: ArmType, level: Level, route: Route) -> Stage:
+    """Return the stage of an arm that holds: what its gap measures, and its change of q or of qd."""
+    parameters = of.ports(("base_R", "base_p", *LINKS, "grasp_R", "grasp_p"))
+    inputs = of.ports(_SEEN[level])
+    still = np.zeros(6)
+
+    def text(*arrays: Array) -> Phases:
+        given = dict(zip(parameters, arrays, strict=True))
+        *seen, mobility = yield ()
+        now = dict(zip(inputs, seen, strict=True))
+        arm, frame = of.mounted(given), Pose(now["object_R"], np.zeros(3))
+        at = posture(arm, now["q"])
+        c = contact(of.held(given), frame, still, still)
+        if level == "position":
+            gap = small_displacement(c, now["object_p"] + c.offset, at.tip)
+            c = position_contact(c)
+        else:
+            V = tip_twist(arm, at, link_twists(arm, at, now["qd"], still))
+            gap = V - shift_twist(c.offset, now["object_twist"])
+        tip = tip_response(resting(arm, at), route)._replace(free_acceleration=gap)
+        m = measurement(c, tip, symmetric6(symmetric(mobility)))
+        outward = (upper(m.R), m.r, mobility_ratio(m), _largest(c.transmitted(gap)))
+        (from_arm,) = yield outward if of.kind == "rigid" else (*outward, m.C, m.object_size)
+        f = c.transmissible(shift_wrench(-c.offset, from_arm))
+        return (tip.back(f)[0],)
+
+    outward = ("noise", "measured", "ratio", "gap") + (() if of.kind == "rigid" else ("rows", "object_size"))
+    within: list[dict[str, Shape]] = [parameters, inputs | {"mobility": (upper_count(6),)}, {"from_arm": (6,)}]
+    return stage(f"tied_{level}_{of.kind}", text, within, [(), outward, ("change",)])
+
+
+def untied_arm(of: ArmType) -> Stage:
+    """Return the stage of an arm that holds nothing: it is not changed."""
+
+    def text() -> Phases:
+        yield ()
+        return (np.zeros(of.arm.joint_count),)
+
+    return stage("untied", text, [{}, {}], [(), ("change",)])
+
+
+def _largest(x: Array) -> Scalar:
+    largest: Scalar = 0.0
+    for entry in x:
+        largest = maximum(largest, abs(entry))
+    return largest

@@ -1,0 +1,1 @@
+"""Many steps of many systems in machine code: the texts of the simulation, traced."""

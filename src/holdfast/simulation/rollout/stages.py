@@ -1,0 +1,208 @@
+"""What a step does besides forward dynamics and projection, as stages: slopes, stage states, margins, the verdict.
+
+The texts are those of `simulation/step`, `runge_kutta`, `friction` and `dynamics/margins`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import reduce
+from typing import Any
+
+import numpy as np
+
+from holdfast.compiler.program import Shape
+from holdfast.compiler.stage import Stage, stage
+from holdfast.dynamics.margins import friction_conditions, least_margin
+from holdfast.dynamics.projection import FARTHEST, moved
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp import GraspKind
+from holdfast.simulation.friction import friction_torque, joint_friction
+from holdfast.simulation.instant import WORST_CONDITION
+from holdfast.simulation.rollout.law import ControlLaw
+from holdfast.simulation.runge_kutta import Tableau, rotation_vector_rate, weighted
+from holdfast.simulation.step import displaced
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, minimum, select, where
+from holdfast.spatial.spatial_vector import unrotate
+from holdfast.state import State
+
+# Why a system stands still, as the machine code numbers it; 0: it does not.
+RUNNING, SLIPPED, SINGULAR, OPEN, BROKEN = range(5)
+
+# What is known of a system at the end of a step.
+KEPT = (
+    "q",
+    "qd",
+    "object_pose",
+    "object_twist",
+    "slope",
+    "qdd",
+    "object_acceleration",
+    "grasp_wrench",
+    "base_wrench",
+    "contact_acceleration",
+    "drive",
+    "memory",
+    "rank",
+    "condition",
+    "margin",
+)
+
+
+def stage_state(tableau: Tableau, k: int, n: int) -> Stage:
+    """Return the stage of the state at the scheme's stage k, or at the step's end (k = the number of stages)."""
+    last = k == len(tableau.b)
+    weights = tableau.b if last else tableau.a[k]
+    slopes = [f"slope{j}" for j in range(min(k, len(weights))) if weights[j] != 0.0]
+    own = weights[weights != 0.0]
+    when = 1.0 if last else float(tableau.c[k])
+
+    def text(
+        q: Array, qd: Array, pose: Array, twist: Array, begin: Array, count: Array, step: Array, *slopes: Array
+    ) -> tuple[Array, ...]:
+        h: Scalar = step[()]
+        y = h * weighted(own, slopes)
+        there = displaced(State(q, qd, pose, twist), y)
+        t = begin[()] + (count[()] + when) * h
+        turn = np.zeros(3) if last else y[2 * n : 2 * n + 3]
+        return there.q, there.qd, there.object_pose, there.object_twist, turn, t, y[2 * n + 12 :]
+
+    given: dict[str, Shape] = {
+        "last.q": (n,),
+        "last.qd": (n,),
+        "last.object_pose": (7,),
+        "last.object_twist": (6,),
+        "begin": (),
+        "last.count": (),
+        "step": (),
+    }
+    found = ("q'", "qd'", "object_pose'", "object_twist'", "turn", "t", "work")
+    return stage(f"stage_state{k}", text, [given | dict.fromkeys(slopes, (2 * n + 16,))], [found])
+
+
+def control(law: ControlLaw, chain: ClosedChain) -> Stage:
+    """Return the stage of the torques: the drives', and what joint friction leaves of them."""
+    n, names = chain.joint_count, list(law.parameters)
+    friction = joint_friction(chain)
+
+    def text(
+        t: Array, q: Array, qd: Array, pose: Array, twist: Array, memory: Array, *given: Array
+    ) -> tuple[Array, ...]:
+        told = dict(zip(names, given, strict=True))
+        drive, kept = law.torque(t[()], State(q, qd, pose, twist), memory, told)
+        return array(drive), array(drive) - friction_torque(friction, qd), kept
+
+    told: dict[str, Shape] = {f"control.{name}": tuple(shape) for name, shape in law.parameters.items()}
+    state: dict[str, Shape] = {"t": (), "q": (n,), "qd": (n,), "object_pose": (7,), "object_twist": (6,)}
+    return stage("control", text, [state | {"last.memory": (len(law.memory),)} | told], [("drive", "tau", "memory")])
+
+
+def slope(chain: ClosedChain) -> Stage:
+    """Return the stage of d/dt (q, qd, turn, p, V(C), work), bases at rest."""
+    n = chain.joint_count
+    friction = joint_friction(chain)
+    damping = np.concatenate([arm.damping for arm in chain.arms.values()])
+
+    def text(
+        qd: Array, drive: Array, qdd: Array, turn: Array, twist: Array, acceleration: Array, wrench: Array
+    ) -> tuple[Array]:
+        lost = damping * qd + friction_torque(friction, qd)
+        power = array([drive @ qd, -(lost @ qd), 0.0, wrench @ twist])
+        return (concatenate([qd, qdd, rotation_vector_rate(turn, twist[:3]), twist[3:], acceleration, power]),)
+
+    given: dict[str, Shape] = {"qd": (n,), "drive": (n,), "qdd": (n,), "turn": (3,), "object_twist": (6,)}
+    return stage("slope", text, [given | {"object_acceleration": (6,), "object_wrench": (6,)}], [("slope",)])
+
+
+def closed_in_position(n: int) -> Stage:
+    """Return the stage that moves arms and object by the changes a position projection found."""
+
+    def text(q: Array, pose: Array, change: Array, alpha: Array) -> tuple[Array, ...]:
+        there = moved(State(q, q, pose), change, alpha)
+        return there.q, there.object_pose
+
+    given: dict[str, Shape] = {"q": (n,), "object_pose": (7,), "change": (n,), "alpha": (6,)}
+    return stage("closed_in_position", text, [given], [("q'", "object_pose'")])
+
+
+def closed_in_velocity(n: int) -> Stage:
+    """Return the stage that does the same in velocity."""
+    given: dict[str, Shape] = {"qd": (n,), "object_twist": (6,), "change": (n,), "alpha": (6,)}
+    return stage("closed_in_velocity", lambda qd, V, dqd, dV: (qd + dqd, V + dV), [given], [("qd'", "object_twist'")])
+
+
+def largest_gap() -> Stage:
+    """Return the stage that takes one more arm's gap into the largest."""
+    return stage("gap", lambda gap, own: (maximum(gap[()], own[()]),), [{"gap": (), "own": ()}], [("gap'",)])
+
+
+def kept_gap() -> Stage:
+    """Return the stage that keeps a gap from the projections that follow."""
+    return stage("kept_gap", lambda gap: (gap[()],), [{"gap": ()}], [("kept_gap",)])
+
+
+def margin(kind: GraspKind) -> Stage:
+    """Return the stage of one grasp's margin; infinite for a two-sided one.
+
+    `friction` is [whether it is one-sided, mu, torsion radius or half length].
+    """
+
+    def text(friction: Array, grasp_R: Array, wrench: Array, object_R: Array) -> tuple[Scalar]:
+        one_sided, mu, size = friction
+        found = least_margin(friction_conditions(kind, mu, size), unrotate(object_R @ grasp_R, wrench))
+        return (where(one_sided > 0.5, found, float("inf")),)
+
+    given: dict[str, Shape] = {"friction": (3,), "grasp_R": (3, 3), "grasp_wrench": (6,), "object_R": (3, 3)}
+    return stage(f"margin_{kind}", text, [given], [("margin",)])
+
+
+def two_sided() -> Stage:
+    """Return the stage of a rigid grasp's margin."""
+    return stage("two_sided", lambda: (float("inf"),), [{}], [("margin",)])
+
+
+def verdict(sizes: Mapping[str, int], grasps: int) -> Stage:
+    """Return the stage that accepts a step, or leaves the system at its start and says why.
+
+    Args:
+        sizes: numbers of each kept array.
+        grasps: their number.
+    """
+    kept: dict[str, Shape] = {name: (size,) for name, size in sizes.items()}
+    now: dict[str, Shape] = {"status": (), "kept_gap": (), "gap": (), "work": (4,), "t": (), "least_margin": ()}
+    books: dict[str, Shape] = {"work": (4,), "gaps": (2,), "code": (), "count": ()}
+    if grasps:
+        books |= {"worst_margin": (grasps,), "worst_time": (grasps,)}
+    last = {f"last.{name}": shape for name, shape in (kept | books).items()}
+
+    def text(*given: Array) -> tuple[Any, ...]:
+        x = dict(zip([*kept, *now, *last], given, strict=True))
+        finite: Scalar = 0.0
+        for entry in (e for name in kept if name != "margin" for e in x[name]):
+            finite = finite + (entry - entry)  # zero, or not a number
+        least = reduce(minimum, x["margin"]) if grasps else float("inf")
+        fault = where(least < x["least_margin"][()], float(SLIPPED), float(RUNNING))
+        fault = where(x["condition"][0] <= WORST_CONDITION, fault, float(SINGULAR))
+        fault = where(x["status"][()] < 2.5, fault, float(SINGULAR))
+        fault = where(x["kept_gap"][()] <= FARTHEST, fault, float(OPEN))
+        fault = where(finite <= 0.0, fault, float(BROKEN))
+        code = where(x["last.code"][()] > 0.5, x["last.code"][()], fault)
+        on = code < 0.5
+        found = [select(on, x[name], x[f"last.{name}"]) for name in kept]
+        found.append(select(on, x["last.work"] + x["work"], x["last.work"]))
+        found.append(select(on, array([x["kept_gap"][()], x["gap"][()]]), x["last.gaps"]))
+        found += [array(code), array(x["last.count"][()] + where(on, 1.0, 0.0))]
+        if grasps:
+            worst, since = x["last.worst_margin"], x["last.worst_time"]
+            lower = [where(on, m, float("inf")) < w for m, w in zip(x["margin"], worst, strict=True)]
+            found.append(array([where(l, m, w) for l, m, w in zip(lower, x["margin"], worst, strict=True)]))
+            found.append(array([where(l, x["t"][()], t) for l, t in zip(lower, since, strict=True)]))
+        return tuple(found)
+
+    return stage("verdict", text, [kept | now | last], [tuple(f"next.{name}" for name in (*kept, *books))])
+
+
+def handed_on(carried: Mapping[str, Shape]) -> Stage:
+    """Return the stage that makes the step's results the next one's beginning."""
+    given: dict[str, Shape] = {f"next.{name}": shape for name, shape in carried.items()}
+    return stage("handed_on", lambda *x: x, [given], [tuple(f"last.{name}" for name in carried)])
