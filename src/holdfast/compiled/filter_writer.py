@@ -42,22 +42,19 @@ class FilterWriter(ScheduleWriter):
         for name, size in {"R": 9, "mobility": upper_count(6), "size": 6, "alpha": 6}.items():
             self.internals[name] = Internal(1, size)
 
-    def arm_groups(
-        self, prefix: str, stage_of: Callable[[int], Stage], own: Iterable[str] = (), by_joint: Iterable[str] = ()
-    ) -> None:
+    def arm_groups(self, prefix: str, stage_of: Callable[[int], Stage], by_joint: Iterable[str] = ()) -> None:
         """Add the arms, type by type, as groups `prefix arms0`, ...
 
         Args:
             prefix: of the groups' names.
             stage_of: row of an arm -> the stage of its type.
-            own: ports with an array of the group's own, besides those between arm and filter.
             by_joint: ports with a place for each joint in the array of their name.
         """
         for k, rows in enumerate(self.structure.types.values()):
             wires = {"object_R": Wire("R", (0,) * len(rows)), "object_p": Wire("object_pose", (4,) * len(rows))}
             starts = tuple(self.structure.joint_start(row) for row in rows)
             wires |= {port: Wire(port, starts) for port in by_joint}
-            self.arms(f"{prefix}arms{k}", stage_of(rows[0]), rows, (*BETWEEN, *own), wires)
+            self.arms(f"{prefix}arms{k}", stage_of(rows[0]), rows, BETWEEN, wires)
 
     def solve(
         self,

@@ -85,13 +85,13 @@ def resting_object(dense: bool) -> Stage:
         mobility = body.mobility.dense()
         D, w = body.mobility_factors
         start = (upper(mobility),) if dense else (array(D), array(w))
-        return (frame.R, upper(mobility), np.diag(mobility), none, 0.0, 1.0, LIGHTEST_OBJECT, none, 0.0, *start)
+        return (frame.R, upper(mobility), np.diag(mobility), none, 0.0, 1.0, LIGHTEST_OBJECT, none, *start)
 
     within: list[dict[str, Shape]] = [
         {"object_mass": (), "object_com": (3,), "object_inertia": (3, 3)},
         {"object_pose": (7,)},
     ]
-    found = ("R", "mobility", "size", "x'", "kept'", "weakest'", "share'", "no_wrench", "gap'")
+    found = ("R", "mobility", "size", "x'", "kept'", "weakest'", "share'", "no_wrench")
     return stage("resting_object", text, within, [(), (*found, *(f"{k}'" for k in _mobility(dense)))])
 
 

@@ -36,7 +36,8 @@ _SEEN: dict[Level, tuple[str, ...]] = {
 
 def tied_arm(of: ArmType, level: Level, route: Route) -> Stage:
     """Return the stage of an arm that holds: what its gap measures, and its change of q or of qd."""
-    parameters = of.ports(("base_R", "base_p", *LINKS, "grasp_R", "grasp_p"))
+    moving = ("base_twist",) if of.options.base_motion and level == "velocity" else ()
+    parameters = of.ports(("base_R", "base_p", *moving, *LINKS, "grasp_R", "grasp_p"))
     inputs = of.ports(_SEEN[level])
     still = np.zeros(6)
 
@@ -51,18 +52,38 @@ def tied_arm(of: ArmType, level: Level, route: Route) -> Stage:
             gap = small_displacement(c, now["object_p"] + c.offset, at.tip)
             c = position_contact(c)
         else:
-            V = tip_twist(arm, at, link_twists(arm, at, now["qd"], still))
+            V = tip_twist(arm, at, link_twists(arm, at, now["qd"], given.get("base_twist", still)))
             gap = V - shift_twist(c.offset, now["object_twist"])
         tip = tip_response(resting(arm, at), route)._replace(free_acceleration=gap)
         m = measurement(c, tip, symmetric6(symmetric(mobility)))
-        outward = (upper(m.R), m.r, mobility_ratio(m), _largest(c.transmitted(gap)))
+        outward = (upper(m.R), m.r, mobility_ratio(m))
         (from_arm,) = yield outward if of.kind == "rigid" else (*outward, m.C, m.object_size)
         f = c.transmissible(shift_wrench(-c.offset, from_arm))
         return (tip.back(f)[0],)
 
-    outward = ("noise", "measured", "ratio", "gap") + (() if of.kind == "rigid" else ("rows", "object_size"))
+    outward = ("noise", "measured", "ratio") + (() if of.kind == "rigid" else ("rows", "object_size"))
     within: list[dict[str, Shape]] = [parameters, inputs | {"mobility": (upper_count(6),)}, {"from_arm": (6,)}]
     return stage(f"tied_{level}_{of.kind}", text, within, [(), outward, ("change",)])
+
+
+def arm_gaps(of: ArmType) -> Stage:
+    """Return the stage of an arm's largest gaps at its grasp, in position and in velocity."""
+    moving = ("base_twist",) if of.options.base_motion else ()
+    parameters = of.ports(("base_R", "base_p", *moving, "grasp_R", "grasp_p"))
+    inputs = of.ports(("q", "qd", "object_R", "object_p", "object_twist"))
+
+    def text(*arrays: Array) -> Phases:
+        given = dict(zip(parameters, arrays, strict=True))
+        seen = yield ()
+        now = dict(zip(inputs, seen, strict=True))
+        arm = of.mounted(given)
+        at = posture(arm, now["q"])
+        V = tip_twist(arm, at, link_twists(arm, at, now["qd"], given.get("base_twist", np.zeros(6))))
+        c = contact(of.held(given), Pose(now["object_R"], np.zeros(3)), now["object_twist"], V)
+        shift = small_displacement(c, now["object_p"] + c.offset, at.tip)
+        return _largest(position_contact(c).transmitted(shift)), _largest(c.velocity_gap)
+
+    return stage(f"gaps_{of.kind}", text, [parameters, inputs], [(), ("position", "velocity")])
 
 
 def untied_arm(of: ArmType) -> Stage:

@@ -33,10 +33,12 @@ class StepKernel:
         parameters: the chain's own, by the machine code's names.
     """
 
-    def __init__(self, chain: ClosedChain, law: ControlLaw, tableau: Tableau, generic_rank: int) -> None:
+    def __init__(
+        self, chain: ClosedChain, law: ControlLaw, tableau: Tableau, generic_rank: int, base_motion: bool = False
+    ) -> None:
         """Take what is to be stepped; compiled at the first step."""
         self.chain, self.law = chain, law
-        structure = Structure(chain, Options())
+        structure = Structure(chain, Options(base_motion=base_motion))
         externals = step_externals(structure, law)
         friction = hashlib.sha256(joint_friction(chain).tobytes()).hexdigest()
         what = f"step/{tableau.name}/{law.key}/{friction}"

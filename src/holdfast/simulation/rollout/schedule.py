@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 
 from holdfast.compiled import object_stages
-from holdfast.compiled.arm_stages import LINKS, ArmType
+from holdfast.compiled.arm_stages import BASE_MOTION, ArmType
 from holdfast.compiled.filter_writer import FilterWriter
 from holdfast.compiled.forward_schedule import forward_calls
 from holdfast.compiled.structure import Structure
-from holdfast.compiled.tied_arm import Level, tied_arm, untied_arm
+from holdfast.compiled.tied_arm import Level, arm_gaps, tied_arm, untied_arm
 from holdfast.compiled.wiring import externals, shapes
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import Call, External, Internal, Schedule, Wire
@@ -25,7 +25,7 @@ from holdfast.simulation.rollout.law import ControlLaw
 from holdfast.simulation.runge_kutta import Tableau
 
 ROUNDS = 2  # Newton rounds on the positions: a step is closed to rounding after them
-PARAMETERS = ("gravity", "generic_rank", "object_mass", "object_com", "object_inertia", "base_R", "base_p", "grasp_R")
+PARAMETERS = ("gravity", "generic_rank", "object_mass", "object_com", "object_inertia", "base_R", "base_p")
 
 
 def carried_shapes(chain: ClosedChain, law: ControlLaw) -> dict[str, Shape]:
@@ -40,7 +40,7 @@ def carried_shapes(chain: ClosedChain, law: ControlLaw) -> dict[str, Shape]:
         "margin": (grasps,),
     }
     kept = {name: (shapes(chain) | own)[name] for name in stages.KEPT}
-    books: dict[str, Shape] = {"work": (4,), "gaps": (2,), "code": (), "count": ()}
+    books: dict[str, Shape] = {"work": (4,), "gaps": (4,), "code": (), "count": ()}
     found = kept | books | {"worst_margin": (grasps,), "worst_time": (grasps,)}
     return {name: shape for name, shape in found.items() if math.prod(shape)}
 
@@ -51,13 +51,20 @@ def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]
     own: dict[str, Shape] = {
         "begin": (),
         "step": (),
+        "held": (),
         "least_margin": (),
         "generic_rank": (),
         "friction": (len(chain.grasps), 3),
     }
     told = {f"control.{name}": tuple(shape) for name, shape in law.parameters.items()}
-    inputs = ["begin", "step", "least_margin", "object_wrench", *told]
-    parameters = [*PARAMETERS, "grasp_p", "friction", *(LINKS if structure.options.link_inertia else ())]
+    inputs = ["begin", "step", "held", "least_margin", "object_wrench", *told]
+    parameters = [
+        *PARAMETERS,
+        *(BASE_MOTION if structure.options.base_motion else ()),
+        "grasp_R",
+        "grasp_p",
+        "friction",
+    ]
     carried = {f"last.{name}": External(shape, "carried") for name, shape in carried_shapes(chain, law).items()}
     return externals(inputs, parameters, (), shapes(chain) | own | told) | carried
 
@@ -76,16 +83,19 @@ class _StepWriter(FilterWriter):
         super().__init__(structure, step_externals(structure, law))
         self.chain, self.law = structure.chain, law
         self.carried = carried_shapes(self.chain, law)
-        self.control, self.slope = stages.control(law, self.chain), stages.slope(self.chain)
+        self.control, self.slope = (
+            stages.control(law, self.chain),
+            stages.slope(self.chain, structure.options.base_motion),
+        )
         n, l = self.chain.joint_count, len(self.chain.arms)
         # what arms or stages replace as a whole while others still read it
-        for name, size in {"q": n, "qd": n, "object_pose": 7, "object_twist": 6, "gap": 1}.items():
+        for name, size in {"q": n, "qd": n, "object_pose": 7, "object_twist": 6, "gaps": 2}.items():
             self.internals[name] = Internal(size, 1, replaced=True)
         freedoms = self.chain.contact_freedom_count
         numbers = {"tau": n, "drive": n, "qdd": n, "change": n, "grasp_wrench": 6 * l, "base_wrench": 6 * l}
         numbers |= {"contact_acceleration": freedoms, "object_acceleration": 6, "memory": len(law.memory), "turn": 3}
         numbers |= {"t": 1, "work": 4, "rank": 1, "status": 1, "condition": 1, "slope": 2 * n + 16, "no_wrench": 6}
-        numbers |= {"kept_gap": 1, "margin": len(self.chain.grasps), "unused.object_acceleration": 6}
+        numbers |= {"drift": 2, "margin": len(self.chain.grasps), "unused.object_acceleration": 6}
         numbers |= {"unused.rank": 1, "unused.status": 1, "unused.condition": 1, "unused.memory": len(law.memory)}
         for name, size in numbers.items():
             self.internals[name] = Internal(size, 1)
@@ -104,10 +114,12 @@ class _StepWriter(FilterWriter):
             self.internals[slopes[-1]] = Internal(2 * n + 16, 1)
             self._slope(slopes[-1])
         self._stage_state(tableau, stage_count, slopes)
+        self._look()
+        self.alone("drift", stages.drift())
         self._project("position", ROUNDS)
-        self.alone("kept_gap", stages.kept_gap())
         self._project("velocity", 1)
         self._evaluate("end", evaluation, last=True)
+        self._look()
         self._slope("slope")
         self._margins()
         sizes = {name: math.prod(self.carried[name]) for name in stages.KEPT if name in self.carried}
@@ -150,25 +162,32 @@ class _StepWriter(FilterWriter):
 
         # a projection's own rank is not looked at: no contact freedoms to count
         self.alone(f"{prefix}object", object_stages.resting_object(self.dense_first))
-        self.arm_groups(prefix, arm, own=("gap",), by_joint=("change",))
+        self.arm_groups(prefix, arm, by_joint=("change",))
         turning = {
             name: Wire(f"unused.{name}", (0,)) for name in ("object_acceleration", "rank", "status", "condition")
         }
         self.solve(prefix, kind, 6 * len(structure.held_rows), turning | {"object_wrench": Wire("no_wrench", (0,))})
-        self._gaps(prefix)
         closed = stages.closed_in_position if level == "position" else stages.closed_in_velocity
         self.alone(f"{prefix}closed", closed(self.chain.joint_count))
         once, self.calls = self.calls[len(before) :], before
         self.calls += once * rounds
 
-    def _gaps(self, prefix: str) -> None:
-        """The largest gap of all arms."""
-        stage = self.once("gap", stages.largest_gap)
-        for k, rows in enumerate(self.structure.types.values()):
-            if self.structure.kind(rows[0]):
-                wires = {"own": Wire(f"{prefix}arms{k}.gap", tuple(range(len(rows))))}
-                self.group(f"{prefix}gap{k}", stage, len(rows), wires)
-                self.calls.append(Call(f"{prefix}gap{k}", 0, tuple(range(len(rows)))))
+    def _look(self) -> None:
+        """How far the grasps are from holding where the systems are now."""
+        structure = self.structure
+        self.alone("no_gaps", self.once("no_gaps", stages.no_gaps))
+        for k, rows in enumerate(structure.types.values()):
+            kind = structure.kind(rows[0])
+            if kind is None:
+                continue
+            name, items = f"gaps{k}", tuple(range(len(rows)))
+            if name not in self.groups:
+                stage = arm_gaps(ArmType(structure.arm(rows[0]), kind, structure.options))
+                wires = {"object_R": Wire("R", (0,) * len(rows)), "object_p": Wire("object_pose", (4,) * len(rows))}
+                self.arms(name, stage, rows, ("position", "velocity"), wires)
+                own = {port: Wire(f"{name}.{port}", items) for port in ("position", "velocity")}
+                self.group(f"largest {name}", self.once("largest_gaps", stages.largest_gaps), len(rows), own)
+            self.calls += [Call(name, 1, items), Call(f"largest {name}", 0, items)]
 
     def _margins(self) -> None:
         """Every grasp's margin."""

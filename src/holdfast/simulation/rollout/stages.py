@@ -22,6 +22,7 @@ from holdfast.simulation.instant import WORST_CONDITION
 from holdfast.simulation.rollout.law import ControlLaw
 from holdfast.simulation.runge_kutta import Tableau, rotation_vector_rate, weighted
 from holdfast.simulation.step import displaced
+from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, minimum, select, where
 from holdfast.spatial.spatial_vector import unrotate
 from holdfast.state import State
@@ -58,14 +59,17 @@ def stage_state(tableau: Tableau, k: int, n: int) -> Stage:
     when = 1.0 if last else float(tableau.c[k])
 
     def text(
-        q: Array, qd: Array, pose: Array, twist: Array, begin: Array, count: Array, step: Array, *slopes: Array
+        q: Array, qd: Array, pose: Array, twist: Array, begin: Array, count: Array, step: Array, *rest: Array
     ) -> tuple[Array, ...]:
         h: Scalar = step[()]
+        *slopes, held = rest
         y = h * weighted(own, slopes)
-        there = displaced(State(q, qd, pose, twist), y)
+        before = State(q, qd, pose, twist)
+        there = displaced(before, y)
+        pose = select(held[()] > 0.5, pose, there.object_pose)  # a turn by nothing may cost the last bit
         t = begin[()] + (count[()] + when) * h
         turn = np.zeros(3) if last else y[2 * n : 2 * n + 3]
-        return there.q, there.qd, there.object_pose, there.object_twist, turn, t, y[2 * n + 12 :]
+        return there.q, there.qd, pose, there.object_twist, turn, t, y[2 * n + 12 :]
 
     given: dict[str, Shape] = {
         "last.q": (n,),
@@ -77,7 +81,7 @@ def stage_state(tableau: Tableau, k: int, n: int) -> Stage:
         "step": (),
     }
     found = ("q'", "qd'", "object_pose'", "object_twist'", "turn", "t", "work")
-    return stage(f"stage_state{k}", text, [given | dict.fromkeys(slopes, (2 * n + 16,))], [found])
+    return stage(f"stage_state{k}", text, [given | dict.fromkeys(slopes, (2 * n + 16,)) | {"held": ()}], [found])
 
 
 def control(law: ControlLaw, chain: ClosedChain) -> Stage:
@@ -97,48 +101,68 @@ def control(law: ControlLaw, chain: ClosedChain) -> Stage:
     return stage("control", text, [state | {"last.memory": (len(law.memory),)} | told], [("drive", "tau", "memory")])
 
 
-def slope(chain: ClosedChain) -> Stage:
-    """Return the stage of d/dt (q, qd, turn, p, V(C), work), bases at rest."""
-    n = chain.joint_count
+def slope(chain: ClosedChain, base_motion: bool) -> Stage:
+    """Return the stage of d/dt (q, qd, turn, p, V(C), work)."""
+    n, l = chain.joint_count, len(chain.arms)
     friction = joint_friction(chain)
     damping = np.concatenate([arm.damping for arm in chain.arms.values()])
 
     def text(
-        qd: Array, drive: Array, qdd: Array, turn: Array, twist: Array, acceleration: Array, wrench: Array
+        qd: Array, drive: Array, qdd: Array, turn: Array, twist: Array, acceleration: Array, wrench: Array, *base: Array
     ) -> tuple[Array]:
         lost = damping * qd + friction_torque(friction, qd)
-        power = array([drive @ qd, -(lost @ qd), 0.0, wrench @ twist])
+        from_bases = base[0].ravel() @ base[1].ravel() if base else 0.0
+        power = array([drive @ qd, -(lost @ qd), from_bases, wrench @ twist])
         return (concatenate([qd, qdd, rotation_vector_rate(turn, twist[:3]), twist[3:], acceleration, power]),)
 
     given: dict[str, Shape] = {"qd": (n,), "drive": (n,), "qdd": (n,), "turn": (3,), "object_twist": (6,)}
-    return stage("slope", text, [given | {"object_acceleration": (6,), "object_wrench": (6,)}], [("slope",)])
+    given |= {"object_acceleration": (6,), "object_wrench": (6,)}
+    given |= {"base_wrench": (l, 6), "base_twist": (l, 6)} if base_motion else {}
+    return stage("slope", text, [given], [("slope",)])
 
 
 def closed_in_position(n: int) -> Stage:
-    """Return the stage that moves arms and object by the changes a position projection found."""
+    """Return the stage that moves arms and object by the changes a position projection found, unless they are held."""
 
-    def text(q: Array, pose: Array, change: Array, alpha: Array) -> tuple[Array, ...]:
+    def text(q: Array, pose: Array, change: Array, alpha: Array, held: Array) -> tuple[Array, ...]:
         there = moved(State(q, q, pose), change, alpha)
-        return there.q, there.object_pose
+        return select(held[()] > 0.5, q, there.q), select(held[()] > 0.5, pose, there.object_pose)
 
-    given: dict[str, Shape] = {"q": (n,), "object_pose": (7,), "change": (n,), "alpha": (6,)}
+    given: dict[str, Shape] = {"q": (n,), "object_pose": (7,), "change": (n,), "alpha": (6,), "held": ()}
     return stage("closed_in_position", text, [given], [("q'", "object_pose'")])
 
 
 def closed_in_velocity(n: int) -> Stage:
     """Return the stage that does the same in velocity."""
-    given: dict[str, Shape] = {"qd": (n,), "object_twist": (6,), "change": (n,), "alpha": (6,)}
-    return stage("closed_in_velocity", lambda qd, V, dqd, dV: (qd + dqd, V + dV), [given], [("qd'", "object_twist'")])
+
+    def text(qd: Array, twist: Array, change: Array, alpha: Array, held: Array) -> tuple[Array, ...]:
+        return select(held[()] > 0.5, qd, qd + change), select(held[()] > 0.5, twist, twist + alpha)
+
+    given: dict[str, Shape] = {"qd": (n,), "object_twist": (6,), "change": (n,), "alpha": (6,), "held": ()}
+    return stage("closed_in_velocity", text, [given], [("qd'", "object_twist'")])
 
 
-def largest_gap() -> Stage:
-    """Return the stage that takes one more arm's gap into the largest."""
-    return stage("gap", lambda gap, own: (maximum(gap[()], own[()]),), [{"gap": (), "own": ()}], [("gap'",)])
+def largest_gaps() -> Stage:
+    """Return the stage that takes one more arm's gaps into the largest, in position and in velocity."""
+
+    def text(gaps: Array, position: Array, velocity: Array) -> tuple[Array]:
+        return (array([maximum(gaps[0], position[()]), maximum(gaps[1], velocity[()])]),)
+
+    return stage("largest_gaps", text, [{"gaps": (2,), "position": (), "velocity": ()}], [("gaps'",)])
 
 
-def kept_gap() -> Stage:
-    """Return the stage that keeps a gap from the projections that follow."""
-    return stage("kept_gap", lambda gap: (gap[()],), [{"gap": ()}], [("kept_gap",)])
+def no_gaps() -> Stage:
+    """Return the stage that begins looking for the largest gaps, the object being where it is now."""
+
+    def text(pose: Array) -> tuple[Array, Array]:
+        return np.zeros(2), Pose.from_wxyz_xyz(pose).R
+
+    return stage("no_gaps", text, [{"object_pose": (7,)}], [("gaps'", "R")])
+
+
+def drift() -> Stage:
+    """Return the stage that keeps the gaps found before projection."""
+    return stage("drift", lambda gaps: (gaps,), [{"gaps": (2,)}], [("drift",)])
 
 
 def margin(kind: GraspKind) -> Stage:
@@ -169,8 +193,8 @@ def verdict(sizes: Mapping[str, int], grasps: int) -> Stage:
         grasps: their number.
     """
     kept: dict[str, Shape] = {name: (size,) for name, size in sizes.items()}
-    now: dict[str, Shape] = {"status": (), "kept_gap": (), "gap": (), "work": (4,), "t": (), "least_margin": ()}
-    books: dict[str, Shape] = {"work": (4,), "gaps": (2,), "code": (), "count": ()}
+    now: dict[str, Shape] = {"status": (), "drift": (2,), "gaps": (2,), "work": (4,), "t": (), "least_margin": ()}
+    books: dict[str, Shape] = {"work": (4,), "gaps": (4,), "code": (), "count": ()}
     if grasps:
         books |= {"worst_margin": (grasps,), "worst_time": (grasps,)}
     last = {f"last.{name}": shape for name, shape in (kept | books).items()}
@@ -184,13 +208,13 @@ def verdict(sizes: Mapping[str, int], grasps: int) -> Stage:
         fault = where(least < x["least_margin"][()], float(SLIPPED), float(RUNNING))
         fault = where(x["condition"][0] <= WORST_CONDITION, fault, float(SINGULAR))
         fault = where(x["status"][()] < 2.5, fault, float(SINGULAR))
-        fault = where(x["kept_gap"][()] <= FARTHEST, fault, float(OPEN))
+        fault = where(x["drift"][0] <= FARTHEST, fault, float(OPEN))
         fault = where(finite <= 0.0, fault, float(BROKEN))
         code = where(x["last.code"][()] > 0.5, x["last.code"][()], fault)
         on = code < 0.5
         found = [select(on, x[name], x[f"last.{name}"]) for name in kept]
         found.append(select(on, x["last.work"] + x["work"], x["last.work"]))
-        found.append(select(on, array([x["kept_gap"][()], x["gap"][()]]), x["last.gaps"]))
+        found.append(select(on, concatenate([x["drift"], x["gaps"]]), x["last.gaps"]))
         found += [array(code), array(x["last.count"][()] + where(on, 1.0, 0.0))]
         if grasps:
             worst, since = x["last.worst_margin"], x["last.worst_time"]

@@ -1,0 +1,99 @@
+"""Systems of machine code as instants, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from holdfast.dynamics.forward import forward_dynamics
+from holdfast.dynamics.projection import FARTHEST
+from holdfast.dynamics.result import ForwardResult, Status
+from holdfast.errors import ClosureError, HoldfastError, SingularChainError, StateError
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.friction import friction_torque, joint_friction
+from holdfast.simulation.instant import WORST_CONDITION, Instant
+from holdfast.simulation.rollout.kernel import Systems
+from holdfast.simulation.rollout.stages import BROKEN, OPEN, SINGULAR
+from holdfast.simulation.step import Gaps
+from holdfast.spatial.scalar import Array
+from holdfast.state import Inputs, State
+
+STATE = ("q", "qd", "object_pose", "object_twist")
+
+
+def state_rows(states: Sequence[State]) -> dict[str, Array]:
+    """Return states as arrays with a row each."""
+    return {name: np.array([getattr(state, name) for state in states]) for name in STATE}
+
+
+def state_of(systems: Systems, row: int) -> State:
+    """Return one system's state, to the bit."""
+    parts = {name: systems[name][row].copy() for name in STATE}
+    state = State(**parts)
+    # dividing a unit quaternion by its length once more can change its last bit
+    object.__setattr__(state, "object_pose", parts["object_pose"])
+    return state
+
+
+def instant_of(
+    systems: Systems, row: int, t: float, chain: ClosedChain, inputs: Inputs, tau: Array, memory: Any, generic_rank: int
+) -> Instant:
+    """Return one system as an instant.
+
+    Args:
+        systems: after a step, or a step of length zero.
+        row: which.
+        t: its time [s].
+        chain: the chain then.
+        inputs: what acts on it then.
+        tau: (n,) torques of the controller.
+        memory: the controller's.
+        generic_rank: of the grasp constraint.
+    """
+    x = {name: array[row].copy() for name, array in systems.items()}
+    state, rank = state_of(systems, row), int(x["rank"])
+    if rank < chain.constraint_row_count:
+        # machine code gives one solution for the forces, the reference the smallest
+        net = tau - friction_torque(joint_friction(chain), state.qd)
+        found = forward_dynamics(chain, state, net, inputs=inputs, check=False, generic_rank=generic_rank)
+    else:
+        unknowns = chain.joint_count + 6 + chain.contact_freedom_count
+        found = ForwardResult(
+            chain,
+            x["qdd"],
+            x["grasp_wrench"],
+            x["object_acceleration"],
+            x.get("contact_acceleration", np.zeros(0)),
+            x["base_wrench"],
+            rank,
+            unknowns - rank,
+            Status.OK,
+            float(x["condition"]),
+            "sequential",
+        )
+    return Instant(t, state, chain, inputs, tau, memory, found, x["slope"][-4:])
+
+
+def gaps_of(systems: Systems, row: int) -> Gaps:
+    """Return the gaps that projection found and left."""
+    drift, left = systems["gaps"][row].reshape(2, 2)
+    return Gaps(np.array([drift[0], left[0]]), np.array([drift[1], left[1]]))
+
+
+def failure(code: float) -> HoldfastError | None:
+    """Return why a system stands still, None if it does not."""
+    if code == SINGULAR:
+        return SingularChainError(
+            "the grasp constraint is singular, or nearly so: its rank drops or its condition passes"
+            f" {WORST_CONDITION:g}; try another posture or another grasp"
+        )
+    if code == OPEN:
+        return ClosureError(
+            f"the step leaves a grasp open by more than {FARTHEST:g} (m or rad), expected its rounding; try a smaller"
+            " time step"
+        )
+    if code == BROKEN:
+        return StateError("the step overflows float64, or its inputs are not finite; try a smaller time step")
+    return None

@@ -1,0 +1,180 @@
+"""Steps under any Python controller, in any world: only forward dynamics and projection are machine code."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from holdfast.errors import HoldfastError, StateError
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.instant import Controller, Instant
+from holdfast.simulation.rollout.kernel import StepKernel, Systems
+from holdfast.simulation.rollout.law import held_torques
+from holdfast.simulation.rollout.rows import failure, gaps_of, instant_of, state_of, state_rows
+from holdfast.simulation.runge_kutta import RK4, Tableau, rotation_vector_rate, weighted
+from holdfast.simulation.step import Gaps, displaced
+from holdfast.simulation.stepper import NO_GAPS, Advance
+from holdfast.simulation.tolerance import Tolerance
+from holdfast.simulation.world import World
+from holdfast.spatial.scalar import Array
+from holdfast.state import Inputs, State
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """What a system is told from outside at one time.
+
+    Attributes:
+        t: time [s].
+        chain: its bases where they are.
+        inputs: shaped.
+        tau: (n,) torques of the controller.
+        memory: what it carries on.
+    """
+
+    t: float
+    chain: ClosedChain
+    inputs: Inputs
+    tau: Array
+    memory: Any
+
+
+@dataclass(frozen=True, eq=False)
+class StagewiseStepper:
+    """Steps that ask the controller and the world from Python at every stage; see `Stepper`.
+
+    Attributes:
+        world: the chain and what acts on it; no wrenches on links.
+        controller: torques.
+        kernel: a step under given torques, of which only the end is used: states closed, or evaluated.
+        generic_rank: rank of the constraint away from singular configurations.
+        scheme: the Runge-Kutta scheme.
+        tolerance: what `Advance.error` compares the scheme's estimates with.
+    """
+
+    world: World
+    controller: Controller
+    kernel: StepKernel
+    generic_rank: int
+    scheme: Tableau
+    tolerance: Tolerance
+
+    @classmethod
+    def of(
+        cls, world: World, controller: Controller, generic_rank: int, scheme: Tableau, tolerance: Tolerance
+    ) -> StagewiseStepper:
+        """Return the stepper of a controller."""
+        law = held_torques(world.chain.joint_count)
+        kernel = StepKernel(world.chain, law, RK4, generic_rank, base_motion=_moving(world))
+        return cls(world, controller, kernel, generic_rank, scheme, tolerance)
+
+    def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
+        """Return the chain at a given state, projected onto the grasps; see `Stepper`."""
+        closed = self._run([t], [state], [self._still(t)], held=False)
+        _refuse(closed)
+        return self.evaluate(t, state_of(closed, 0), memory), gaps_of(closed, 0)
+
+    def evaluate(self, t: float, state: State, memory: Any) -> Instant:
+        """Return the chain at a given state, taken as it is."""
+        found, moments = self._evaluated([t], [state], memory)
+        _refuse(found)
+        return self._instant(found, 0, moments[0])
+
+    def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
+        """Return where one step leads; see `Stepper`."""
+        try:
+            return self._advanced(now, list(ends))
+        except HoldfastError as cause:
+            if len(ends) == 1:
+                return [Advance(ends[0], None, NO_GAPS, np.zeros(4), failure=cause)]
+            return [self.advance(now, [end])[0] for end in ends]  # who fails alone fails alone
+
+    def _advanced(self, now: Instant, ends: list[float]) -> list[Advance]:
+        n, steps = len(now.state.q), np.array(ends)[:, None] - now.t
+        slopes = [np.repeat(now.rates(np.zeros(3))[None], len(ends), axis=0)]
+        for c, row in zip(self.scheme.c[1:], self.scheme.a[1:], strict=True):
+            y = steps * weighted(row, slopes)
+            found, _ = self._evaluated(list(now.t + c * steps[:, 0]), _displaced(now.state, y), now.memory)
+            _refuse(found)
+            slope = found["slope"]
+            for i, u in enumerate(y[:, 2 * n : 2 * n + 3]):  # the machine took each attitude for a step's start
+                slope[i, 2 * n : 2 * n + 3] = rotation_vector_rate(u, found["object_twist"][i, :3])
+            slopes.append(slope)
+        y = steps * weighted(self.scheme.b, slopes)
+        estimates = [steps * weighted(e, slopes) for e in self.scheme.error]
+        closed = self._run(ends, _displaced(now.state, y), [self._still(t) for t in ends], held=False)
+        _refuse(closed)
+        states = [state_of(closed, row) for row in range(len(ends))]
+        found, moments = self._evaluated(ends, states, now.memory)
+        _refuse(found)
+        answers = []
+        for row, end in enumerate(ends):
+            instant = self._instant(found, row, moments[row])
+            error = self.tolerance.ratio([e[row] for e in estimates], now.state, instant.state)
+            answers.append(Advance(end, instant, gaps_of(closed, row), y[row, 2 * n + 12 :], error))
+        return answers
+
+    def _instant(self, systems: Systems, row: int, at: Moment) -> Instant:
+        return instant_of(systems, row, at.t, at.chain, at.inputs, at.tau, at.memory, self.generic_rank)
+
+    def _evaluated(self, times: list[float], states: list[State], memory: Any) -> tuple[Systems, list[Moment]]:
+        """Return what follows from the states under the controller's torques."""
+        moments = [self._told(t, state, memory) for t, state in zip(times, states, strict=True)]
+        return self._run(times, states, moments, held=True), moments
+
+    def _told(self, t: float, state: State, memory: Any) -> Moment:
+        chain, inputs = self.world.at(t)
+        tau, kept = self.controller(t, state, memory)
+        tau = checks.numbers(tau, (chain.joint_count,), "controller: torques", StateError)
+        return Moment(t, chain, inputs.shaped(chain), tau, kept)
+
+    def _still(self, t: float) -> Moment:
+        chain, inputs = self.world.at(t)
+        return Moment(t, chain, inputs.shaped(chain), np.zeros(chain.joint_count), None)
+
+    def _run(self, times: list[float], states: list[State], moments: list[Moment], held: bool) -> Systems:
+        """Return the systems after a step of length zero."""
+        systems = self.kernel.systems(state_rows(states))
+        inputs = {
+            "begin": np.array(times),
+            "step": np.array(0.0),
+            "held": np.array(float(held)),
+            "least_margin": np.array(-np.inf),
+            "object_wrench": np.array([m.inputs.object_wrench for m in moments]),
+            "control.tau": np.array([m.tau for m in moments]),
+        }
+        self.kernel.run(systems, inputs, self._bases(moments), 1, 1)
+        return systems
+
+    def _bases(self, moments: list[Moment]) -> dict[str, Array]:
+        """Return where the bases are and how they move, if they do."""
+        if not _moving(self.world):
+            return {}
+        return {
+            "base_R": np.array([[arm.base.R for arm in m.chain.arms.values()] for m in moments]),
+            "base_p": np.array([[arm.base.p for arm in m.chain.arms.values()] for m in moments]),
+            "base_twist": np.array([m.inputs.base_twists for m in moments]),
+            "base_acceleration": np.array([m.inputs.base_accelerations for m in moments]),
+        }
+
+
+def _moving(world: World) -> bool:
+    given = world.inputs
+    return bool(world.base_motion) or callable(given) or given.base_twists is not None
+
+
+def _displaced(state: State, y: Array) -> list[State]:
+    if not np.isfinite(y).all():
+        raise StateError("the step overflows float64; try a smaller time step")
+    return [displaced(state, row) for row in y]
+
+
+def _refuse(systems: Systems) -> None:
+    for code in systems["code"]:
+        fault = failure(code)
+        if fault is not None:
+            raise fault
