@@ -29,7 +29,7 @@ class StepKernel:
         chain: the chain.
         law: the control law.
         carried: shapes of what a system is between two steps.
-        inputs: shapes of what changes from call to call.
+        externals: the arrays its machine code takes and returns.
         parameters: the chain's own, by the machine code's names.
     """
 
@@ -45,18 +45,21 @@ class StepKernel:
         key = key_of(what, structure, "simulation", "control") if law.key else ""
         self._kernel = BatchKernel(externals, lambda: step_schedule(structure, law, tableau), key)
         self.carried = carried_shapes(chain, law)
-        self.inputs = {name: e.shape for name, e in externals.items() if e.role == "input"}
+        self.externals = externals
         own = parameters_of(chain, generic_rank) | {"friction": _friction(chain)}
         self.parameters = {name: own[name] for name, e in externals.items() if e.role == "parameter"}
         self._sizes = {name: e.size for name, e in externals.items()}
         self._ranks = {name: len(e.shape) for name, e in externals.items()}
 
-    def systems(self, state: Mapping[str, Array], memory: Array | None = None) -> Systems:
-        """Return systems that have only their states (q, qd, object_pose, object_twist; (systems, ...)).
+    def systems(self, state: Mapping[str, Array], memory: Array | None = None, count: int | None = None) -> Systems:
+        """Return systems that have only their states; a step of length zero closes them and finds everything else.
 
-        A step of length zero closes them and finds everything else.
+        Args:
+            state: q, qd, object_pose, object_twist, a row for each system, or one for all.
+            memory: the law's, likewise; by default as it says.
+            count: how many, where no array has rows.
         """
-        count = len(state["q"])
+        count = len(state["q"]) if count is None else count
         found = {name: np.zeros((count, *shape)) for name, shape in self.carried.items()}
         for name, x in state.items():
             found[name][...] = x
