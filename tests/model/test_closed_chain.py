@@ -88,3 +88,19 @@ def test_without_grasp():
         opened.without_grasp("left")
     with pytest.raises(ModelError, match=r"Did you mean 'right'\?"):
         made.without_grasp("rigth")
+
+
+def test_with_grasp():
+    """An open arm takes hold, in the arms' order; one that holds already, or does not exist, is refused."""
+    made = chain(left=2, right=3).without_grasp("left")
+    grasp = Grasp("hinge")
+    closed = made.with_grasp("left", grasp)
+    assert list(closed.grasps) == ["left", "right"]
+    assert closed.grasps["left"] is grasp
+    assert list(made.grasps) == ["right"]
+    with pytest.raises(ModelError, match=r"grasp 'right': expected an arm without a grasp, got .* ball grasp"):
+        made.with_grasp("right", grasp)
+    with pytest.raises(ModelError, match=r"grasp 'lefft': no such arm\. Did you mean 'left'\?"):
+        made.with_grasp("lefft", grasp)
+    with pytest.raises(ModelError, match="grasp 'left': expected a Grasp, got str"):
+        made.with_grasp("left", "hinge")

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from holdfast import Friction, Grasp, ModelError, Pose
+from holdfast.model.grasp import WrenchLimits
 
 KINDS = {"rigid": 0, "hinge": 1, "softfinger": 2, "ball": 3}
 BALL, FINGER = Friction(0.5), Friction(0.5, torsion_radius=0.01)
@@ -21,6 +22,7 @@ REFUSED = {
     "finger": ({"kind": "softfinger", "contact": BALL}, r"a softfinger contact needs torsion_radius"),
     "finger edge": ({"kind": "softfinger", "contact": EDGE}, r"a softfinger contact needs torsion_radius"),
     "hinge": ({"kind": "hinge", "contact": BALL}, r"a hinge contact needs half_length"),
+    "limits": ({"kind": "rigid", "wrench_limits": 50.0}, r"wrench_limits: expected None or WrenchLimits, got float"),
     "hinge torsion": ({"kind": "hinge", "contact": FINGER}, r"a hinge contact has no torsion_radius"),
 }
 
@@ -39,6 +41,29 @@ def test_friction_is_positive(field, value):
     """Friction coefficient, radius and length are numbers > 0."""
     with pytest.raises(ModelError, match=f"friction: {field}: expected"):
         Friction(**{"mu": 0.5, field: value})
+
+
+@pytest.mark.parametrize("field", ["moment", "force"])
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, -np.inf, "strong", None])
+def test_wrench_limits_are_positive(field, value):
+    """Largest moment and force are numbers > 0, infinite if there is none."""
+    with pytest.raises(ModelError, match=f"wrench_limits: {field}: expected"):
+        WrenchLimits(**{field: value})
+
+
+def test_lever():
+    """A moment counts as a force at the ratio of the limits; with one limit only, at 1 m."""
+    assert WrenchLimits(3.0, 60.0).lever == 0.05
+    assert [WrenchLimits(**x).lever for x in ({}, {"moment": 3}, {"force": np.float64(60)})] == [1.0] * 3
+    assert WrenchLimits(np.inf, 10**400 // 10**399).force == 10.0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_limits_on_every_kind(kind):
+    """A largest wrench goes with any grasp, with or without friction."""
+    limits = WrenchLimits(5.0, 100.0)
+    assert Grasp(kind, wrench_limits=limits).wrench_limits is limits
+    assert Grasp("ball", contact=BALL, wrench_limits=limits).contact is BALL
 
 
 def test_contacts_that_fit():

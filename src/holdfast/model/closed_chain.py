@@ -107,6 +107,17 @@ class ClosedChain:
                 raise ModelError(f"base of '{name}': no such arm.{checks.did_you_mean(name, self.arms)}")
         return replace(self, arms={n: a.at(bases[n]) if n in bases else a for n, a in self.arms.items()})
 
+    def with_grasp(self, name: str, grasp: Grasp) -> ClosedChain:
+        """Return the chain with one more grasp, of an arm that has none."""
+        if name not in self.arms:
+            raise ModelError(f"grasp '{name}': no such arm.{checks.did_you_mean(name, self.arms)}")
+        if name in self.grasps:
+            raise ModelError(
+                f"grasp '{name}': expected an arm without a grasp, got one that has a {self.grasps[name].kind} grasp;"
+                f" try without_grasp('{name}') first"
+            )
+        return replace(self, grasps={**self.grasps, name: grasp})
+
     def without_grasp(self, name: str) -> ClosedChain:
         """Return the chain with one grasp opened; the arm goes on alone."""
         if name not in self.grasps:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from numbers import Real
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -48,6 +50,28 @@ class Friction:
                 put(self, name, checks.number(getattr(self, name), f"friction: {name}", above=0.0))
 
 
+@dataclass(frozen=True)
+class WrenchLimits:
+    """The largest wrench a grasp takes before it gives way, e.g. a gripper's rating.
+
+    Attributes:
+        moment: largest |moment| about the contact point, > 0 or inf [N m].
+        force: largest |force|, > 0 or inf [N].
+    """
+
+    moment: float = math.inf
+    force: float = math.inf
+
+    def __post_init__(self) -> None:
+        for name in ("moment", "force"):
+            object.__setattr__(self, name, _limit(getattr(self, name), f"wrench_limits: {name}"))
+
+    @property
+    def lever(self) -> float:
+        """Length at which a moment counts as a force: moment / force, or 1 m where one is unlimited [m]."""
+        return self.moment / self.force if math.isfinite(self.moment) and math.isfinite(self.force) else 1.0
+
+
 @dataclass(frozen=True, eq=False)
 class Grasp:
     """The attachment of one arm's tip frame to the contact frame on the object.
@@ -59,11 +83,13 @@ class Grasp:
         kind: "rigid", "hinge", "softfinger" or "ball".
         frame: pose of the contact frame in object axes.
         contact: None for a two-sided grasp, or a `Friction` for a one-sided one.
+        wrench_limits: the largest moment and force it takes, or None.
     """
 
     kind: GraspKind
     frame: Pose = field(default_factory=Pose.identity)
     contact: Friction | None = None
+    wrench_limits: WrenchLimits | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in get_args(GraspKind):
@@ -74,6 +100,10 @@ class Grasp:
         object.__setattr__(self, "frame", checks.pose(self.frame, "grasp: frame"))
         if self.contact is not None:
             self._check_contact(self.contact)
+        if not isinstance(self.wrench_limits, WrenchLimits | None):
+            raise ModelError(
+                f"grasp: wrench_limits: expected None or WrenchLimits, got {type(self.wrench_limits).__name__}"
+            )
 
     def _check_contact(self, contact: Friction) -> None:
         needs = {"softfinger": "torsion_radius", "hinge": "half_length"}.get(self.kind)
@@ -100,3 +130,9 @@ class Grasp:
     def transmission(self) -> Array:
         """K in contact axes, (6 - n_g, 6)."""
         return np.eye(6)[list(self.transmitted)]
+
+
+def _limit(value: Any, what: str) -> float:
+    """Return a limit > 0, infinite where there is none."""
+    infinite = isinstance(value, Real | np.number) and value == math.inf
+    return math.inf if infinite else checks.number(value, what, above=0.0)

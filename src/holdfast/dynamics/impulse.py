@@ -1,0 +1,197 @@
+"""Gripping and letting go of the object while the chain moves.
+
+An arm that closes its grasp while tip and object still move against each other stops them at once.
+The impulses p act through all grasps, old and new (beyond.md 6):
+
+    K Omega K^T p = K (V_tip - A V(C)),   dqd = -M^-1 J^T p,   dV(C) = M(C)^-1 A^T p
+
+and take energy: Delta T = sum_b V_b.j_b - 1/2 p^T K Omega K^T p, j_b the impulses of the bases on the arms.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from holdfast.dynamics.arm.motion import at_rest
+from holdfast.dynamics.arm.newton_euler import newton_euler
+from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion
+from holdfast.dynamics.consistency import (
+    POSITION_TOLERANCE,
+    VELOCITY_TOLERANCE,
+    position_residual,
+    require_closed,
+)
+from holdfast.dynamics.indeterminate import free_wrenches, with_smallest_forces
+from holdfast.dynamics.projection import constraint_impulses
+from holdfast.dynamics.result import Status
+from holdfast.dynamics.split import length_scale
+from holdfast.errors import ClosureError
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp import Grasp
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import shift_twist
+from holdfast.state import Inputs, State
+
+ALONG_NORMAL = 1e-3  # sine of the angle below which a hinge's axis leaves no direction for the normal
+
+
+@dataclass(frozen=True, eq=False)
+class Attachment:
+    """What closing a grasp does, world axes.
+
+    Attributes:
+        chain: the chain with the grasp.
+        state: the state just after; positions are those before.
+        impulses: (arms, 6) [moment; force] impulse of each arm on the object about its contact point; zero for
+            an arm without a grasp [N m s, N s].
+        base_impulses: (arms, 6) of the base on each arm about the base origin [N m s, N s].
+        energy_change: of the kinetic energy; not positive where the bases stand still [J].
+        status: whether the impulses are unique; INDETERMINATE_FORCES: the smallest ones are given, in the metric
+            of the force split. Velocities are unique in any case.
+    """
+
+    chain: ClosedChain
+    state: State
+    impulses: Array
+    base_impulses: Array
+    energy_change: float
+    status: Status
+
+
+def attach(
+    chain: ClosedChain,
+    state: State,
+    name: str,
+    grasp: Grasp,
+    *,
+    here: bool = False,
+    inputs: Inputs | None = None,
+    tolerance: float = POSITION_TOLERANCE,
+) -> Attachment:
+    """Return the chain and its velocities after an arm has gripped the object.
+
+    Impulses by the object's filter, O(n) + O(l); whether they are unique, O(n l^2).
+
+    Args:
+        chain: the chain; its grasps must hold.
+        state: positions and velocities before.
+        name: an arm without a grasp.
+        grasp: the grasp to close.
+        here: grip where the tip is: the grasp's frame gives way as in `grasp_here`. Otherwise the tip must be
+            at the frame.
+        inputs: base motion, if the bases move.
+        tolerance: the largest position gap of the new grasp that counts as none [m and rad].
+
+    Raises:
+        ModelError: no such arm, or it has a grasp.
+        StateError: wrong shapes, or the grasps before do not hold.
+        ClosureError: the tip is not at the grasp; `here`, and the grasp cannot give way; or the bases move so
+            that no velocities keep every grasp.
+    """
+    state.fits(chain)
+    given = (inputs or Inputs()).shaped(chain)
+    closed = chain.with_grasp(name, grasp)
+    before = chain_motion(chain, state, np.zeros(chain.joint_count), given)
+    require_closed(before, state)
+    if here:
+        closed = chain.with_grasp(name, grasp_here(grasp, state.object_frame, before.arms[name].at.tip, name))
+    motion = chain_motion(closed, state, np.zeros(chain.joint_count), given)
+    if not here:
+        _require_there(motion, state, name, checks.number(tolerance, "tolerance", at_least=0.0))
+    stopped = _stopped(motion, state, given)
+    _require_velocities(stopped, given)
+    return stopped
+
+
+def release(chain: ClosedChain, name: str) -> ClosedChain:
+    """Return the chain with one grasp opened: no impulse, every velocity goes on."""
+    return chain.without_grasp(name)
+
+
+def grasp_here(grasp: Grasp, object_frame: Pose, tip: Pose, name: str = "") -> Grasp:
+    """Return the grasp with the frame nearest to its own that the tip closes as it stands.
+
+    The contact point moves to the tip's origin. A rigid grasp takes the tip's axes; a hinge takes the tip's
+    x axis, and the direction perpendicular to it nearest to its own normal; soft finger and ball keep their
+    axes, since the normal belongs to the object.
+
+    Args:
+        grasp: the grasp.
+        object_frame: pose of the object in the world.
+        tip: pose of the arm's tip frame in the world.
+        name: the arm's, for messages.
+
+    Raises:
+        ClosureError: the tip's x axis is the normal of a hinge.
+    """
+    seen = object_frame.inverse() @ tip
+    R = grasp.frame.R
+    if grasp.kind == "rigid":
+        R = seen.R
+    elif grasp.kind == "hinge":
+        x, normal = seen.R[:, 0], grasp.frame.R[:, 2]
+        across = normal - (normal @ x) * x
+        sine = math.sqrt(across @ across)
+        if sine < ALONG_NORMAL:
+            raise ClosureError(
+                f"arm '{name}': cannot grip by a hinge here: expected the tip's x axis along the object's surface, got"
+                " it along the contact's normal; try turning the tip, or another grasp frame"
+            )
+        z = across / sine
+        R = np.column_stack([x, np.cross(z, x), z])
+    return replace(grasp, frame=Pose(R, seen.p))
+
+
+def _require_there(motion: ChainMotion, state: State, name: str, tolerance: float) -> None:
+    """Refuse a tip that is not at its grasp, naming both gaps."""
+    c = motion.contacts[list(motion.chain.grasps).index(name)]
+    gap = position_residual(c, state.object_frame.p + c.offset, motion.arms[name].at.tip)
+    shift, turn = float(np.linalg.norm(gap[-3:])), float(np.linalg.norm(gap[:-3]))
+    if not max(shift, turn) <= tolerance:
+        angle = f" and {turn:.3g} rad" if len(gap) > 3 else ""
+        raise ClosureError(
+            f"arm '{name}': its tip is {shift:.3g} m{angle} away from the grasp, expected <= {tolerance:g}; try moving"
+            " it there (holdfast.close), or here=True to grip where it is"
+        )
+
+
+def _stopped(motion: ChainMotion, state: State, given: Inputs) -> Attachment:
+    """Return the chain after the impulses that make the velocities agree at every grasp."""
+    chain = motion.chain
+    mismatch = [
+        arm.tip_twist - shift_twist(c.offset, state.object_twist)
+        for arm, c in zip(motion.holding, motion.contacts, strict=True)
+    ]
+    dqd, dV, found = constraint_impulses(motion, motion.contacts, mismatch)
+    status = Status.OK
+    if free_wrenches(motion, length_scale([c.offset for c in motion.contacts])).shape[1]:
+        status = Status.INDETERMINATE_FORCES
+        found = with_smallest_forces(motion, Solution([], found, dV)).wrenches
+    impulses, base = np.zeros((len(chain.arms), 6)), np.zeros((len(chain.arms), 6))
+    for name, impulse in zip(chain.grasps, found, strict=True):
+        i = chain.names.index(name)
+        impulses[i] = impulse
+        base[i] = newton_euler(at_rest(motion.arms[name]), dqd[chain.joints[name]], impulse)[1]
+    assert given.base_twists is not None
+    change = (given.base_twists * base).sum()  # V_b.j_b
+    change -= 0.5 * sum(p @ v for p, v in zip(found, mismatch, strict=True))  # p^T K v = p^T K Omega K^T p
+    after = State(state.q, state.qd + dqd, state.object_pose, state.object_twist + dV)
+    return Attachment(chain, after, impulses, base, float(change), status)
+
+
+def _require_velocities(stopped: Attachment, given: Inputs) -> None:
+    """Refuse bases that move as no closed chain can follow."""
+    chain, state = stopped.chain, stopped.state
+    motion = chain_motion(chain, state, np.zeros(chain.joint_count), given)
+    left = max(float(np.abs(c.velocity_gap).max()) for c in motion.contacts)
+    limit = VELOCITY_TOLERANCE * max(1.0, float(np.linalg.norm(state.qd)))
+    if not left <= limit:
+        raise ClosureError(
+            f"no velocities keep every grasp while the bases move as they do: a gap of {left:.3g} (m/s or rad/s) is"
+            f" left, expected <= {limit:.3g}; try other base twists, or fewer grasps"
+        )

@@ -1,0 +1,82 @@
+"""Which margins the grasps can have where their forces are not unique.
+
+Internal forces that no joint and no object motion feels are f + N z, z unknown: what they are depends on
+how the parts were put together. A margin is concave in z, so one that z changes at all has no lower bound.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.indeterminate import free_wrenches
+from holdfast.dynamics.largest_margin import AffineMargin, felt_directions, largest_least
+from holdfast.dynamics.margins import conditions, grasp_margins
+from holdfast.dynamics.result import ForwardResult, Status
+from holdfast.dynamics.split import length_scale
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import unrotate
+from holdfast.state import Inputs, State
+
+
+class MarginRange(NamedTuple):
+    """The margins that internal forces of no effect on the motion allow, in the order of `chain.grasps` [N].
+
+    Attributes:
+        worst: (grasps,) the smallest of each; minus infinity where internal forces change it at all.
+        best: (grasps,) the largest of each, the others left to themselves; infinite where squeezing harder
+            always helps.
+        together: the largest that the smallest of all can be: below 0 no internal force holds every grasp.
+    """
+
+    worst: Array
+    best: Array
+    together: float
+
+
+def margin_range(chain: ClosedChain, state: State, result: ForwardResult) -> MarginRange:
+    """Return worst and best grasp margins over all grasp forces that leave the motion as it is.
+
+    Where the forces are unique, both are `grasp_margins`. Best values are good to about 1e-9 of the
+    forces and limits. About 0.1 s a grasp.
+
+    Args:
+        chain: the chain.
+        state: a closed state.
+        result: forward dynamics at that state.
+
+    Raises:
+        StateError: a result of another chain, or one without forces.
+    """
+    now = grasp_margins(chain, state, result.grasp_wrench)
+    if result.status is not Status.INDETERMINATE_FORCES:
+        return MarginRange(now, now, float(now.min(initial=math.inf)))
+    affine = _affine_margins(chain, state, result.grasp_wrench)
+    touched = np.array([bool(of_one) and felt_directions(of_one).shape[1] > 0 for of_one in affine])
+    best = [largest_least(of_one) if free else value for of_one, free, value in zip(affine, touched, now, strict=True)]
+    every = [margin for of_one in affine for margin in of_one]
+    return MarginRange(
+        np.where(touched, -math.inf, now), np.array(best), largest_least(every) if touched.any() else float(now.min())
+    )
+
+
+def _affine_margins(chain: ClosedChain, state: State, grasp_wrench: Array) -> list[list[AffineMargin]]:
+    """Return per grasp its conditions as functions of z, those that always hold left out."""
+    motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
+    N = free_wrenches(motion, length_scale([c.offset for c in motion.contacts])).reshape(len(motion.contacts), 6, -1)
+    found = []
+    for name, c, free in zip(chain.grasps, motion.contacts, N, strict=True):
+        f = unrotate(c.R, grasp_wrench[chain.names.index(name)])
+        along = np.array([unrotate(c.R, column) for column in free.T]).T  # contact axes
+        found.append(
+            [
+                AffineMargin(k.constant + k.pressing @ f, k.pressing @ along, k.loading @ f, k.loading @ along)
+                for k in conditions(c.grasp)
+                if math.isfinite(k.constant)
+            ]
+        )
+    return found

@@ -1,0 +1,158 @@
+"""How far grasps and joints are from what they cannot do: negative is slipped, lifted off or beyond a limit.
+
+A grasp's margin is the least of a few conditions on its wrench f in contact axes (z into the object),
+each of the form c + a.f >= |B f|, in newtons:
+
+    ball, hinge    mu f_n >= |f_t|                        no sliding
+    softfinger     mu f_n >= sqrt(|f_t|^2 + (m_n/e)^2)    no sliding, no spinning
+    hinge          f_n >= |m_y| / L                       the edge lies on over its length
+    one-sided      f_n >= 0                               it presses
+    limits         F >= |f|,  M/l >= |m|/l                it is strong enough; l: `WrenchLimits.lever`
+
+A hinge's moment about the normal is carried by the edge and not limited here.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import reduce
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.errors import StateError
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp import Grasp, GraspKind
+from holdfast.spatial.scalar import Array, Scalar, array, minimum, sqrt
+from holdfast.spatial.spatial_vector import unrotate
+from holdfast.state import State
+
+MOMENT_X, MOMENT_Y, MOMENT_Z, FORCE_X, FORCE_Y, NORMAL = np.eye(6)
+
+
+class Condition(NamedTuple):
+    """One condition on a wrench in contact axes: constant + pressing . f >= |loading f|.
+
+    Attributes:
+        constant: c [N].
+        pressing: (6,) a.
+        loading: (rows, 6) B.
+    """
+
+    constant: Scalar
+    pressing: Array
+    loading: Array
+
+    def margin(self, wrench: Array) -> Scalar:
+        """Return c + a.f - |B f| [N]."""
+        load = self.loading @ wrench
+        return self.constant + self.pressing @ wrench - sqrt(load @ load)
+
+
+class JointMargins(NamedTuple):
+    """How far the joints are from their limits, (n,) each; infinite where there is none.
+
+    Attributes:
+        position: to the nearer of the two ends [rad or m].
+        rate: rate limit less |qd| [rad/s or m/s].
+        effort: effort limit less |tau| [N m or N].
+    """
+
+    position: Array
+    rate: Array
+    effort: Array
+
+
+def grasp_margins(chain: ClosedChain, state: State, grasp_wrench: Array) -> Array:
+    """Return the margin of every grasp, in the order of `chain.grasps`, (grasps,) [N].
+
+    Args:
+        chain: the chain.
+        state: where the object is; only its pose enters.
+        grasp_wrench: (arms, 6) of each arm on the object about the contact point, world axes, as in
+            `ForwardResult`.
+
+    Raises:
+        StateError: wrong shape.
+    """
+    f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
+    R = state.object_frame.R
+    rows = [chain.names.index(name) for name in chain.grasps]
+    return array(
+        [
+            contact_margin(grasp, unrotate(R @ grasp.frame.R, f[i]))
+            for i, grasp in zip(rows, chain.grasps.values(), strict=True)
+        ]
+    )
+
+
+def contact_margin(grasp: Grasp, wrench: Array) -> Scalar:
+    """Return the margin of one grasp [N]: infinite if it is two-sided and has no wrench limits.
+
+    Args:
+        grasp: the grasp.
+        wrench: (6,) of the arm on the object about the contact point, contact axes.
+    """
+    return least_margin(conditions(grasp), wrench)
+
+
+def least_margin(conditions: tuple[Condition, ...], wrench: Array) -> Scalar:
+    """Return the least margin of several conditions on one contact-axes wrench [N]."""
+    margins = [condition.margin(wrench) for condition in conditions]
+    return reduce(minimum, margins) if margins else math.inf
+
+
+def conditions(grasp: Grasp) -> tuple[Condition, ...]:
+    """Return what a grasp's wrench must satisfy."""
+    found: tuple[Condition, ...] = ()
+    if grasp.contact is not None:
+        size = grasp.contact.half_length if grasp.kind == "hinge" else grasp.contact.torsion_radius
+        found += friction_conditions(grasp.kind, grasp.contact.mu, size)
+    if grasp.wrench_limits is not None:
+        limits = grasp.wrench_limits
+        found += limit_conditions(limits.moment, limits.force, limits.lever)
+    return found
+
+
+def friction_conditions(kind: GraspKind, mu: Scalar, size: Scalar = None) -> tuple[Condition, ...]:
+    """Return the conditions of a one-sided contact.
+
+    Args:
+        kind: "hinge", "softfinger" or "ball".
+        mu: friction coefficient.
+        size: torsion radius e of a soft finger, half length L of a hinge's edge [m].
+    """
+    sliding = [FORCE_X, FORCE_Y] + ([MOMENT_Z / size] if kind == "softfinger" else [])
+    found = (Condition(0.0, mu * NORMAL, array(sliding)), Condition(0.0, NORMAL, np.zeros((1, 6))))
+    if kind == "hinge":
+        found += (Condition(0.0, NORMAL, array([MOMENT_Y / size])),)
+    return found
+
+
+def limit_conditions(moment: Scalar, force: Scalar, lever: Scalar) -> tuple[Condition, ...]:
+    """Return the conditions of a largest moment [N m] and force [N]; `lever` [m] turns moments into forces."""
+    none, unit = np.zeros(6), np.eye(6)
+    return Condition(force, none, unit[3:]), Condition(moment / lever, none, unit[:3] / lever)
+
+
+def joint_margins(chain: ClosedChain, state: State, tau: Array) -> JointMargins:
+    """Return how far every joint is from its limits.
+
+    Args:
+        chain: the chain.
+        state: joint positions and rates.
+        tau: (n,) drive torques, arms in order, base to tip [N m or N].
+
+    Raises:
+        StateError: wrong shapes.
+    """
+    state.fits(chain)
+    efforts = checks.numbers(tau, (chain.joint_count,), "tau", StateError)
+    joints = [joint for arm in chain.arms.values() for joint in arm.joints]
+    ends = [joint.position_limits for joint in joints]
+    return JointMargins(
+        array([minimum(q - low, high - q) for (low, high), q in zip(ends, state.q, strict=True)]),
+        array([joint.rate_limit - abs(rate) for joint, rate in zip(joints, state.qd, strict=True)]),
+        array([joint.effort_limit - abs(effort) for joint, effort in zip(joints, efforts, strict=True)]),
+    )

@@ -1,0 +1,52 @@
+"""The momentum balance: momentum changes by bases, weights and external wrenches, by no grasp and no drive."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from holdfast.dynamics.energy import bodies
+from holdfast.dynamics.result import ForwardResult
+from holdfast.errors import StateError
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array, concatenate
+from holdfast.spatial.spatial_vector import shift_wrench
+from holdfast.spatial.vector import cross
+from holdfast.state import Inputs, State
+
+
+def momentum_rate(
+    chain: ClosedChain,
+    state: State,
+    result: ForwardResult,
+    about: Array | None = None,
+    inputs: Inputs | None = None,
+) -> Array:
+    """Return the rate of `energy.momentum` about a fixed world point, (6,) [angular; linear] [N m, N].
+
+    d/dt (L, P) = sum of the wrenches of bases, weights and the surroundings, about the same point.
+
+    Args:
+        chain: the chain.
+        state: where links and object are.
+        result: forward dynamics at that state, for the base wrenches.
+        about: (3,) world point; default the world's origin.
+        inputs: external wrenches.
+
+    Raises:
+        StateError: wrong shape of `about` or the inputs.
+    """
+    point = np.zeros(3) if about is None else checks.numbers(about, (3,), "about", StateError)
+    given = (inputs or Inputs()).shaped(chain)
+    *links, held = bodies(chain, state)
+    assert given.object_wrench is not None
+    rate = shift_wrench(held.origin - point, given.object_wrench)
+    for arm, f in zip(chain.arms.values(), result.base_wrench, strict=True):
+        rate = rate + shift_wrench(arm.base.p - point, f)
+    if given.link_wrenches is not None:
+        for body, f in zip(links, given.link_wrenches, strict=True):
+            rate = rate + shift_wrench(body.origin - point, f)
+    for body in (*links, held):
+        moment = cross(body.com - body.inertia.m * point, chain.gravity)
+        rate = rate + concatenate([moment, body.inertia.m * chain.gravity])
+    return rate

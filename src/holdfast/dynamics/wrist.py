@@ -1,0 +1,59 @@
+"""What a force-torque sensor in an arm's wrist carries, at two cuts: the tip frame and the last joint."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from holdfast.dynamics.arm.free_dynamics import tip_acceleration
+from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.result import ForwardResult
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import shift_twist, shift_wrench, unrotate
+from holdfast.state import Inputs, State
+
+
+def wrist_wrenches(chain: ClosedChain, state: State, result: ForwardResult) -> Array:
+    """Return what each arm transmits across its tip frame onto what it holds, (arms, 6) [N m, N].
+
+    The grasp wrench in TIP axes, [moment; force] about the tip's origin: a sensor between the last link and
+    the object, with nothing of its own weight beyond it. Zero for an arm without a grasp.
+
+    Args:
+        chain: the chain.
+        state: a closed state (the tip's origin is the contact point).
+        result: forward dynamics at that state.
+    """
+    state.fits(chain)
+    return np.array(
+        [
+            unrotate(posture(arm, state.q[chain.joints[name]]).tip.R, f)
+            for (name, arm), f in zip(chain.arms.items(), result.grasp_wrench, strict=True)
+        ]
+    )
+
+
+def last_joint_wrenches(chain: ClosedChain, state: State, result: ForwardResult, inputs: Inputs | None = None) -> Array:
+    """Return what each arm transmits across its last joint onto the last link, (arms, 6) [N m, N].
+
+    F = phi f + M alpha + b, by Newton and Euler: the grasp wrench, and what the last link's own weight, inertia and
+    external wrench ask for; in the LAST LINK's axes, [moment; force] about that link's origin, which lies on the joint.
+    Its part along the joint's axis is the drive's torque less damping and rotor.
+
+    Args:
+        chain: the chain.
+        state: positions and velocities.
+        result: forward dynamics at that state.
+        inputs: as given to forward dynamics.
+    """
+    state.fits(chain)
+    motion = chain_motion(chain, state, np.zeros(chain.joint_count), (inputs or Inputs()).shaped(chain))
+    found = []
+    for (name, arm), f in zip(motion.arms.items(), result.grasp_wrench, strict=True):
+        R, tip, link = arm.at.R[-1], arm.arm.tip.p, arm.arm.links[-1]
+        by_joints = tip_acceleration(arm, result.qdd[chain.joints[name]]) - arm.bias.tip_acceleration
+        alpha = shift_twist(-tip, unrotate(R, by_joints))  # of the link's origin; the bias wrench holds the rest
+        across_tip = shift_wrench(tip, unrotate(R, f))
+        found.append(across_tip + link.spatial_inertia.apply(alpha) + arm.bias.wrenches[-1])
+    return np.array(found)
