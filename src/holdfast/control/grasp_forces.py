@@ -8,7 +8,7 @@ from holdfast.dynamics.closed.chain_motion import pseudo_gravity
 from holdfast.dynamics.closed.object_motion import object_motion
 from holdfast.dynamics.split import length_scale, motion_wrenches
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import rotate, shift_wrench
 from holdfast.state import State
 
@@ -34,17 +34,17 @@ def commanded_wrenches(chain: ClosedChain, state: State, acceleration: Array, sq
         [moment; force] of each arm on the object about its contact, world axes; zero for
         an arm without a grasp.
     """
-    wrenches = np.zeros((len(chain.arms), 6))
     if not chain.grasps:
-        return wrenches
+        return np.zeros((len(chain.arms), 6))
     R = state.object_frame.R
     push = np.array([0.0, 0.0, 0.0, 0.0, 0.0, squeeze])
-    pushes = np.array([rotate(R @ grasp.frame.R, push) for grasp in chain.grasps.values()])
+    pushes = array([rotate(R @ grasp.frame.R, push) for grasp in chain.grasps.values()])
     offsets = [R @ grasp.frame.p for grasp in chain.grasps.values()]
     pushed = sum((shift_wrench(l, f) for l, f in zip(offsets, pushes, strict=True)), start=np.zeros(6))
 
     body = object_motion(chain.held_object, state.object_frame, state.object_twist, np.zeros(6))
     needed = body.inertia.apply(acceleration - pseudo_gravity(chain)) + body.bias
-    holding = [chain.names.index(name) for name in chain.grasps]
-    wrenches[holding] = pushes + motion_wrenches(chain, R, offsets, needed - pushed, length_scale(offsets))
-    return wrenches
+    length = length_scale([grasp.frame.p for grasp in chain.grasps.values()])
+    found = pushes + motion_wrenches(chain, R, offsets, needed - pushed, length)
+    wrenches = dict(zip(chain.grasps, found, strict=True))
+    return array([wrenches.get(name, np.zeros(6)) for name in chain.names])

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from holdfast.control.grasp_forces import commanded_wrenches
-from holdfast.dynamics.inverse import inverse_dynamics
+from holdfast.dynamics.arm.newton_euler import drive_torques
+from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.scalar import Array
-from holdfast.state import State
+from holdfast.spatial.scalar import Array, concatenate
+from holdfast.state import Inputs, State
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +31,16 @@ class GravityCompensation:
     chain: ClosedChain
     squeeze: float = 0.0
     joint_damping: float = 0.0
+    traceable: ClassVar[bool] = True  # its text becomes machine code
 
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
         """Return the torques (n,) [N m or N]; the memory is not used."""
         none = np.zeros(self.chain.joint_count)
         posture = State(state.q, none, state.object_pose)
         wrenches = commanded_wrenches(self.chain, posture, np.zeros(6), self.squeeze)
-        tau = inverse_dynamics(self.chain, posture, none, wrenches)
+        motion = chain_motion(self.chain, posture, none, Inputs().shaped(self.chain))
+        tau = concatenate(
+            drive_torques(arm, none[part], none[part], f)
+            for arm, part, f in zip(motion.arms.values(), self.chain.joints.values(), wrenches, strict=True)
+        )
         return tau - self.joint_damping * state.qd, memory

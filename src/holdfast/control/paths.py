@@ -10,7 +10,7 @@ import numpy as np
 from holdfast.model import checks
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, Scalar, maximum, minimum
 
 
 class Target(NamedTuple):
@@ -56,7 +56,7 @@ class RestToRest:
         put(self, "begin", checks.number(self.begin, "path: begin", at_least=0.0))
         put(self, "duration", checks.number(self.duration, "path: duration", above=0.0))
 
-    def at(self, t: float) -> Target:
+    def at(self, t: Scalar) -> Target:
         """Return the target at time t [s]."""
         s, rate, acceleration = quintic((t - self.begin) / self.duration)
         way = np.concatenate([self.turn, self.displacement])
@@ -64,10 +64,9 @@ class RestToRest:
         return Target(pose, rate / self.duration * way, acceleration / self.duration / self.duration * way)
 
 
-def quintic(x: float) -> tuple[float, float, float]:
+def quintic(x: Scalar) -> tuple[Scalar, Scalar, Scalar]:
     """Return s = 10 x^3 - 15 x^4 + 6 x^5 and its two derivatives; constant outside 0..1."""
-    if x <= 0:
-        return 0.0, 0.0, 0.0
-    if x >= 1:
-        return 1.0, 0.0, 0.0
-    return x**3 * (10 - 15 * x + 6 * x**2), 30 * x**2 * (1 - x) ** 2, 60 * x * (1 - x) * (1 - 2 * x)
+    x = minimum(maximum(x, 0.0), 1.0)
+    rest = 1.0 - x
+    square = x * x
+    return square * x * (10 - 15 * x + 6 * square), 30 * square * rest * rest, 60 * x * rest * (1 - 2 * x)

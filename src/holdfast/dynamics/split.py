@@ -9,7 +9,8 @@ import numpy as np
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.linalg import least_solution
+from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import rotate, shift_wrench
 from holdfast.state import State
 
@@ -76,15 +77,15 @@ def motion_wrenches(chain: ClosedChain, R: Array, offsets: list[Array], net: Arr
     columns, weights = [], []
     for grasp, offset in zip(chain.grasps.values(), offsets, strict=True):
         axes = R @ grasp.frame.R
-        K = np.array([rotate(axes, row) for row in grasp.transmission])
-        columns.append((K, np.array([shift_wrench(offset, row) for row in K])))
+        K = array([rotate(axes, row) for row in grasp.transmission])
+        columns.append((K, array([shift_wrench(offset, row) for row in K])))
         weights.extend(length**2 if i < 3 else 1.0 for i in grasp.transmitted)
     to_C = np.concatenate([at_C for _, at_C in columns]).T  # A^T K^T, (6, rows)
     unit = np.r_[np.full(3, 1 / length), np.ones(3)]  # moments in newtons
     root = np.sqrt(weights)
-    lam = root * np.linalg.lstsq(unit[:, None] * to_C * root, unit * net, rcond=1e-12)[0]
+    lam = root * least_solution(unit[:, None] * to_C * root, unit * net)
     ends = np.cumsum([len(K) for K, _ in columns])[:-1]
-    return np.array([K.T @ part for (K, _), part in zip(columns, np.split(lam, ends), strict=True)])
+    return array([K.T @ part for (K, _), part in zip(columns, np.split(lam, ends), strict=True)])
 
 
 def length_scale(offsets: list[Array]) -> float:

@@ -68,6 +68,30 @@ def ldl_solve(factors: MaskedLDL, b: Array) -> Array:
     return back_substitution(factors.L, z)
 
 
+def least_solution(A: Array, b: Array) -> Array:
+    """Return the least x that brings A x nearest to b: A^T (A A^T)^+ b.
+
+    Null pivots of A A^T are dropped; its null vectors, one a dropped pivot, are taken out of b
+    first, so that what A cannot reach leaves the rest of b alone.
+
+    Args:
+        A: (m, n); singular values below 1e-6 of the largest count as zero.
+        b: (m,).
+    """
+    m, S = len(A), A @ A.T
+    factors = ldl(S, np.diag(S))
+    null = back_substitution(factors.L, np.eye(m)).T  # row k: L^-T e_k
+    taken: list[tuple[Array, Scalar]] = []
+    for k in range(m):
+        u = null[k]
+        for v, inverse in taken:
+            u = u - (v @ u) * inverse * v
+        dropped = factors.pivots[k] <= 0.0
+        taken.append((u, where(dropped, 1.0 / where(dropped, u @ u, 1.0), 0.0)))
+        b = b - (u @ b) * taken[-1][1] * u
+    return A.T @ ldl_solve(factors, b)
+
+
 def cholesky(S: Array) -> Array:
     """Return the lower triangular C with C C^T = S, S positive definite (not checked)."""
     n = len(S)

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from holdfast.spatial.scalar import Array, array, concatenate, cos, sin, sqrt, where
+from holdfast.spatial.scalar import Array, array, concatenate, cos, maximum, sin, sqrt, where
 from holdfast.spatial.vector import cross
 
 
@@ -75,6 +75,23 @@ def log(R: Array) -> Array:
     if sine < 1e-9:  # angle = 2 sine (1 + sine^2/6 ...)
         return 2 * q[1:]
     return 2 * math.atan2(sine, q[0]) / sine * q[1:]
+
+
+def log_below_pi(R: Array) -> Array:
+    """Return the rotation vector [rad] of a rotation by less than pi; not to be used near pi.
+
+    With s = sin(a/2), c = cos(a/2) > 0 the half angle h solves sin(a/2 - h) = s cos h - c sin h = 0;
+    adding that sine to h leaves the cube of its error.
+    """
+    sine = 0.5 * array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])  # sin(a) n
+    c = 0.5 * sqrt(maximum(1.0 + R[0, 0] + R[1, 1] + R[2, 2], 1e-12))
+    vector = sine / (2 * c)  # sin(a/2) n
+    s = sqrt(vector @ vector)
+    h = s
+    for _ in range(4):
+        h = h + (s * cos(h) - c * sin(h))
+    small = s < 1e-9
+    return where(small, 2.0, 2.0 * h / where(small, 1.0, s)) * vector
 
 
 def quaternion_product(p: Array, q: Array) -> Array:

@@ -69,7 +69,7 @@ class StagewiseStepper:
     ) -> StagewiseStepper:
         """Return the stepper of a controller."""
         law = held_torques(world.chain.joint_count)
-        kernel = StepKernel(world.chain, law, RK4, generic_rank, base_motion=_moving(world))
+        kernel = StepKernel(world.chain, law, RK4, generic_rank, base_motion=moving(world))
         return cls(world, controller, kernel, generic_rank, scheme, tolerance)
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
@@ -152,7 +152,7 @@ class StagewiseStepper:
 
     def _bases(self, moments: list[Moment]) -> dict[str, Array]:
         """Return where the bases are and how they move, if they do."""
-        if not _moving(self.world):
+        if not moving(self.world):
             return {}
         return {
             "base_R": np.array([[arm.base.R for arm in m.chain.arms.values()] for m in moments]),
@@ -162,7 +162,8 @@ class StagewiseStepper:
         }
 
 
-def _moving(world: World) -> bool:
+def moving(world: World) -> bool:
+    """Return whether bases move, or what acts on the chain changes with time."""
     given = world.inputs
     return bool(world.base_motion) or callable(given) or given.base_twists is not None
 

@@ -1,0 +1,85 @@
+"""Which stepper a run gets."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from holdfast.errors import StateError
+from holdfast.simulation.instant import Controller
+from holdfast.simulation.rollout.fused import FusedStepper
+from holdfast.simulation.rollout.law import ControlLaw
+from holdfast.simulation.rollout.stagewise import StagewiseStepper, moving
+from holdfast.simulation.runge_kutta import Tableau
+from holdfast.simulation.stepper import ReferenceStepper, Stepper
+from holdfast.simulation.tolerance import Tolerance
+from holdfast.simulation.world import World
+from holdfast.spatial.scalar import Array
+from holdfast.state import State
+
+WORTH_COMPILING = 100  # steps: fewer are taken by the readable texts in the time that compiling takes
+
+
+def stepper_for(
+    world: World,
+    controller: Controller | ControlLaw,
+    generic_rank: int,
+    scheme: Tableau,
+    tolerance: Tolerance,
+    steps: int,
+) -> Stepper:
+    """Return the stepper that suits a run; all of them give the same answers to rounding.
+
+    A `ControlLaw`, or a controller that says it is `traceable`, becomes part of the machine code,
+    if bases stand still and no error is to be estimated. Any other one is asked from Python.
+
+    Args:
+        world: the chain and what acts on it.
+        controller: torques.
+        generic_rank: rank of the constraint away from singular configurations.
+        scheme: the Runge-Kutta scheme.
+        tolerance: for schemes that estimate errors.
+        steps: how many there will be, at least.
+
+    Raises:
+        StateError: a law that is told parameters, which a run has not.
+        CompileError: the law does what cannot be traced.
+    """
+    law = law_of(controller)
+    if law is not None and not isinstance(controller, ControlLaw) and steps < WORTH_COMPILING:
+        law = None
+    if law is not None and not scheme.adaptive and not moving(world) and not _acting_on_links(world):
+        return FusedStepper.of(world, law, scheme, generic_rank)
+    called = as_controller(controller)
+    if steps < WORTH_COMPILING or _acting_on_links(world):
+        return ReferenceStepper(world, called, generic_rank, scheme, tolerance)
+    return StagewiseStepper.of(world, called, generic_rank, scheme, tolerance)
+
+
+def law_of(controller: Controller | ControlLaw) -> ControlLaw | None:
+    """Return the law of a controller that can be traced, or None."""
+    if isinstance(controller, ControlLaw):
+        if controller.parameters:
+            raise StateError(
+                f"controller: the law is told {', '.join(controller.parameters)}, which only a rollout can do; try"
+                " holdfast.compile_rollout"
+            )
+        return controller
+    if not getattr(controller, "traceable", False):
+        return None
+    return ControlLaw(lambda t, state, memory, given: (controller(t, state, None)[0], memory))
+
+
+def as_controller(controller: Controller | ControlLaw) -> Controller:
+    """Return a law as a controller called from Python; its memory begins as the law says."""
+    if not isinstance(controller, ControlLaw):
+        return controller
+
+    def called(t: float, state: State, memory: Any) -> tuple[Array, Any]:
+        return controller.torque(t, state, controller.memory if memory is None else memory, {})
+
+    return called
+
+
+def _acting_on_links(world: World) -> bool:
+    inputs = world.inputs(0.0) if callable(world.inputs) else world.inputs
+    return inputs.link_wrenches is not None
