@@ -16,7 +16,7 @@ from holdfast.errors import (
 )
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.grasp import Friction, Grasp
+from holdfast.model.grasp import Friction, Grasp, WrenchLimits
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
@@ -33,16 +33,24 @@ if TYPE_CHECKING:
     from holdfast.dynamics.diagnose import Diagnosis, diagnose
     from holdfast.dynamics.energy import Power, centre_of_mass, kinetic_energy, momentum, potential_energy, power
     from holdfast.dynamics.forward import forward_dynamics
+    from holdfast.dynamics.impulse import Attachment, attach, release
     from holdfast.dynamics.inverse import inverse_dynamics
+    from holdfast.dynamics.margin_range import MarginRange, margin_range
+    from holdfast.dynamics.margins import JointMargins, grasp_margins, joint_margins
     from holdfast.dynamics.methods import METHODS, Method
+    from holdfast.dynamics.momentum_balance import momentum_rate
     from holdfast.dynamics.object_from_joints import state_from_joints
     from holdfast.dynamics.object_level import motion_basis, object_inertia, object_mobility
     from holdfast.dynamics.projection import project
     from holdfast.dynamics.result import ArmResult, ForwardResult, Status
     from holdfast.dynamics.split import Split, split
+    from holdfast.dynamics.wrist import last_joint_wrenches, wrist_wrenches
     from holdfast.io.case_file import load_cases
     from holdfast.io.result_reader import load_result
     from holdfast.scenario.build import load_scene
+    from holdfast.simulation.rollout.law import ControlLaw
+    from holdfast.simulation.rollout.rollout import Rollout, RolloutRecord, compile_rollout
+    from holdfast.simulation.rollout.systems import Fate, RolloutSystems
     from holdfast.simulation.simulate import simulate
     from holdfast.simulation.trajectory import Trajectory
 
@@ -51,32 +59,47 @@ __version__ = "0.1.0"
 # The model is imported at once; algorithms, files and simulation when first asked for.
 _LATER = {
     "ArmResult": "holdfast.dynamics.result",
+    "Attachment": "holdfast.dynamics.impulse",
     "BoundDynamics": "holdfast.compiled.bound_dynamics",
     "CompiledChain": "holdfast.compiled.chain",
     "CompiledResult": "holdfast.compiled.result",
     "ContactAttitude": "holdfast.dynamics.contact_attitude",
+    "ControlLaw": "holdfast.simulation.rollout.law",
     "Diagnosis": "holdfast.dynamics.diagnose",
+    "Fate": "holdfast.simulation.rollout.systems",
     "ForwardResult": "holdfast.dynamics.result",
     "GraspResidual": "holdfast.dynamics.consistency",
+    "JointMargins": "holdfast.dynamics.margins",
     "METHODS": "holdfast.dynamics.methods",
+    "MarginRange": "holdfast.dynamics.margin_range",
     "Method": "holdfast.dynamics.methods",
     "Power": "holdfast.dynamics.energy",
+    "Rollout": "holdfast.simulation.rollout.rollout",
+    "RolloutRecord": "holdfast.simulation.rollout.rollout",
+    "RolloutSystems": "holdfast.simulation.rollout.systems",
     "Split": "holdfast.dynamics.split",
     "Status": "holdfast.dynamics.result",
     "Trajectory": "holdfast.simulation.trajectory",
+    "attach": "holdfast.dynamics.impulse",
     "centre_of_mass": "holdfast.dynamics.energy",
     "close": "holdfast.dynamics.closing",
     "closure": "holdfast.dynamics.consistency",
     "compile": "holdfast.compiled.chain",
+    "compile_rollout": "holdfast.simulation.rollout.rollout",
     "contact_attitudes": "holdfast.dynamics.contact_attitude",
     "diagnose": "holdfast.dynamics.diagnose",
     "forward_dynamics": "holdfast.dynamics.forward",
+    "grasp_margins": "holdfast.dynamics.margins",
     "inverse_dynamics": "holdfast.dynamics.inverse",
+    "joint_margins": "holdfast.dynamics.margins",
     "kinetic_energy": "holdfast.dynamics.energy",
+    "last_joint_wrenches": "holdfast.dynamics.wrist",
     "load_cases": "holdfast.io.case_file",
     "load_result": "holdfast.io.result_reader",
     "load_scene": "holdfast.scenario.build",
+    "margin_range": "holdfast.dynamics.margin_range",
     "momentum": "holdfast.dynamics.energy",
+    "momentum_rate": "holdfast.dynamics.momentum_balance",
     "motion_basis": "holdfast.dynamics.object_level",
     "object_inertia": "holdfast.dynamics.object_level",
     "object_mobility": "holdfast.dynamics.object_level",
@@ -84,9 +107,11 @@ _LATER = {
     "power": "holdfast.dynamics.energy",
     "project": "holdfast.dynamics.projection",
     "project_velocity": "holdfast.dynamics.closing",
+    "release": "holdfast.dynamics.impulse",
     "simulate": "holdfast.simulation.simulate",
     "split": "holdfast.dynamics.split",
     "state_from_joints": "holdfast.dynamics.object_from_joints",
+    "wrist_wrenches": "holdfast.dynamics.wrist",
 }
 
 
@@ -107,13 +132,16 @@ __all__ = [
     "METHODS",
     "Arm",
     "ArmResult",
+    "Attachment",
     "BoundDynamics",
     "ClosedChain",
     "ClosureError",
     "CompiledChain",
     "CompiledResult",
     "ContactAttitude",
+    "ControlLaw",
     "Diagnosis",
+    "Fate",
     "ForwardResult",
     "Friction",
     "Grasp",
@@ -122,7 +150,9 @@ __all__ = [
     "HoldfastError",
     "Inputs",
     "Joint",
+    "JointMargins",
     "Link",
+    "MarginRange",
     "Method",
     "MethodNotApplicable",
     "MissingExtra",
@@ -130,6 +160,9 @@ __all__ = [
     "Pose",
     "Power",
     "ResultError",
+    "Rollout",
+    "RolloutRecord",
+    "RolloutSystems",
     "SceneError",
     "SingularChainError",
     "Split",
@@ -137,19 +170,27 @@ __all__ = [
     "StateError",
     "Status",
     "Trajectory",
+    "WrenchLimits",
+    "attach",
     "centre_of_mass",
     "close",
     "closure",
     "compile",
+    "compile_rollout",
     "contact_attitudes",
     "diagnose",
     "forward_dynamics",
+    "grasp_margins",
     "inverse_dynamics",
+    "joint_margins",
     "kinetic_energy",
+    "last_joint_wrenches",
     "load_cases",
     "load_result",
     "load_scene",
+    "margin_range",
     "momentum",
+    "momentum_rate",
     "motion_basis",
     "object_inertia",
     "object_mobility",
@@ -157,7 +198,9 @@ __all__ = [
     "power",
     "project",
     "project_velocity",
+    "release",
     "simulate",
     "split",
     "state_from_joints",
+    "wrist_wrenches",
 ]
