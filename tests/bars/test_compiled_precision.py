@@ -68,15 +68,14 @@ def test_light_object_any_arms(arm_count):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("scale", [1e-8, 1e-2, 1e2])
+@pytest.mark.parametrize("scale", [1e-8, 1e2])
 def test_stored_cases_of_any_mass(scale):
     """Every stored rigid or mixed case with the object scaled: <= 1e-12."""
     precision.test_stored_cases_of_any_mass(scale)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("joints", [(6, 6, 6), (7, 7, 7)])
-@pytest.mark.parametrize("which", [(0,), (1,), (0, 2)])
+@pytest.mark.parametrize(("which", "joints"), [((1,), (6, 6, 6)), ((0, 2), (7, 7, 7))])
 def test_straight_arm_sweep(which, joints):
     """Bends from 0.1 rad to exactly straight: <= 1e-12."""
     precision.test_straight_arm_sweep(which, joints)
