@@ -19,7 +19,7 @@ MATHEMATICS = {"spatial"}
 MODEL = MATHEMATICS | {"model"}
 DYNAMICS = MODEL | {"state", "dynamics", "compiler", "compiled"}
 USE = DYNAMICS | {"simulation", "control"}
-FILES_AND_SCENES = USE | {"robots", "scenario", "io"}
+FILES_AND_SCENES = USE | {"robots", "assembly", "interop", "scenario", "io"}
 MAY_IMPORT = {
     "errors": set(),
     "spatial": set(),
@@ -31,8 +31,10 @@ MAY_IMPORT = {
     "simulation": DYNAMICS,
     "control": DYNAMICS,
     "robots": MODEL,
+    "assembly": DYNAMICS | {"robots"},
+    "interop": USE | {"robots", "io"},
     "scenario": FILES_AND_SCENES - {"scenario"},
-    "io": FILES_AND_SCENES - {"scenario", "io"},
+    "io": USE | {"robots"},
     "view": FILES_AND_SCENES,
     "bench": FILES_AND_SCENES | {"holdfast"},  # calls the library as its users do
     "cli": FILES_AND_SCENES | {"bench", "view", "holdfast"},

@@ -24,9 +24,12 @@ from holdfast.spatial.pose import Pose
 from holdfast.state import Inputs, State
 
 if TYPE_CHECKING:
+    from holdfast.assembly.assemble import Assembly, assemble
+    from holdfast.assembly.report import AssemblyReport, assembly_report
     from holdfast.compiled.bound_dynamics import BoundDynamics
     from holdfast.compiled.chain import CompiledChain, compile
     from holdfast.compiled.result import CompiledResult
+    from holdfast.control.holding_torques import holding_torques
     from holdfast.dynamics.closing import close, project_velocity
     from holdfast.dynamics.consistency import GraspResidual, closure
     from holdfast.dynamics.contact_attitude import ContactAttitude, contact_attitudes
@@ -45,6 +48,9 @@ if TYPE_CHECKING:
     from holdfast.dynamics.result import ArmResult, ForwardResult, Status
     from holdfast.dynamics.split import Split, split
     from holdfast.dynamics.wrist import last_joint_wrenches, wrist_wrenches
+    from holdfast.interop.joint_order import angular_first, linear_first, pinocchio_order
+    from holdfast.interop.mjcf_reader import load_mjcf
+    from holdfast.interop.mjcf_writer import to_mjcf
     from holdfast.io.case_file import load_cases
     from holdfast.io.result_reader import load_result
     from holdfast.scenario.build import load_scene
@@ -59,6 +65,8 @@ __version__ = "0.1.0"
 # The model is imported at once; algorithms, files and simulation when first asked for.
 _LATER = {
     "ArmResult": "holdfast.dynamics.result",
+    "Assembly": "holdfast.assembly.assemble",
+    "AssemblyReport": "holdfast.assembly.report",
     "Attachment": "holdfast.dynamics.impulse",
     "BoundDynamics": "holdfast.compiled.bound_dynamics",
     "CompiledChain": "holdfast.compiled.chain",
@@ -80,6 +88,9 @@ _LATER = {
     "Split": "holdfast.dynamics.split",
     "Status": "holdfast.dynamics.result",
     "Trajectory": "holdfast.simulation.trajectory",
+    "angular_first": "holdfast.interop.joint_order",
+    "assemble": "holdfast.assembly.assemble",
+    "assembly_report": "holdfast.assembly.report",
     "attach": "holdfast.dynamics.impulse",
     "centre_of_mass": "holdfast.dynamics.energy",
     "close": "holdfast.dynamics.closing",
@@ -90,11 +101,14 @@ _LATER = {
     "diagnose": "holdfast.dynamics.diagnose",
     "forward_dynamics": "holdfast.dynamics.forward",
     "grasp_margins": "holdfast.dynamics.margins",
+    "holding_torques": "holdfast.control.holding_torques",
     "inverse_dynamics": "holdfast.dynamics.inverse",
     "joint_margins": "holdfast.dynamics.margins",
     "kinetic_energy": "holdfast.dynamics.energy",
     "last_joint_wrenches": "holdfast.dynamics.wrist",
+    "linear_first": "holdfast.interop.joint_order",
     "load_cases": "holdfast.io.case_file",
+    "load_mjcf": "holdfast.interop.mjcf_reader",
     "load_result": "holdfast.io.result_reader",
     "load_scene": "holdfast.scenario.build",
     "margin_range": "holdfast.dynamics.margin_range",
@@ -103,6 +117,7 @@ _LATER = {
     "motion_basis": "holdfast.dynamics.object_level",
     "object_inertia": "holdfast.dynamics.object_level",
     "object_mobility": "holdfast.dynamics.object_level",
+    "pinocchio_order": "holdfast.interop.joint_order",
     "potential_energy": "holdfast.dynamics.energy",
     "power": "holdfast.dynamics.energy",
     "project": "holdfast.dynamics.projection",
@@ -111,6 +126,7 @@ _LATER = {
     "simulate": "holdfast.simulation.simulate",
     "split": "holdfast.dynamics.split",
     "state_from_joints": "holdfast.dynamics.object_from_joints",
+    "to_mjcf": "holdfast.interop.mjcf_writer",
     "wrist_wrenches": "holdfast.dynamics.wrist",
 }
 
@@ -132,6 +148,8 @@ __all__ = [
     "METHODS",
     "Arm",
     "ArmResult",
+    "Assembly",
+    "AssemblyReport",
     "Attachment",
     "BoundDynamics",
     "ClosedChain",
@@ -171,6 +189,9 @@ __all__ = [
     "Status",
     "Trajectory",
     "WrenchLimits",
+    "angular_first",
+    "assemble",
+    "assembly_report",
     "attach",
     "centre_of_mass",
     "close",
@@ -181,11 +202,14 @@ __all__ = [
     "diagnose",
     "forward_dynamics",
     "grasp_margins",
+    "holding_torques",
     "inverse_dynamics",
     "joint_margins",
     "kinetic_energy",
     "last_joint_wrenches",
+    "linear_first",
     "load_cases",
+    "load_mjcf",
     "load_result",
     "load_scene",
     "margin_range",
@@ -194,6 +218,7 @@ __all__ = [
     "motion_basis",
     "object_inertia",
     "object_mobility",
+    "pinocchio_order",
     "potential_energy",
     "power",
     "project",
@@ -202,5 +227,6 @@ __all__ = [
     "simulate",
     "split",
     "state_from_joints",
+    "to_mjcf",
     "wrist_wrenches",
 ]

@@ -8,8 +8,9 @@ import numpy as np
 
 from holdfast.bench import library
 from holdfast.bench.entry import Answers, Candidate, Entry
-from holdfast.bench.mujoco_model import HARDEST, inputs, mjcf
+from holdfast.bench.mujoco_model import inputs, mjcf
 from holdfast.bench.systems import System
+from holdfast.interop.mjcf_writer import HARDEST
 
 LIBRARY = "mujoco"
 SOLVERS = (("Newton", "dense"), ("Newton", "sparse"), ("CG", "sparse"), ("PGS", "dense"))

@@ -1,14 +1,34 @@
-"""Ready-made arms, by name, from published data only."""
+"""Ready-made arms, by name, from published data only; and two mechanisms of short arms."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 from holdfast.model.arm import Arm
+from holdfast.robots.gen3 import GEN3_HOME, gen3
+from holdfast.robots.iiwa14 import IIWA14_HOME, iiwa14
+from holdfast.robots.mechanism import Mechanism
 from holdfast.robots.panda import PANDA_HOME, panda
+from holdfast.robots.stewart_platform import stewart_platform
+from holdfast.robots.three_finger_hand import three_finger_hand
+from holdfast.robots.ur5e import UR5E_HOME, ur5e
 from holdfast.spatial.scalar import Array
 
-ROBOTS: dict[str, Callable[..., Arm]] = {"panda": panda}
-HOME: dict[str, Array] = {"panda": PANDA_HOME}
+ROBOTS: dict[str, Callable[..., Arm]] = {"panda": panda, "iiwa14": iiwa14, "ur5e": ur5e, "gen3": gen3}
+HOME: dict[str, Array] = {"panda": PANDA_HOME, "iiwa14": IIWA14_HOME, "ur5e": UR5E_HOME, "gen3": GEN3_HOME}
 
-__all__ = ["HOME", "PANDA_HOME", "ROBOTS", "panda"]
+__all__ = [
+    "GEN3_HOME",
+    "HOME",
+    "IIWA14_HOME",
+    "PANDA_HOME",
+    "ROBOTS",
+    "UR5E_HOME",
+    "Mechanism",
+    "gen3",
+    "iiwa14",
+    "panda",
+    "stewart_platform",
+    "three_finger_hand",
+    "ur5e",
+]

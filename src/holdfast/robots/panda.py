@@ -2,60 +2,82 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from holdfast.model import checks
 from holdfast.model.arm import Arm
-from holdfast.model.joint import Joint
-from holdfast.model.link import Link
+from holdfast.robots.link_table import Row, arm_of_table
+from holdfast.robots.primitive import rod
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array
 
-PANDA_HOME = np.array([0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, np.pi / 4])
-PANDA_HOME.flags.writeable = False
+PANDA_HOME = checks.read_only(np.array([0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, np.pi / 4]))
 
 # Reflected inertia of the drives [kg m^2] that the maker gave out for its successor, the
 # FR3 (in Drake's franka_description). None is published for the Panda itself.
-FR3_ARMATURE = np.array([0.605721456, 0.605721456, 0.462474144, 0.462474144, 0.205544064, 0.205544064, 0.205544064])
-FR3_ARMATURE.flags.writeable = False
+FR3_ARMATURE = checks.read_only(
+    np.array([0.605721456, 0.605721456, 0.462474144, 0.462474144, 0.205544064, 0.205544064, 0.205544064])
+)
 
-FLANGE_DISTANCE = 0.107  # from link 7's origin along its z [m]
-
-
-class _Row(NamedTuple):
-    """Craig's DH row of a joint, its limits, and what its link weighs."""
-
-    a: float  # along the parent's x [m]
-    d: float  # along the joint axis [m]
-    turn: int  # alpha, about the parent's x, in right angles
-    limits: tuple[float, float]  # [rad]
-    rate: float  # [rad/s]
-    effort: float  # [N m]
-    mass: float  # [kg]
-    com: tuple[float, float, float]  # [m]
-    inertia: tuple[float, float, float, float, float, float]  # xx, yy, zz, xy, xz, yz about com [kg m^2]
-
+FLANGE = Pose.translation(0.0, 0.0, 0.107)
 
 # fmt: off
-_ROWS = (
-    _Row(0.0, 0.333, 0, (-2.8973, 2.8973), 2.175, 87.0, 4.970684, (3.875e-03, 2.081e-03, -4.762e-02),
-         (7.0337e-01, 7.0661e-01, 9.117e-03, -1.39e-04, 6.772e-03, 1.9169e-02)),
-    _Row(0.0, 0.0, -1, (-1.7628, 1.7628), 2.175, 87.0, 0.646926, (-3.141e-03, -2.872e-02, 3.495e-03),
-         (7.962e-03, 2.811e-02, 2.5995e-02, -3.925e-03, 1.0254e-02, 7.04e-04)),
-    _Row(0.0, 0.316, 1, (-2.8973, 2.8973), 2.175, 87.0, 3.228604, (2.7518e-02, 3.9252e-02, -6.6502e-02),
-         (3.7242e-02, 3.6155e-02, 1.083e-02, -4.761e-03, -1.1396e-02, -1.2805e-02)),
-    _Row(0.0825, 0.0, 1, (-3.0718, -0.0698), 2.175, 87.0, 3.587895, (-5.317e-02, 1.04419e-01, 2.7454e-02),
-         (2.5853e-02, 1.9552e-02, 2.8323e-02, 7.796e-03, -1.332e-03, 8.641e-03)),
-    _Row(-0.0825, 0.384, -1, (-2.8973, 2.8973), 2.61, 12.0, 1.225946, (-1.1953e-02, 4.1065e-02, -3.8437e-02),
-         (3.5549e-02, 2.9474e-02, 8.627e-03, -2.117e-03, -4.037e-03, 2.29e-04)),
-    _Row(0.0, 0.0, 1, (-0.0175, 3.7525), 2.61, 12.0, 1.666555, (6.0149e-02, -1.4117e-02, -1.0517e-02),
-         (1.964e-03, 4.354e-03, 5.433e-03, 1.09e-04, -1.158e-03, 3.41e-04)),
-    _Row(0.088, 0.0, 1, (-2.8973, 2.8973), 2.61, 12.0, 7.35522e-01, (1.0517e-02, -4.252e-03, 6.1597e-02),
-         (1.2516e-02, 1.0027e-02, 4.815e-03, -4.28e-04, -1.196e-03, -7.41e-04)),
+PANDA_ROWS = (
+    Row("joint1", "link1", "x y z", (0.0, 0.0, 0.333), (-2.8973, 2.8973), 2.175, 87.0,
+        4.970684, (3.875e-03, 2.081e-03, -4.762e-02),
+        (7.0337e-01, 7.0661e-01, 9.117e-03, -1.39e-04, 6.772e-03, 1.9169e-02)),
+    Row("joint2", "link2", "x -z y", (0.0, 0.0, 0.0), (-1.7628, 1.7628), 2.175, 87.0,
+        0.646926, (-3.141e-03, -2.872e-02, 3.495e-03),
+        (7.962e-03, 2.811e-02, 2.5995e-02, -3.925e-03, 1.0254e-02, 7.04e-04)),
+    Row("joint3", "link3", "x z -y", (0.0, -0.316, 0.0), (-2.8973, 2.8973), 2.175, 87.0,
+        3.228604, (2.7518e-02, 3.9252e-02, -6.6502e-02),
+        (3.7242e-02, 3.6155e-02, 1.083e-02, -4.761e-03, -1.1396e-02, -1.2805e-02)),
+    Row("joint4", "link4", "x z -y", (0.0825, 0.0, 0.0), (-3.0718, -0.0698), 2.175, 87.0,
+        3.587895, (-5.317e-02, 1.04419e-01, 2.7454e-02),
+        (2.5853e-02, 1.9552e-02, 2.8323e-02, 7.796e-03, -1.332e-03, 8.641e-03)),
+    Row("joint5", "link5", "x -z y", (-0.0825, 0.384, 0.0), (-2.8973, 2.8973), 2.61, 12.0,
+        1.225946, (-1.1953e-02, 4.1065e-02, -3.8437e-02),
+        (3.5549e-02, 2.9474e-02, 8.627e-03, -2.117e-03, -4.037e-03, 2.29e-04)),
+    Row("joint6", "link6", "x z -y", (0.0, 0.0, 0.0), (-0.0175, 3.7525), 2.61, 12.0,
+        1.666555, (6.0149e-02, -1.4117e-02, -1.0517e-02),
+        (1.964e-03, 4.354e-03, 5.433e-03, 1.09e-04, -1.158e-03, 3.41e-04)),
+    Row("joint7", "link7", "x z -y", (0.088, 0.0, 0.0), (-2.8973, 2.8973), 2.61, 12.0,
+        7.35522e-01, (1.0517e-02, -4.252e-03, 6.1597e-02),
+        (1.2516e-02, 1.0027e-02, 4.815e-03, -4.28e-04, -1.196e-03, -7.41e-04)),
 )
 # fmt: on
+
+# base, then link by link: bodies that follow the outline of the real ones
+PANDA_LOOKS = (
+    (
+        rod("capsule", (-0.08, 0.0, 0.06), (0.0, 0.0, 0.06), 0.06, "white"),
+        rod("cylinder", (0, 0, 0), (0, 0, 0.14), 0.07),
+    ),
+    (rod("capsule", (0.0, 0.0, -0.18), (0.0, 0.0, -0.02), 0.06, "white"),),
+    (
+        rod("cylinder", (0.0, 0.0, -0.07), (0.0, 0.0, 0.07), 0.06, "white"),
+        rod("capsule", (0, 0, 0), (0, -0.12, 0), 0.06),
+    ),
+    (
+        rod("capsule", (0.0, 0.0, -0.19), (0.0, 0.0, -0.08), 0.06, "white"),
+        rod("capsule", (0, 0, -0.05), (0.08, 0, 0), 0.05),
+    ),
+    (
+        rod("cylinder", (0.0, 0.0, -0.07), (0.0, 0.0, 0.07), 0.055, "white"),
+        rod("capsule", (0.0, 0.0, 0.0), (-0.08, 0.09, 0.0), 0.05),
+    ),
+    (
+        rod("capsule", (0.0, 0.0, -0.25), (0.0, 0.0, -0.19), 0.055, "white"),
+        rod("capsule", (0.0, 0.07, -0.19), (0.0, 0.08, -0.02), 0.03, "white"),
+        rod("cylinder", (0.0, -0.06, 0.0), (0.0, 0.08, 0.0), 0.05),
+    ),
+    (
+        rod("cylinder", (0.0, 0.0, -0.07), (0.0, 0.0, 0.06), 0.045, "white"),
+        rod("capsule", (0.0, 0.0, 0.0), (0.088, 0.0, 0.0), 0.045, "white"),
+    ),
+    (rod("cylinder", (0.0, 0.0, 0.0), (0.0, 0.0, 0.107), 0.042),),
+)
 
 
 def panda(base: Any = None, tip: Any = None, *, armature: Any = 0.0) -> Arm:
@@ -83,35 +105,4 @@ def panda(base: Any = None, tip: Any = None, *, armature: Any = 0.0) -> Arm:
         parameters using penalty-based optimization", IEEE Robotics and Automation
         Letters 4(4), 2019: inertial parameters, as the maker's URDF carries them.
     """
-    drives = [armature] * len(_ROWS) if np.ndim(armature) == 0 else armature
-    drives = checks.numbers(drives, (len(_ROWS),), "panda: armature")
-    joints = [_joint(k, row, float(drives[k])) for k, row in enumerate(_ROWS)]
-    links = [
-        Link(row.mass, np.array(row.com), _symmetric(row.inertia), name=f"link{k + 1}") for k, row in enumerate(_ROWS)
-    ]
-    flange = Pose.translation(0.0, 0.0, FLANGE_DISTANCE)
-    tool = Pose.identity() if tip is None else checks.pose(tip, "panda: tip")
-    mount = Pose.identity() if base is None else base
-    return Arm(joints, links, flange @ tool, mount, name="panda")
-
-
-def _joint(k: int, row: _Row, armature: float) -> Joint:
-    """Return joint k: Rx(alpha) Tx(a) Rz(q) Tz(d), with cosine and sine exactly 0 or +-1."""
-    c, s = float(1 - abs(row.turn)), float(row.turn)
-    R0 = np.array([[1.0, 0.0, 0.0], [0.0, c, 0.0 - s], [0.0, s, c]])  # no -0.0
-    return Joint(
-        "revolute",
-        np.array([0.0, 0.0, 1.0]),
-        Pose(R0, np.array([row.a, 0.0 - row.d * s, row.d * c])),
-        name=f"joint{k + 1}",
-        position_limits=row.limits,
-        rate_limit=row.rate,
-        effort_limit=row.effort,
-        armature=armature,
-    )
-
-
-def _symmetric(moments: tuple[float, float, float, float, float, float]) -> Array:
-    """Return the (3, 3) matrix of xx, yy, zz, xy, xz, yz."""
-    xx, yy, zz, xy, xz, yz = moments
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return arm_of_table("panda", PANDA_ROWS, FLANGE, base, tip, armature)

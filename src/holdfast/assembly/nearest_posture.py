@@ -1,0 +1,177 @@
+"""The closed posture nearest to a preferred one: Newton's method along the self-motions.
+
+    min 1/2 |D (q - q*)|^2   over closed states,   D = 1 / (1 rad, or the longest reach)
+
+At the minimum D (q - q*) is orthogonal to every motion that keeps the chains closed: with N a
+basis of the velocities (qd, V(C)) that the position rows C allow, N^T c = 0 for the gradient
+c = [D (q - q*); 0]. The Hessian is N^T (D^2 + sum lambda_i d^2 c_i) N with the multipliers
+C^T lambda = -c; its second part, the curvature of the constraint, by differences of C^T lambda.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.closing import close
+from holdfast.dynamics.constraint import coordinate_sizes
+from holdfast.dynamics.projection import moved
+from holdfast.errors import ClosureError
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import rotate, twist_shift
+from holdfast.state import Inputs, State
+
+STATIONARY = 1e-11  # |N^T c| at which to stop
+ROUNDS = 60
+LONGEST_STEP = 0.3  # rad, or part of the arms' reach, in one round
+SHORTENINGS = 12
+PROBE = 1e-5  # of the differences
+FLATTEST = 1e-6  # curvature that counts: below it a direction is flat
+DEPENDENT = 1e-10  # of the largest singular value
+ROUNDING = 1e-13  # rad, or part of the reach: a shorter step crosses no limit
+
+
+class _Newton(NamedTuple):
+    """The motions allowed at a state, and Newton's step among them.
+
+    Attributes:
+        slope: |N^T c| along the motions that no limit stops.
+        unstopped: (n + 6,) step along them, scaled coordinates.
+        to_limits: (n + 6,) what brings stopped joints exactly to their limits.
+    """
+
+    slope: float
+    unstopped: Array
+    to_limits: Array
+
+    @property
+    def step(self) -> Array:
+        """The whole step, (n + 6,)."""
+        return self.unstopped + self.to_limits
+
+
+def nearest_posture(chain: ClosedChain, state: State, preferred: Array, *, hold_object: bool = False) -> State:
+    """Return the closed state whose joints are nearest to preferred ones, at rest.
+
+    A local minimum: the one that self-motion from the given state leads to. Joints keep
+    within their limits.
+
+    Args:
+        chain: the chain.
+        state: a closed state.
+        preferred: (n,) joint positions [rad or m].
+        hold_object: keep the object where it is; else it moves as suits the arms.
+    """
+    sizes = unit_sizes(chain, state)
+    for _ in range(ROUNDS):
+        newton = _newton(chain, state, preferred, sizes, hold_object)
+        if max(newton.slope, float(np.linalg.norm(newton.to_limits))) <= STATIONARY:
+            break
+        better = _shortened(chain, state, preferred, sizes, hold_object, newton)
+        if better is None:
+            break  # as near as rounding allows
+        state = better
+    return state
+
+
+def distance(chain: ClosedChain, state: State, preferred: Array) -> float:
+    """Return |D (q - q*)|: joint angles in rad, strokes in parts of the longest reach."""
+    return float(np.linalg.norm((state.q - preferred) / unit_sizes(chain, state)[: chain.joint_count]))
+
+
+def unit_sizes(chain: ClosedChain, state: State) -> Array:
+    """Return what counts as one unit of each joint and of the object's [turn; shift], (n + 6,)."""
+    return coordinate_sizes(chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain)))
+
+
+def position_rows(chain: ClosedChain, state: State) -> Array:
+    """Return C, (rows, n + 6): velocities with C (qd, V(C)) = 0 keep the grasps closed.
+
+    These are the rows K [J, -A] without a soft finger's spin, which positions do not feel.
+    """
+    frame, blocks = state.object_frame, []
+    for name, grasp in chain.grasps.items():
+        arm, part = chain.arms[name], chain.joints[name]
+        R = frame.R @ grasp.frame.R
+        kept = [i for i in grasp.transmitted if not (grasp.kind == "softfinger" and i == 2)]
+        K = np.array([rotate(R, unit) for unit in np.eye(6)[kept]])
+        rows = np.zeros((len(kept), chain.joint_count + 6))
+        rows[:, part] = K @ jacobian(arm, posture(arm, state.q[part]))
+        rows[:, chain.joint_count :] = -K @ twist_shift(frame.R @ grasp.frame.p)
+        blocks.append(rows)
+    return np.concatenate(blocks) if blocks else np.zeros((0, chain.joint_count + 6))
+
+
+def _newton(chain: ClosedChain, state: State, preferred: Array, sizes: Array, hold_object: bool) -> _Newton:
+    """Return Newton's step within the limits: of those it crosses, the first one is made to hold, again and again."""
+    n = chain.joint_count
+    room = (np.concatenate([arm.position_limits for arm in chain.arms.values()]).T - state.q) / sizes[:n]
+    rows = position_rows(chain, state) * sizes
+    slope = np.r_[(state.q - preferred) / sizes[:n], np.zeros(6)]
+    ends = np.full(n + 6, np.nan)  # where a coordinate is made to go
+    if hold_object:
+        ends[n:] = 0.0
+    while True:
+        stopped = ~np.isnan(ends)
+        whole = np.concatenate([rows, np.eye(n + 6)[stopped]])
+        _, values, Vt = np.linalg.svd(whole)
+        basis = Vt[int((values > DEPENDENT * values.max(initial=0.0)).sum()) :].T
+        to_limits = np.linalg.lstsq(whole, np.r_[np.zeros(len(rows)), ends[stopped]], rcond=DEPENDENT)[0]
+        unstopped = basis @ _descent(chain, state, sizes, rows, whole, basis, slope)
+        step = (unstopped + to_limits)[:n]
+        share = np.where(step > 0, room[1], -room[0]) / np.maximum(np.abs(step), 1e-300)  # of the step, to a limit
+        share[stopped[:n] | (np.abs(step) <= ROUNDING)] = np.inf
+        if not (share < 1).any():
+            return _Newton(float(np.linalg.norm(basis.T @ slope)), unstopped, to_limits)
+        first = int(np.argmin(share))
+        ends[first] = room[1, first] if step[first] > 0 else room[0, first]
+
+
+def _descent(
+    chain: ClosedChain, state: State, sizes: Array, rows: Array, whole: Array, basis: Array, slope: Array
+) -> Array:
+    """Return Newton's step along the basis, turned downhill where the distance curves down, (d,)."""
+    n = chain.joint_count
+    multipliers = np.linalg.lstsq(whole.T, -slope, rcond=DEPENDENT)[0][: len(rows)]
+
+    def pull(direction: Array) -> Array:
+        there = moved(state, *np.split(sizes * direction, [n]))
+        return (position_rows(chain, there) * sizes).T @ multipliers
+
+    curvature = [(pull(PROBE * v) - pull(-PROBE * v)) / (2 * PROBE) for v in basis.T]
+    H = basis[:n].T @ basis[:n] + basis.T @ np.array(curvature).reshape(basis.shape[1], n + 6).T
+    values, vectors = np.linalg.eigh(0.5 * (H + H.T))
+    return -vectors @ (vectors.T @ (basis.T @ slope) / np.maximum(np.abs(values), FLATTEST))
+
+
+def _shortened(
+    chain: ClosedChain, state: State, preferred: Array, sizes: Array, hold_object: bool, newton: _Newton
+) -> State | None:
+    """Return the closed state after the longest part of the step that improves, or None.
+
+    Far from the minimum the distance must fall; near it, where its digits end, the slope.
+    """
+    n, step = chain.joint_count, newton.step
+    apart = (state.q - preferred) / sizes[:n]
+    before = 0.5 * float(apart @ apart)
+    step = step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
+    for _ in range(SHORTENINGS):
+        try:
+            trial = close(chain, moved(state, *np.split(sizes * step, [n])), hold_object=hold_object)
+        except ClosureError:
+            step = step / 2
+            continue
+        after = 0.5 * float(np.sum(((trial.q - preferred) / sizes[:n]) ** 2))
+        if after < before - 1e-4 * abs(float(step[:n] @ apart)):
+            return trial
+        if after <= before + 1e-10 * (1 + before):
+            there = _newton(chain, trial, preferred, sizes, hold_object)
+            if there.slope + np.linalg.norm(there.to_limits) < 0.5 * (newton.slope + np.linalg.norm(newton.to_limits)):
+                return trial
+        step = step / 2
+    return None

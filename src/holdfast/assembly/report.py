@@ -1,0 +1,128 @@
+"""What is to be known about an assembly: reach, joint limits, closure, mobility, and what nobody checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from holdfast.assembly.reach import asked_reach, longest_reach
+from holdfast.dynamics.consistency import closure
+from holdfast.dynamics.rank import constraint_rank
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.state import State
+
+AT_LIMIT = 1e-9  # rad or m
+
+
+@dataclass(frozen=True)
+class ArmReport:
+    """How one arm stands.
+
+    Attributes:
+        name: of the arm.
+        holds: whether it has a grasp.
+        reach: from its first joint to its contact [m]; nan without a grasp.
+        longest: no posture reaches farther [m].
+        joint: the joint nearest to a limit; "" if none has limits.
+        margin: how far that joint is from it [rad or m]; infinite if none has limits.
+        unit: "rad" or "m", of the margin.
+        residual: largest position gap at its grasp [m or rad].
+    """
+
+    name: str
+    holds: bool
+    reach: float
+    longest: float
+    joint: str
+    margin: float
+    unit: str
+    residual: float
+
+    @property
+    def reach_used(self) -> float:
+        """Part of the longest reach that is used, 0 to 1."""
+        return self.reach / self.longest
+
+    def __str__(self) -> str:
+        words = [f"{self.name}:"]
+        if self.holds:
+            words.append(f"reach {self.reach:.3f} m, {100 * self.reach_used:.0f} % of the longest,")
+        else:
+            words.append("holds nothing,")
+        if self.joint and self.margin <= AT_LIMIT:
+            words.append(f"{self.joint} stands at its limit,")
+        elif self.joint:
+            words.append(f"{self.joint} nearest to a limit ({self.margin:.3g} {self.unit}),")
+        else:
+            words.append("no joint limits,")
+        return " ".join(words) + (f" closed to {self.residual:.1e}" if self.holds else " in its preferred posture")
+
+
+@dataclass(frozen=True)
+class AssemblyReport:
+    """How a closed chain stands.
+
+    Attributes:
+        arms: arm by arm.
+        mobility: dimension of the velocities that the grasps allow, n + 6 - rank of K [J, -A].
+        rank: independent rows of the grasp constraint.
+        rows: all its rows, six a grasp.
+        not_checked: what may still be wrong.
+    """
+
+    arms: tuple[ArmReport, ...]
+    mobility: int
+    rank: int
+    rows: int
+    not_checked: tuple[str, ...] = (
+        "collisions between arms, object and surroundings",
+        "whether the drives can bear the load",
+        "friction at one-sided contacts",
+    )
+
+    def __str__(self) -> str:
+        lines = [str(arm) for arm in self.arms]
+        lines.append(f"mobility {self.mobility}, rank {self.rank} of {self.rows}")
+        if self.rank < self.rows:
+            lines.append("  rows are dependent: singular, or grasp forces not unique; holdfast.diagnose tells which")
+        lines.append(f"not checked: {'; '.join(self.not_checked)}")
+        return "\n".join(lines)
+
+
+def assembly_report(chain: ClosedChain, state: State) -> AssemblyReport:
+    """Return how the arms of a closed chain stand: reach used, nearest joint limit, closure, mobility.
+
+    Args:
+        chain: the chain.
+        state: a closed state; `residual` tells if it is not.
+
+    Raises:
+        StateError: a state of another chain.
+    """
+    gaps = {name: float(np.abs(gap.position).max()) for name, gap in closure(chain, state).items()}
+    rank = constraint_rank(chain, state)
+    return AssemblyReport(
+        tuple(_arm_report(chain, state, name, gaps.get(name)) for name in chain.arms),
+        chain.joint_count + 6 + chain.contact_freedom_count - rank,
+        rank,
+        chain.constraint_row_count,
+    )
+
+
+def _arm_report(chain: ClosedChain, state: State, name: str, gap: float | None) -> ArmReport:
+    arm, q = chain.arms[name], state.q[chain.joints[name]]
+    low, high = arm.position_limits.T
+    margins = np.minimum(q - low, high - q)
+    nearest = int(np.argmin(margins))
+    joint, bounded = arm.joints[nearest], bool(np.isfinite(margins[nearest]))
+    return ArmReport(
+        name=name,
+        holds=gap is not None,
+        reach=np.nan if gap is None else asked_reach(chain, name, state.object_frame),
+        longest=longest_reach(arm),
+        joint=(joint.name or f"joint {nearest + 1}") if bounded else "",
+        margin=float(margins[nearest]),
+        unit="rad" if joint.kind == "revolute" else "m",
+        residual=np.nan if gap is None else gap,
+    )

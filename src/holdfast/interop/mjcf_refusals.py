@@ -1,0 +1,97 @@
+"""What a MuJoCo arm may have and ours cannot: refused by name, never dropped."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from holdfast.errors import SceneError
+from holdfast.interop.mjcf_model import mujoco_module
+from holdfast.interop.mjcf_names import body_name, drives_of, joint_name
+
+
+def require_plain(source: str, model: Any, j: int) -> None:
+    """Refuse a joint with a spring, with damping that is not linear, or with a drive's own damping or armature.
+
+    Raises:
+        SceneError: naming the joint and what it has.
+    """
+    dof, drives = model.jnt_dofadr[j], drives_of(model, j)
+    excess = {
+        "a spring (stiffness)": [model.jnt_stiffness[j], *model.jnt_stiffnesspoly[j]],
+        "damping that is not linear": model.dof_dampingpoly[dof],
+        "a plastic spring": [model.jnt_plasticadr[j] + 1],
+        "an actuator with armature": model.actuator_armature[drives],
+        "an actuator with damping": [model.actuator_damping[drives], *model.actuator_dampingpoly[drives].T],
+    }
+    found = [words for words, values in excess.items() if np.any(np.asarray(values))]
+    if found:
+        raise SceneError(
+            f"{source}: joint '{joint_name(model, j)}': expected damping, armature and friction loss of its own only,"
+            f" got {', '.join(found)}; try another model of the joint, or holding it (locked=)"
+        )
+
+
+def require_serial(source: str, model: Any, bodies: set[int], joints: set[int]) -> None:
+    """Refuse what ties the arm to itself or to the ground, and what lifts its bodies.
+
+    Args:
+        source: for messages.
+        model: the compiled model.
+        bodies: numbers of the arm's moving bodies.
+        joints: numbers of its joints that move.
+
+    Raises:
+        SceneError: gravity compensation, an equality or a tendon with forces of its own, by name.
+    """
+    for b in sorted(bodies):
+        if model.body_gravcomp[b]:
+            raise SceneError(
+                f"{source}: body '{body_name(model, b)}': gravcomp: expected 0, got {model.body_gravcomp[b]:g}"
+            )
+    for e in range(model.neq):
+        if _binds(model, e, bodies, joints):
+            name = model.equality(e).name or f"equality {e}"
+            raise SceneError(
+                f"{source}: '{name}': expected an arm without loops and couplings, got an equality within it; try"
+                " holding what it couples (locked=)"
+            )
+    for t in range(model.ntendon):
+        if _wraps(model, t, bodies, joints) and _has_forces(model, t):
+            name = model.tendon(t).name or f"tendon {t}"
+            raise SceneError(f"{source}: '{name}': expected a tendon without forces and limits of its own on the arm")
+
+
+def _binds(model: Any, e: int, bodies: set[int], joints: set[int]) -> bool:
+    """Return whether an equality holds the arm to itself or to something that stands still."""
+    mujoco, pair = mujoco_module(), [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]
+    kind = mujoco.mjtEq(int(model.eq_type[e])).name
+    if kind == "mjEQ_JOINT":
+        return any(j in joints for j in pair)
+    if kind not in ("mjEQ_CONNECT", "mjEQ_WELD"):
+        return False
+    if mujoco.mjtObj(int(model.eq_objtype[e])).name == "mjOBJ_SITE":
+        pair = [int(model.site_bodyid[s]) for s in pair]
+    inside = [b in bodies for b in pair]
+    still = [model.body_weldid[b] == 0 for b in pair]
+    return any(inside) and all(i or s for i, s in zip(inside, still, strict=True))
+
+
+def _wraps(model: Any, t: int, bodies: set[int], joints: set[int]) -> bool:
+    """Return whether a tendon runs over a joint or a site of the arm."""
+    for w in range(int(model.tendon_adr[t]), int(model.tendon_adr[t] + model.tendon_num[t])):
+        kind, number = mujoco_module().mjtWrap(int(model.wrap_type[w])).name, int(model.wrap_objid[w])
+        if kind == "mjWRAP_JOINT" and number in joints:
+            return True
+        if kind == "mjWRAP_SITE" and int(model.site_bodyid[number]) in bodies:
+            return True
+    return False
+
+
+def _has_forces(model: Any, t: int) -> bool:
+    quantities = (
+        model.tendon_stiffness, model.tendon_stiffnesspoly, model.tendon_damping, model.tendon_dampingpoly,
+        model.tendon_frictionloss, model.tendon_armature, model.tendon_limited,
+    )  # fmt: skip
+    return any(np.any(quantity[t]) for quantity in quantities)

@@ -1,0 +1,258 @@
+"""A closed chain as MJCF, so that MuJoCo computes the same mechanism.
+
+Every rigid grasp is a weld, a ball a connect, a hinge two connects on its axis, a soft finger one connect (its
+moment about the normal is lost). MuJoCo's equalities are soft; they are written at their hardest.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+
+from holdfast.errors import ModelError
+from holdfast.model.arm import Arm
+from holdfast.model.checks import INERTIA_TOLERANCE
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.held_object import HeldObject
+from holdfast.model.joint import Joint
+from holdfast.model.link import Link
+from holdfast.robots.looks import looks_of
+from holdfast.robots.primitive import COLOURS, Primitive, box
+from holdfast.spatial import rotation
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+from holdfast.state import State
+
+HARDEST = 0.9999  # the largest impedance MuJoCo accepts; its default, 0.95, is far softer
+SMALLEST = 1e-15  # kg and kg m^2: MuJoCo's own bound on masses and principal moments of moving bodies
+ENDLESS = 1e10  # rad or m: a range with one end needs some number for the other
+HINGE_LENGTH = 0.1  # m: from the hinge's first connect to the second, along its axis
+TYPES = {"revolute": "hinge", "prismatic": "slide"}
+
+
+def to_mjcf(chain: ClosedChain, state: State | None = None, *, looks: bool = True) -> str:
+    """Return the chain as the text of an MJCF file.
+
+    Body "left" is where the arm of that name stands; its links and joints are
+    "left/link1", "left/joint1" by their own names, its tip the site "left/tip"; the object is
+    the free body "object" with a site "object/left" at the contact of each arm. Inertias are
+    exact; damping, armature, Coulomb friction, position and effort limits go along, rate limits
+    have no place. A motor on every joint takes its torque. A massless link shares the next
+    one's body. No geom collides.
+
+    Not the same in MuJoCo: equalities are soft; a hinge has a sixth, redundant row; a soft
+    finger passes no moment about its normal; friction cones are not written; Coulomb
+    friction acts at rest too (`forward_dynamics` leaves it out); bases do not move.
+
+    Args:
+        chain: the chain.
+        state: written as the keyframe "state"; None: none.
+        looks: give the bodies solids to look at, as `holdfast.robots.looks.looks_of` has them.
+
+    Raises:
+        ModelError: a link MuJoCo cannot have: no rotational inertia, or principal moments that no
+            mass distribution has; a massless last link; two bodies of one name.
+        StateError: a state of another chain.
+    """
+    root = document(chain, looks=looks)
+    drives = _add(root, "actuator")
+    for joint in root.iter("joint"):
+        _add(drives, "motor", name=joint.get("name", ""), joint=joint.get("name", ""))
+    if state is not None:
+        state.fits(chain)
+        key = _add(_add(root, "keyframe"), "key", name="state")
+        qpos, qvel = coordinates(state)
+        key.set("qpos", digits(qpos))
+        key.set("qvel", digits(qvel))
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def document(chain: ClosedChain, *, looks: bool) -> Element:
+    """Return the root element of the chain's MJCF.
+
+    Raises:
+        ModelError: as `to_mjcf`.
+    """
+    root = Element("mujoco", model="holdfast")
+    _add(root, "compiler", angle="radian", inertiafromgeom="false", autolimits="true")
+    _add(_add(root, "option", gravity=digits(chain.gravity)), "flag", contact="disable")
+    if looks:
+        default = _add(root, "default")
+        _add(default, "geom", contype="0", conaffinity="0", group="2")
+    world = _add(root, "worldbody")
+    for name, arm in chain.arms.items():
+        _add_arm(world, name, arm, looks)
+    _add_object(world, chain, looks)
+    equality = _add(root, "equality")
+    for name, grasp in chain.grasps.items():
+        _add_grasp(equality, world, chain, name, grasp.kind)
+    _require_distinct(root)
+    return root
+
+
+def coordinates(state: State) -> tuple[Array, Array]:
+    """Return MuJoCo's qpos (n + 7,) and qvel (n + 6,).
+
+    A free body's velocity is linear in world axes, then angular in its own.
+    """
+    pose, twist = state.object_pose, state.object_twist
+    qpos = np.concatenate([state.q, pose[4:], pose[:4]])
+    return qpos, np.concatenate([state.qd, twist[3:], twist[:3] @ state.object_frame.R])
+
+
+def digits(numbers: Any) -> str:
+    """Return numbers with every digit they have, blanks between."""
+    return " ".join(repr(float(x)) for x in numbers)
+
+
+def _add_arm(world: Element, name: str, arm: Arm, looks: bool) -> None:
+    """Append the base and, each inside the one before, the links of an arm."""
+    solids = looks_of(arm) if looks else [[] for _ in range(arm.joint_count + 1)]
+    body = _add(world, "body", name=name, **_placed(arm.base))
+    _add_solids(body, solids[0], Pose.identity())
+    waiting: list[tuple[str, Joint, Pose, list[Primitive]]] = []  # joints of massless links, and where their frames are
+    at, joint_names, link_names = Pose.identity(), _names(arm.joints, "joint"), _names(arm.links, "link")
+    for joint_name, link_name, joint, link, shapes in zip(
+        joint_names, link_names, arm.joints, arm.links, solids[1:], strict=True
+    ):
+        at = at @ joint.placement
+        waiting.append((f"{name}/{joint_name}", joint, at, shapes))
+        if link.mass == 0:
+            continue
+        _require_possible(f"arm '{name}', link '{link_name}'", link)
+        body = _add(body, "body", name=f"{name}/{link_name}", **_placed(at))
+        _add_inertial(body, link)
+        inverse = at.inverse()
+        for full_name, moved, frame, shapes_there in waiting:
+            _add_joint(body, full_name, moved, inverse @ frame)
+            _add_solids(body, shapes_there, inverse @ frame)
+        waiting, at = [], Pose.identity()
+    if waiting:
+        raise ModelError(
+            f"arm '{name}': to_mjcf: expected a last link with mass, got a massless one; try giving it some"
+        )
+    _add(body, "site", name=f"{name}/tip", **_placed(arm.tip))
+
+
+def _add_object(world: Element, chain: ClosedChain, looks: bool) -> None:
+    """Append the object with a site at every contact."""
+    held = chain.held_object
+    _require_possible("object", held)
+    body = _add(world, "body", name="object")
+    _add(body, "freejoint", name="object")
+    _add_inertial(body, held)
+    if looks:
+        _add_solids(body, [_equal_box(held)], Pose.identity())
+    for name, grasp in chain.grasps.items():
+        _add(body, "site", name=f"object/{name}", **_placed(grasp.frame))
+
+
+def _add_grasp(equality: Element, world: Element, chain: ClosedChain, name: str, kind: str) -> None:
+    """Append the equality of one grasp, and what sites it needs besides."""
+    hard = {"solimp": f"{HARDEST} {HARDEST} 0.001 0.5 2"}
+    if kind == "rigid":
+        _add(equality, "weld", name=name, site1=f"object/{name}", site2=f"{name}/tip", **hard)
+        return
+    if kind == "softfinger":
+        equality.append(ElementTree.Comment(f" soft finger '{name}': its moment about the normal is not written "))
+    _add(equality, "connect", name=name, site1=f"object/{name}", site2=f"{name}/tip", **hard)
+    if kind == "hinge":
+        along = Pose.translation(HINGE_LENGTH, 0.0, 0.0)
+        ends = ((f"object/{name}", chain.grasps[name].frame), (f"{name}/tip", chain.arms[name].tip))
+        for site, frame in ends:
+            (holder,) = (body for body in world.iter("body") if body.find(f"site[@name='{site}']") is not None)
+            _add(holder, "site", name=f"{site}/axis", **_placed(frame @ along))
+        _add(equality, "connect", name=f"{name}/axis", site1=f"{ends[0][0]}/axis", site2=f"{ends[1][0]}/axis", **hard)
+
+
+def _add_joint(body: Element, name: str, joint: Joint, frame: Pose) -> None:
+    """Append a joint whose frame at q = 0 stands so in the body's axes."""
+    made = _add(
+        body, "joint", name=name, type=TYPES[joint.kind], pos=digits(frame.p), axis=digits(frame.R @ joint.axis)
+    )
+    for attribute, value in (
+        ("armature", joint.armature),
+        ("damping", joint.damping),
+        ("frictionloss", joint.friction),
+    ):
+        if value:
+            made.set(attribute, repr(value))
+    low, high = joint.position_limits
+    if np.isfinite(low) or np.isfinite(high):
+        made.set("range", digits([max(low, -ENDLESS), min(high, ENDLESS)]))
+    if np.isfinite(joint.effort_limit):
+        made.set("actuatorfrcrange", digits([-joint.effort_limit, joint.effort_limit]))
+
+
+def _add_inertial(body: Element, inertial: Link | HeldObject) -> None:
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertial.inertia
+    _add(
+        body,
+        "inertial",
+        mass=repr(inertial.mass),
+        pos=digits(inertial.com),
+        fullinertia=digits([xx, yy, zz, xy, xz, yz]),
+    )
+
+
+def _add_solids(body: Element, solids: list[Primitive], frame: Pose) -> None:
+    """Append geoms that are only looked at."""
+    for solid in solids:
+        size = {"box": [0.5 * x for x in solid.size], "sphere": solid.size}.get(
+            solid.kind, [solid.size[0], 0.5 * solid.size[-1]]
+        )
+        colour = digits([round(x / 255, 3) for x in COLOURS[solid.colour]] + [1.0])
+        _add(body, "geom", type=solid.kind, size=digits(size), rgba=colour, **_placed(frame @ solid.pose))
+
+
+def _add(parent: Element, tag: str, **attributes: str) -> Element:
+    """Append an element and return it."""
+    return SubElement(parent, tag, attributes)
+
+
+def _placed(pose: Pose) -> dict[str, str]:
+    return {"pos": digits(pose.p), "quat": digits(rotation.to_quaternion(pose.R))}
+
+
+def _names(parts: Any, kind: str) -> list[str]:
+    return [part.name or f"{kind}{k + 1}" for k, part in enumerate(parts)]
+
+
+def _equal_box(held: HeldObject) -> Primitive:
+    """Return the solid box of uniform density with the object's inertia."""
+    moments, axes = np.linalg.eigh(held.inertia)
+    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    squares = 6.0 / held.mass * (moments.sum() - 2 * moments)
+    edges = np.sqrt(np.maximum(squares, 1e-6))
+    return box(held.com, tuple(edges.tolist()), "orange", axes)
+
+
+def _require_possible(what: str, inertial: Link | HeldObject) -> None:
+    """Refuse an inertia that MuJoCo refuses, by name."""
+    a, b, c = np.linalg.eigvalsh(inertial.inertia).tolist()
+    if inertial.mass < SMALLEST or a < SMALLEST:
+        raise ModelError(
+            f"{what}: to_mjcf: MuJoCo has no moving body without rotational inertia, got principal moments {a:.3g},"
+            f" {b:.3g}, {c:.3g}; try giving it some"
+        )
+    if a + b < c * (1 - INERTIA_TOLERANCE):
+        raise ModelError(
+            f"{what}: to_mjcf: MuJoCo has no body with principal moments {a:.6g}, {b:.6g}, {c:.6g}, which no mass"
+            " distribution has"
+        )
+
+
+def _require_distinct(root: Element) -> None:
+    """Refuse two bodies, joints, sites or equalities of one name."""
+    for tags in (("body",), ("joint", "freejoint"), ("site",), ("weld", "connect")):
+        names = sorted(part.get("name", "") for tag in tags for part in root.iter(tag) if part.get("name"))
+        for one, next_one in itertools.pairwise(names):
+            if one == next_one:
+                raise ModelError(
+                    f"to_mjcf: two are called '{one}' ({tags[0]}); try other names of arms, joints or links"
+                )

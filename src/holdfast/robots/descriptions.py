@@ -1,0 +1,64 @@
+"""Robots by their names in the `robot_descriptions` package."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any
+
+from holdfast.errors import MissingExtra, SceneError
+from holdfast.model import checks
+from holdfast.model.arm import Arm
+from holdfast.robots.urdf import load_urdf
+
+
+def load_robot_description(name: str, *, xacro_args: Mapping[str, str] | None = None, **options: Any) -> Arm:
+    """Return the arm of a description, such as `load_robot_description("panda_description", tip="panda_hand", ...)`.
+
+    Args:
+        name: a name that `robot_descriptions` knows.
+        xacro_args: values for the <xacro:arg> of a description that is a xacro file.
+        **options: base, tip, locked, lock_others, mount and physical of `load_urdf`.
+
+    Raises:
+        SceneError: an unknown name, or one that cannot be fetched; and as for `load_urdf`.
+        MissingExtra: the extra `robots` is not installed.
+    """
+    return load_urdf(robot_description_path(name, xacro_args=xacro_args), **options)
+
+
+def robot_description_path(name: str, *, xacro_args: Mapping[str, str] | None = None) -> str:
+    """Return the path of a description's URDF file, for `load_urdf_arms` and `urdf_chain`.
+
+    The package fetches a description from the network when it is first asked for, and keeps
+    it. Xacro files are expanded into its cache.
+
+    Args:
+        name: a name that `robot_descriptions` knows, `_description` left out or not.
+        xacro_args: values for the <xacro:arg> of a description that is a xacro file.
+
+    Raises:
+        SceneError: an unknown name, or one that cannot be fetched or expanded.
+        MissingExtra: the extra `robots` is not installed.
+    """
+    try:
+        known = import_module("robot_descriptions").DESCRIPTIONS
+        paths = import_module("robot_descriptions._xacro")
+    except ImportError as cause:
+        raise MissingExtra(
+            f"robot '{name}': needs robot_descriptions >= 2; try pip install 'holdfast[robots]'"
+        ) from cause
+    full = name if name in known else f"{name}_description"
+    if full not in known or not known[full].has_urdf:
+        with_urdf = [other for other, description in known.items() if description.has_urdf]
+        raise SceneError(f"robot_descriptions: no URDF named '{name}'.{checks.did_you_mean(full, with_urdf)}")
+    try:
+        module = import_module(f"robot_descriptions.{full}")
+        return paths.get_urdf_path(module, xacro_args=dict(xacro_args) if xacro_args else None)
+    except Exception as cause:  # git, network, file system, xacro
+        reason = re.sub(r"\s+", " ", f"{type(cause).__name__}: {cause}")[:300]
+        raise SceneError(
+            f"robot_descriptions: '{full}' cannot be had: {reason}; it needs the network once"
+            " (kept in $ROBOT_DESCRIPTIONS_CACHE or ~/.cache/robot_descriptions), or pass the path of a URDF"
+        ) from cause

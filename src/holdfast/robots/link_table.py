@@ -1,0 +1,88 @@
+"""Arms from a table: one row a joint and the link it moves, as makers publish them."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from holdfast.model import checks
+from holdfast.model.arm import Arm
+from holdfast.model.joint import Joint
+from holdfast.model.link import Link
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+
+Vector3 = tuple[float, float, float]
+
+
+class Row(NamedTuple):
+    """A revolute joint about its link's z axis, and that link.
+
+    Attributes:
+        joint, link: names, the maker's where there are any.
+        axes: the link's x, y, z at q = 0 among its parent's axes, such as "x -z y".
+        origin: of the link's frame in its parent's [m].
+        limits: lowest and highest position [rad].
+        rate: highest speed [rad/s].
+        effort: highest torque [N m].
+        mass: [kg].
+        com: mass centre in link axes [m].
+        inertia: xx, yy, zz, xy, xz, yz about the mass centre, link axes [kg m^2].
+    """
+
+    joint: str
+    link: str
+    axes: str
+    origin: Vector3
+    limits: tuple[float, float]
+    rate: float
+    effort: float
+    mass: float
+    com: Vector3
+    inertia: tuple[float, float, float, float, float, float]
+
+
+def signed_axes(text: str) -> Array:
+    """Return the rotation whose columns are named axes, such as "x -z y"; entries exactly 0 or +-1."""
+    columns = [np.eye(3)["xyz".index(axis[-1])] * (-1.0 if axis[0] == "-" else 1.0) for axis in text.split()]
+    return np.array(columns).T + 0.0  # no -0.0
+
+
+def arm_of_table(name: str, rows: tuple[Row, ...], flange: Pose, base: Any, tip: Any, armature: Any) -> Arm:
+    """Return the arm of a table.
+
+    Args:
+        name: of the robot.
+        rows: base to tip.
+        flange: where tools are mounted, in the last link's axes.
+        base: pose of the base frame in the world (a Pose or wxyz_xyz); None: the world.
+        tip: pose of a massless tool's tip in the flange frame, likewise; None: the flange.
+        armature: drive inertia felt at the joints, one number or one a joint [kg m^2].
+
+    Raises:
+        ModelError: a pose that is none, a negative armature.
+    """
+    drives = checks.numbers(
+        [armature] * len(rows) if np.ndim(armature) == 0 else armature, (len(rows),), f"{name}: armature"
+    )
+    joints = [
+        Joint(
+            placement=Pose(signed_axes(row.axes), np.array(row.origin)),
+            name=row.joint,
+            position_limits=row.limits,
+            rate_limit=row.rate,
+            effort_limit=row.effort,
+            armature=float(drive),
+        )
+        for row, drive in zip(rows, drives, strict=True)
+    ]
+    links = [Link(row.mass, np.array(row.com), symmetric(row.inertia), name=row.link) for row in rows]
+    tool = Pose.identity() if tip is None else checks.pose(tip, f"{name}: tip")
+    return Arm(joints, links, flange @ tool, Pose.identity() if base is None else base, name=name)
+
+
+def symmetric(moments: tuple[float, float, float, float, float, float]) -> Array:
+    """Return the (3, 3) matrix of xx, yy, zz, xy, xz, yz."""
+    xx, yy, zz, xy, xz, yz = moments
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -1,0 +1,58 @@
+"""What an arm looks like: simple solids on its base and on each link."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from holdfast.model.arm import Arm
+from holdfast.robots.primitive import Primitive, box, rod, sphere
+from holdfast.robots.recognise import KNOWN, builtin_of
+from holdfast.spatial.scalar import Array
+
+THICKNESS = 0.035  # of a rod at the base: radius over the arm's length
+TAPER = 0.6  # of the last rod's radius over the first's
+DRUM = 1.25  # a drum's radius over its rod's
+
+
+def looks_of(arm: Arm) -> list[list[Primitive]]:
+    """Return the solids that show an arm: N + 1 lists, the base's first, then the links' base to tip.
+
+    An arm with the joints of a built-in robot looks like it, whatever it is called and
+    whatever it carries; any other is drawn from its kinematics: rods from joint to joint,
+    drums along revolute axes, bars along prismatic ones. Poses are in base or link axes.
+    """
+    name = builtin_of(arm)
+    if name is not None:
+        return [list(solids) for solids in KNOWN[name].looks]
+    return _of_kinematics(arm)
+
+
+def arm_length(arm: Arm) -> float:
+    """Return the length of the line through all joints to the tip, at q = 0 [m]; 1 m if that is nothing."""
+    length = float(sum(np.linalg.norm(end) for end in _ends(arm)))
+    return length if length > 1e-3 else 1.0
+
+
+def _of_kinematics(arm: Arm) -> list[list[Primitive]]:
+    ends = _ends(arm)
+    radii = THICKNESS * arm_length(arm) * np.linspace(1.0, TAPER, len(ends))
+    bodies = [_link(end, float(radius)) for end, radius in zip(ends, radii, strict=True)]
+    for body, joint, radius in zip(bodies[1:], arm.joints, radii, strict=False):
+        half = DRUM * float(radius) * joint.axis
+        if joint.kind == "revolute":
+            body.append(rod("cylinder", -1.1 * half, 1.1 * half, DRUM * float(radius), "accent"))
+        else:
+            body.append(rod("cylinder", -3.0 * half, 3.0 * half, 0.5 * float(radius), "accent"))
+    bodies[0].append(box((0.0, 0.0, 0.0), (3 * radii[0], 3 * radii[0], 0.5 * radii[0]), "dark"))
+    bodies[-1].append(sphere(arm.tip.p, 0.8 * float(radii[-1]), "dark"))
+    return bodies
+
+
+def _ends(arm: Arm) -> list[Array]:
+    """Return per base and link where the next joint, or the tip, lies in its axes."""
+    return [*(joint.placement.p for joint in arm.joints), arm.tip.p]
+
+
+def _link(end: Array, radius: float) -> list[Primitive]:
+    """Return the rod from the origin to `end`, if there is room for one."""
+    return [rod("capsule", np.zeros(3), end, radius)] if np.linalg.norm(end) > 0.2 * radius else []

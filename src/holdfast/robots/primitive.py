@@ -1,0 +1,82 @@
+"""Simple solids that show what a link looks like: plain data for any viewer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from holdfast.errors import ModelError
+from holdfast.model import checks
+from holdfast.spatial import rotation
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+
+Kind = Literal["capsule", "cylinder", "box", "sphere"]
+SIZES: dict[str, int] = {"capsule": 2, "cylinder": 2, "box": 3, "sphere": 1}
+COLOURS: dict[str, tuple[int, int, int]] = {
+    "white": (236, 236, 232),
+    "grey": (150, 154, 158),
+    "dark": (58, 62, 68),
+    "orange": (240, 130, 40),
+    "blue": (128, 172, 204),
+    "accent": (96, 150, 196),
+}
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Primitive:
+    """A solid fixed to a link.
+
+    Attributes:
+        kind: "capsule", "cylinder" (both along z), "box" or "sphere".
+        pose: of its centre, in link axes.
+        size: capsule and cylinder: radius and length (a capsule's without its caps); box:
+            edges along x, y, z; sphere: radius [m].
+        colour: a name in `COLOURS`, which has its red, green and blue, 0 to 255; "accent" may
+            be shown in a colour of the arm's own instead.
+    """
+
+    kind: Kind
+    pose: Pose
+    size: tuple[float, ...]
+    colour: str = field(default="grey")
+
+    def __post_init__(self) -> None:
+        if self.kind not in get_args(Kind):
+            raise ModelError(f"primitive: kind: expected one of {', '.join(SIZES)}, got {self.kind!r}")
+        if self.colour not in COLOURS:
+            raise ModelError(f"primitive: no colour '{self.colour}'.{checks.did_you_mean(self.colour, COLOURS)}")
+        object.__setattr__(self, "pose", checks.pose(self.pose, "primitive: pose"))
+        size = checks.numbers(self.size, (SIZES[self.kind],), f"primitive: size of a {self.kind}")
+        if (size <= 0).any():
+            raise ModelError(f"primitive: size: expected lengths > 0, got {self.size}")
+        object.__setattr__(self, "size", tuple(size.tolist()))
+
+
+def rod(kind: Literal["capsule", "cylinder"], start: Any, end: Any, radius: float, colour: str = "grey") -> Primitive:
+    """Return a capsule or cylinder between two points of a link, (3,) each [m].
+
+    Raises:
+        ModelError: the two points are one.
+    """
+    start, end = checks.numbers(start, (3,), "rod: start"), checks.numbers(end, (3,), "rod: end")
+    way = end - start
+    length = float(np.sqrt(way @ way))
+    if length == 0:
+        raise ModelError(f"rod: expected two points, got {start} twice; try a sphere")
+    pose = Pose(rotation.exp(rotation.align(_UP, way / length)), 0.5 * (start + end))
+    return Primitive(kind, pose, (radius, length), colour)
+
+
+def sphere(centre: Any, radius: float, colour: str = "grey") -> Primitive:
+    """Return a sphere about a point of a link, (3,) [m]."""
+    return Primitive("sphere", Pose(np.eye(3), checks.numbers(centre, (3,), "sphere: centre")), (radius,), colour)
+
+
+def box(centre: Any, edges: tuple[float, float, float], colour: str = "grey", R: Array | None = None) -> Primitive:
+    """Return a box about a point of a link, along its axes or those of R, (3, 3)."""
+    pose = Pose(np.eye(3) if R is None else R, checks.numbers(centre, (3,), "box: centre"))
+    return Primitive("box", pose, edges, colour)

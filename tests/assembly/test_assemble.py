@@ -1,0 +1,224 @@
+"""The five-line start: closed, nearest to the preferred posture, the same every time, and plain about what failed."""
+
+import numpy as np
+import pytest
+
+from holdfast import (
+    Arm,
+    ClosureError,
+    Grasp,
+    HeldObject,
+    Joint,
+    Link,
+    ModelError,
+    Pose,
+    StateError,
+    closure,
+    diagnose,
+    forward_dynamics,
+)
+from holdfast.assembly.assemble import assemble
+from holdfast.assembly.nearest_posture import distance
+from holdfast.dynamics.object_level import motion_basis
+from holdfast.robots import HOME, ROBOTS, stewart_platform, three_finger_hand
+from holdfast.spatial import rotation
+from tests.control.two_pandas import ELBOW_UP, LEFT, RIGHT
+
+BOX = HeldObject.box(3.0, 0.3, 0.2, 0.2)
+CLOSED = 1e-10
+STATIONARY = 1e-8  # slope of the distance along any self-motion
+APART = {"panda": 0.55, "iiwa14": 0.75, "ur5e": 0.6, "gen3": 0.55}  # [m]
+
+
+def facing(robot: str, kinds=("rigid", "rigid")):
+    """Return two robots on either side of the box, and grasps on its end faces."""
+    turned = Pose(rotation.exp(np.array([0.0, 0.0, np.pi])), np.array([APART[robot], 0.0, 0.0]))
+    arms = {"left": ROBOTS[robot](Pose.translation(-APART[robot], 0.0, 0.0)), "right": ROBOTS[robot](turned)}
+    return arms, BOX, {"left": Grasp(kinds[0], LEFT), "right": Grasp(kinds[1], RIGHT)}
+
+
+def largest_gap(chain, state) -> float:
+    """Return the largest position gap of any grasp."""
+    return max(float(np.abs(gap.position).max()) for gap in closure(chain, state).values())
+
+
+def slope(chain, state, preferred, *, hold_object: bool) -> float:
+    """Return how fast the distance to the preferred posture changes along the steepest self-motion.
+
+    Self-motions from `motion_basis`, all joints inside their limits.
+    """
+    basis = motion_basis(chain, state)
+    if hold_object:
+        _, sizes, Vt = np.linalg.svd(basis[-6:])
+        basis = basis @ Vt[int((sizes > 1e-9).sum()) :].T
+        assert np.abs(basis[-6:]).max(initial=0.0) < 1e-12
+    basis, _ = np.linalg.qr(basis)
+    return float(np.linalg.norm(basis[:-6].T @ (state.q - preferred)))
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("pose", [None, [1, 0, 0, 0, 0, 0, 0.6]], ids=["found", "given"])
+def test_two_of_every_robot(robot, pose):
+    """Closed, inside the limits, at rest, where the object was put, and stationary along every self-motion."""
+    chain, state = assemble(*facing(robot), object_pose=pose)
+    limits = np.concatenate([arm.position_limits for arm in chain.arms.values()])
+    assert largest_gap(chain, state) <= CLOSED
+    assert ((limits[:, 0] < state.q) & (state.q < limits[:, 1])).all()
+    assert not state.qd.any()
+    if pose is not None:
+        assert state.object_pose.tolist() == pose
+    preferred = np.tile(HOME[robot], 2)
+    assert slope(chain, state, preferred, hold_object=pose is not None) <= STATIONARY
+    assert np.isfinite(forward_dynamics(chain, state, np.zeros(len(state.q))).qdd).all()
+
+
+@pytest.mark.parametrize("kinds", [("rigid", "ball"), ("hinge", "rigid"), ("ball", "hinge")])
+def test_other_grasps(kinds):
+    """Freedom at the grasps is used for the posture too."""
+    wish = {"left": ELBOW_UP, "right": ELBOW_UP}
+    chain, state = assemble(*facing("panda", kinds), object_pose=[1, 0, 0, 0, 0, 0, 0.7], q=wish)
+    rigid, firm = assemble(*facing("panda"), object_pose=[1, 0, 0, 0, 0, 0, 0.7], q=wish)
+    preferred = np.tile(ELBOW_UP, 2)
+    assert largest_gap(chain, state) <= CLOSED
+    assert slope(chain, state, preferred, hold_object=True) <= STATIONARY
+    assert distance(chain, state, preferred) < distance(rigid, firm, preferred)
+
+
+def test_it_is_a_minimum():
+    """Elbows moved either way and closed again are farther from the preferred posture."""
+    chain, state = assemble(*facing("iiwa14"), object_pose=[1, 0, 0, 0, 0, 0, 0.6])
+    preferred = np.tile(HOME["iiwa14"], 2)
+    basis = motion_basis(chain, state)
+    _, sizes, Vt = np.linalg.svd(basis[-6:])
+    for elbow in (basis @ Vt[int((sizes > 1e-9).sum()) :].T)[:-6].T:
+        for step in (-0.1, 0.1):
+            wish = dict(zip(chain.names, np.split(state.q + step * elbow, 2), strict=True))
+            swung = assemble(*facing("iiwa14"), object_pose=state.object_pose, q=wish).state
+            assert np.linalg.norm(swung.q - state.q) > 0.05
+            assert distance(chain, swung, preferred) > distance(chain, state, preferred)
+
+
+def test_a_joint_at_its_limit_stays_there():
+    """A wish beyond a limit ends at the limit; along what is left of the self-motions nothing is gained."""
+    arms, box, grasps = facing("panda", ("ball", "ball"))
+    wish = {"left": ELBOW_UP + np.array([0, 0, 0, 0, 0, 2.0, 0]), "right": ELBOW_UP}
+    chain, state = assemble(arms, box, grasps, object_pose=[1, 0, 0, 0, 0, 0, 0.7], q=wish)
+    assert state.q[5] == arms["left"].joints[5].position_limits[1]
+    basis = motion_basis(chain, state)
+    fixed = np.concatenate([basis[-6:], basis[5:6]])
+    _, sizes, Vt = np.linalg.svd(fixed)
+    free, _ = np.linalg.qr(basis @ Vt[int((sizes > 1e-9).sum()) :].T)
+    preferred = np.concatenate(list(wish.values()))
+    assert np.linalg.norm(free[:-6].T @ (state.q - preferred)) <= STATIONARY
+    assert largest_gap(chain, state) <= CLOSED
+
+
+def test_the_same_every_time():
+    """Two calls give the same bits."""
+    first, second = (assemble(*facing("panda")).state for _ in range(2))
+    assert (first.q == second.q).all()
+    assert (first.object_pose == second.object_pose).all()
+
+
+def test_moved_as_a_whole():
+    """Arms and object displaced together: the joints do not notice."""
+    arms, box, grasps = facing("panda")
+    shift = Pose(rotation.exp(np.array([0.3, -0.2, 1.0])), np.array([1.0, 2.0, -0.5]))
+    pose = Pose.translation(0.0, 0.0, 0.7)
+    here = assemble(arms, box, grasps, object_pose=pose).state
+    moved = {name: arm.at(shift @ arm.base) for name, arm in arms.items()}
+    there = assemble(moved, box, grasps, object_pose=shift @ pose).state
+    assert there.q == pytest.approx(here.q, abs=1e-8)
+
+
+def test_mechanisms():
+    """The platform comes to rest level with its drives at mid stroke; the hand pinches at the middle of its range."""
+    chain, state = assemble(*stewart_platform())
+    assert state.q == pytest.approx(np.zeros(18), abs=1e-9)
+    assert state.object_pose == pytest.approx([1, 0, 0, 0, 0, 0, 0.45], abs=1e-9)
+    assert diagnose(chain, state).mobility == 6
+    chain, state = assemble(*three_finger_hand())
+    assert state.q == pytest.approx(np.tile(state.q[:4], 3), abs=1e-9)
+    assert largest_gap(chain, state) <= CLOSED
+    assert diagnose(chain, state).mobility == 6
+
+
+def test_an_arm_that_holds_nothing():
+    """It takes its preferred posture, and the report says that it holds nothing."""
+    arms, box, grasps = facing("ur5e")
+    assembly = assemble(arms, box, {"left": grasps["left"]}, object_pose=[1, 0, 0, 0, 0, 0, 0.6])
+    assert assembly.state.q[6:] == pytest.approx(HOME["ur5e"])
+    assert "right: holds nothing" in str(assembly.report)
+
+
+def test_report():
+    """Reach, nearest limit, closure and mobility, in numbers and in words."""
+    assembly = assemble(*facing("panda"), object_pose=[1, 0, 0, 0, 0, 0, 0.7])
+    chain, state = assembly
+    report = assembly.report
+    left = report.arms[0]
+    assert report.mobility == diagnose(chain, state).mobility == 8
+    assert (report.rank, report.rows) == (12, 12)
+    assert left.reach == pytest.approx(np.hypot(0.4, 0.7 - 0.333))
+    # joints 2 to 7 are at most 0.316, 0.0825, sqrt(0.0825^2 + 0.384^2), 0.088 apart, the flange 0.107 on
+    assert left.longest == pytest.approx(0.316 + 0.0825 + np.hypot(0.0825, 0.384) + 0.088 + 0.107)
+    low, high = chain.arms["left"].position_limits.T
+    margins = np.minimum(state.q[:7] - low, high - state.q[:7])
+    assert left.margin == pytest.approx(margins.min())
+    assert left.joint == f"joint{np.argmin(margins) + 1}"
+    assert left.residual <= CLOSED
+    words = str(report)
+    assert words.count("closed to") == 2
+    assert "mobility 8, rank 12 of 12" in words
+    assert "not checked: collisions" in words
+
+
+def test_report_of_dependent_rows():
+    """Fewer independent rows than rows are pointed out."""
+    joints = [Joint(placement=Pose.translation(0.5 * (k > 0), 0.0, 0.0), position_limits=(-3.0, 3.0)) for k in range(3)]
+    planar = Arm(joints, [Link(1.0, inertia=np.eye(3))] * 3, Pose.translation(0.5, 0.0, 0.0))
+    arms = {"a": planar, "b": planar.at(Pose.translation(0.3, 0.0, 0.0))}
+    grasps = {"a": Grasp("rigid", Pose.translation(-0.1, 0, 0)), "b": Grasp("rigid", Pose.translation(0.1, 0, 0))}
+    assembly = assemble(arms, HeldObject.box(1, 0.2, 0.2, 0.2), grasps, q={"a": [0.5, 0.6, 0.7], "b": [0.6, 0.5, 0.6]})
+    assert "rows are dependent" in str(assembly.report)
+
+
+def test_too_far():
+    """Every arm that no posture brings there is named with what it lacks."""
+    with pytest.raises(ClosureError) as caught:
+        assemble(*facing("panda"), object_pose=[1, 0, 0, 0, 1, 1, 0.5])
+    assert "arm 'left' is 0.742 m short" in str(caught.value)
+    assert "arm 'right' is 0.192 m short" in str(caught.value)
+    assert "Try" in str(caught.value)
+
+
+def test_within_reach_but_not_that_way():
+    """An attitude that the joint limits forbid: the arm, and what is left of the gap."""
+    with pytest.raises(ClosureError, match=r"arm 'left' misses its grasp by 0.* Try"):
+        assemble(*facing("panda"), object_pose=[1, 0, 0, 0, 0, 0, 0.3])
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"q": {"lft": np.zeros(7)}}, ModelError, "q: no arm 'lft'. Did you mean 'left'"),
+        ({"q": np.zeros(14)}, ModelError, "q: expected joint positions by arm name"),
+        ({"q": {"left": np.zeros(6)}}, StateError, "q of 'left': expected shape"),
+        ({"object_pose": [0, 0, 0.7]}, ModelError, "object_pose"),
+        ({"gravity": [0, 0]}, ModelError, "gravity"),
+    ],
+)
+def test_bad_options(options, error, message):
+    """What cannot be meant is refused by name."""
+    with pytest.raises(error, match=message):
+        assemble(*facing("panda"), **options)
+
+
+def test_nothing_to_find():
+    """Without grasps the object's pose has to be given."""
+    arms, box, _ = facing("panda")
+    with pytest.raises(ModelError, match="expected at least one grasp"):
+        assemble(arms, box, {})
+    assert assemble(arms, box, {}, object_pose=[1, 0, 0, 0, 0, 0, 0.7]).state.q == pytest.approx(
+        np.tile(HOME["panda"], 2)
+    )

@@ -1,0 +1,159 @@
+"""Torques for an acceleration and an internal wrench give both back."""
+
+import numpy as np
+import pytest
+
+from holdfast import Arm, ClosedChain, Friction, State, StateError, forward_dynamics, project_velocity
+from holdfast.assembly.assemble import assemble
+from holdfast.control.gravity_compensation import GravityCompensation
+from holdfast.control.holding_torques import holding_torques
+from holdfast.dynamics.result import Status
+from holdfast.dynamics.split import split
+from holdfast.robots import stewart_platform, three_finger_hand
+from tests.control.two_pandas import two_pandas
+from tests.systems import well_conditioned_system
+from tests.systems.as_chain import as_chain
+
+LAW = 1e-10
+ACCELERATION = np.array([0.5, -1.0, 2.0, 0.3, -0.4, 1.5])
+LEVEL = State(np.zeros(18), np.zeros(18), [1, 0, 0, 0, 0, 0, 0.45])
+TILTS = [f"leg{k}/tilt_{axis}" for k in range(1, 7) for axis in "xy"]
+
+
+def moving(chain, state):
+    """Return the state with consistent velocities of every kind."""
+    rng = np.random.default_rng(len(state.q))
+    guess = State(state.q, 0.2 * rng.normal(size=len(state.q)), state.object_pose, 0.2 * rng.normal(size=6))
+    return project_velocity(chain, guess)
+
+
+def internal_wrenches(chain, state, seed=0):
+    """Return random internal, transmissible wrenches, (arms, 6)."""
+    rng = np.random.default_rng(seed)
+    wild = forward_dynamics(chain, state, 10 * rng.normal(size=len(state.q))).grasp_wrench
+    return split(chain, state, wild).internal
+
+
+@pytest.mark.parametrize("kinds", [("rigid", "rigid"), ("rigid", "ball"), ("hinge", "softfinger"), ("hinge", "hinge")])
+def test_given_back_by_forward_dynamics(kinds):
+    """The object accelerates as told, and the internal part of the grasp wrenches is the chosen one."""
+    chain, state = two_pandas(*kinds)
+    state = moving(chain, state)
+    chosen = internal_wrenches(chain, state)
+    assert np.abs(chosen).max() > 1.0
+    found = forward_dynamics(chain, state, holding_torques(chain, state, ACCELERATION, chosen))
+    assert found.status is Status.OK
+    assert found.object_acceleration == pytest.approx(ACCELERATION, abs=LAW)
+    assert split(chain, state, found.grasp_wrench).internal == pytest.approx(chosen, abs=LAW * np.abs(chosen).max())
+
+
+def test_random_chains():
+    """So it is for arms of any shape, damped, with armature, under any gravity, one of them without a grasp."""
+    for seed in range(4):
+        kinds = ["rigid", "hinge", None, "ball"]
+        p = as_chain(well_conditioned_system(seed, grasps=kinds, joints=[6, 7, 5, 6], moving_base=False))
+        chosen = internal_wrenches(p.chain, p.state, seed)
+        found = forward_dynamics(p.chain, p.state, holding_torques(p.chain, p.state, ACCELERATION, chosen))
+        assert found.object_acceleration == pytest.approx(ACCELERATION, abs=LAW)
+        size = max(1.0, float(np.abs(found.grasp_wrench).max()))
+        assert split(p.chain, p.state, found.grasp_wrench).internal == pytest.approx(chosen, abs=LAW * size)
+
+
+def test_holding_is_gravity_compensation():
+    """At rest, without an acceleration, it is what the controller does, squeeze included."""
+    chain, state = two_pandas("rigid", "ball")
+    assert holding_torques(chain, state, internal=20.0) == pytest.approx(
+        GravityCompensation(chain, squeeze=20.0)(0.0, state, None)[0], abs=1e-12
+    )
+
+
+def test_only_the_internal_part_counts():
+    """What moves the object, and what a grasp cannot transmit, is taken off the chosen wrenches."""
+    chain, state = two_pandas("rigid", "ball")
+    chosen = internal_wrenches(chain, state)
+    extra = np.zeros((2, 6))
+    extra[1, :3] = 5.0  # a moment at a ball
+    assert holding_torques(chain, state, internal=chosen + extra) == pytest.approx(
+        holding_torques(chain, state, internal=chosen), abs=1e-10
+    )
+    lifted = chosen + split(chain, state, np.tile([0, 0, 0, 0, 0, 9.0], (2, 1))).motion
+    assert holding_torques(chain, state, internal=lifted) == pytest.approx(
+        holding_torques(chain, state, internal=chosen), abs=1e-10
+    )
+
+
+def test_short_legs_and_fingers():
+    """Arms of fewer than six joints: the object does what it is told, the fingers squeeze."""
+    for chain, state in ((ClosedChain(*stewart_platform()), LEVEL), assemble(*three_finger_hand())):
+        state = moving(chain, state)
+        found = forward_dynamics(chain, state, holding_torques(chain, state, ACCELERATION, 5.0))
+        assert found.object_acceleration == pytest.approx(ACCELERATION, abs=LAW)
+    normals = [state.object_frame.R @ grasp.frame.R[:, 2] for grasp in chain.grasps.values()]
+    internal = split(chain, state, found.grasp_wrench).internal[:, 3:]
+    assert [f @ n for f, n in zip(internal, normals, strict=True)] == pytest.approx([5, 5, 5], abs=1e-9)
+    assert isinstance(chain.grasps["finger1"].contact, Friction)
+
+
+def test_undriven_joints():
+    """A platform moves by its six drives alone; then there is nothing left to choose inside it."""
+    chain = ClosedChain(*stewart_platform())
+    state = moving(chain, LEVEL)
+    for squeeze in (0.0, 100.0):
+        tau = holding_torques(chain, state, ACCELERATION, squeeze, undriven=TILTS)
+        assert not tau.reshape(6, 3)[:, :2].any()
+        assert forward_dynamics(chain, state, tau).object_acceleration == pytest.approx(ACCELERATION, abs=LAW)
+    assert tau == pytest.approx(holding_torques(chain, state, ACCELERATION, undriven=TILTS), abs=1e-8)
+
+
+def test_platform_weighs_what_it_weighs():
+    """At rest and level, six equal drives push up the platform and their share of the legs."""
+    chain = ClosedChain(*stewart_platform(payload=20.0))
+    drives = holding_torques(chain, LEVEL, undriven=TILTS).reshape(6, 3)[:, 2]
+    assert drives == pytest.approx(np.full(6, drives[0]), abs=1e-9)
+    assert drives[0] > 20.0 * 9.81 / 6
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"acceleration": np.zeros(5)}, "acceleration: expected shape"),
+        ({"internal": np.zeros((3, 6))}, "internal: expected shape"),
+        ({"internal": "firm"}, "internal: expected a number"),
+        ({"undriven": ["left/joint9"]}, "undriven: no joint 'left/joint9'. Did you mean"),
+        ({"undriven": [f"left/joint{k}" for k in range(1, 7)]}, None),
+        (
+            {"undriven": [f"{arm}/joint{k}" for arm in ("left", "right") for k in range(1, 8)]},
+            "cannot bear this load and leave 14 joints undriven",
+        ),
+    ],
+)
+def test_refused(options, message):
+    """What cannot be is refused; one arm can carry the box and six joints of the other."""
+    chain, state = two_pandas()
+    if message is None:
+        tau = holding_torques(chain, state, **options)
+        assert np.abs(forward_dynamics(chain, state, tau).object_acceleration).max() <= LAW
+        return
+    with pytest.raises(StateError, match=message):
+        holding_torques(chain, state, **options)
+
+
+def test_refused_without_a_hold():
+    """Arms that hold nothing bear nothing; an arm that does not hold has no internal wrench."""
+    chain, state = two_pandas()
+    alone = chain.without_grasp("right")
+    with pytest.raises(StateError, match="arm 'right' holds nothing"):
+        holding_torques(alone, state, internal=np.ones((2, 6)))
+    with pytest.raises(StateError, match="no arm holds the object"):
+        holding_torques(alone.without_grasp("left"), state)
+
+
+def test_refused_where_arms_cannot_follow():
+    """A straight leg's tip cannot leave its line sideways without its tilts: legs of one joint follow one way only."""
+    arms, platform, grasps = stewart_platform()
+    poles = {name: Arm([arm.joints[2]], [arm.links[2]], base=arm.base) for name, arm in arms.items()}
+    chain = ClosedChain(poles, platform, grasps)
+    state = State(np.zeros(6), np.zeros(6), LEVEL.object_pose)
+    with pytest.raises(StateError, match=r"expected one that the arms can follow.*arm 'leg1' misses"):
+        holding_torques(chain, state, [0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    assert np.isfinite(holding_torques(chain, state)).all()

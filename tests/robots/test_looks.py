@@ -1,0 +1,95 @@
+"""Solids for a viewer: plain data that follows the robot's shape."""
+
+import numpy as np
+import pytest
+
+from holdfast import Arm, Joint, Link, ModelError, Pose
+from holdfast.dynamics.arm.posture import posture
+from holdfast.robots import HOME, ROBOTS, stewart_platform, three_finger_hand
+from holdfast.robots.looks import looks_of
+from holdfast.robots.primitive import COLOURS, Primitive, box, rod, sphere
+
+
+def frames(arm, q):
+    """Return the poses of base and links in the world."""
+    at = posture(arm, q)
+    found, p = [arm.base], arm.base.p
+    for k, R in enumerate(at.R):
+        p = p + found[-1].R @ at.l[k]
+        found.append(Pose(R, p))
+    return found
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_built_in_robots(name):
+    """A list for the base and for each link; every joint and the flange lie in or near a solid."""
+    arm = ROBOTS[name]()
+    looks = looks_of(arm)
+    assert len(looks) == arm.joint_count + 1
+    assert all(solids for solids in looks)
+    at = frames(arm, HOME[name])
+    points = []
+    for frame, solids in zip(at, looks, strict=True):
+        for solid in solids:
+            half = 0.5 * solid.size[1] if solid.kind in ("capsule", "cylinder") else 0.0
+            points += [frame @ solid.pose @ Pose.translation(0.0, 0.0, s) for s in (-half, 0.0, half)]
+    for target in (*(frame.p for frame in at[1:]), posture(arm, HOME[name]).tip.p):
+        assert min(np.linalg.norm(point.p - target) for point in points) < 0.2
+    lowest = min(float(point.p[2]) for point in points)
+    assert lowest > -0.1
+
+
+def test_drawn_from_kinematics():
+    """Rods end at the next joint or the tip; drums stand on their axes; sizes go with the arm."""
+    axis = np.array([0.6, 0.0, 0.8])
+    turning = Joint(axis=axis, placement=Pose.translation(0.0, 0.0, 0.3))
+    sliding = Joint("prismatic", placement=Pose.translation(0.5, 0.0, 0.0))
+    arm = Arm([turning, sliding], [Link(1.0, inertia=np.eye(3))] * 2, Pose.translation(0.0, 0.2, 0.0))
+    base, first, second = looks_of(arm)
+    assert [solid.kind for solid in base] == ["capsule", "box"]
+    (link, drum), (last, bar, hand) = first, second
+    assert link.pose.p == pytest.approx([0.25, 0.0, 0.0])
+    assert np.abs(link.pose.R[:, 2]) == pytest.approx([1.0, 0.0, 0.0])
+    assert link.size[1] == pytest.approx(0.5)
+    assert drum.pose.R[:, 2] == pytest.approx(axis)
+    assert bar.size[1] > drum.size[1] * 0.5
+    assert last.pose.p == pytest.approx([0.0, 0.1, 0.0])
+    assert hand.pose.p == pytest.approx([0.0, 0.2, 0.0])
+    longer = Arm([Joint(), Joint(placement=Pose.translation(2.0, 0, 0))], arm.links, Pose.translation(2.0, 0, 0))
+    assert looks_of(longer)[1][0].size[0] > 2 * link.size[0]
+
+
+def test_any_arm_can_be_drawn():
+    """Legs, fingers, and an arm without any length."""
+    for parts in (stewart_platform(), three_finger_hand()):
+        for arm in parts.arms.values():
+            assert len(looks_of(arm)) == arm.joint_count + 1
+    assert len(looks_of(Arm([Joint()], [Link(1.0, inertia=np.eye(3))]))) == 2
+
+
+def test_rod_stands_between_its_ends():
+    """Its z axis runs from one to the other."""
+    one, other = np.array([0.1, 0.2, 0.3]), np.array([0.4, 0.2, -0.1])
+    solid = rod("cylinder", one, other, 0.05, "accent")
+    half = 0.5 * solid.size[1] * solid.pose.R[:, 2]
+    assert solid.pose.p - half == pytest.approx(one)
+    assert solid.pose.p + half == pytest.approx(other)
+    assert solid.colour in COLOURS
+    assert box((0, 0, 0), (1, 2, 3)).size == (1.0, 2.0, 3.0)
+    assert sphere((1, 2, 3), 0.5).pose.p.tolist() == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Primitive("cone", Pose.identity(), (1, 1)), "kind: expected one of"),
+        (lambda: Primitive("box", Pose.identity(), (1, 1)), "size of a box: expected shape"),
+        (lambda: Primitive("sphere", Pose.identity(), (-1,)), "expected lengths > 0"),
+        (lambda: sphere((0, 0, 0), 1.0, "pink"), "no colour 'pink'"),
+        (lambda: rod("capsule", (1, 1, 1), (1, 1, 1), 0.1), "expected two points"),
+    ],
+)
+def test_refused(make, message):
+    """A solid that cannot be drawn is refused."""
+    with pytest.raises(ModelError, match=message):
+        make()
