@@ -1,74 +1,74 @@
-"""A result folder is whole or absent, readable while it is written, and never overwrites by accident."""
+"""A result folder is whole at any moment, says how far it got, and is never replaced by accident."""
 
+import contextlib
 import json
 import os
-import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from holdfast import ResultError
-from holdfast.io.result_folder import CHUNK, ResultWriter, run_meta
+from holdfast.io import result_folder
+from holdfast.io.result_folder import CHUNK
 from holdfast.io.result_reader import load_result
+from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.summary import summarise
-from holdfast.simulation.trajectory import Trajectory, array_names, stacked
+from holdfast.simulation.trajectory import array_names, stacked
 from tests.control.two_pandas import two_pandas
-
-SHAPES = {"t": (), "q": (14,), "qd": (14,), "qdd": (14,), "tau": (14,), "object_pose": (7,), "object_twist": (6,),
-          "object_acceleration": (6,), "grasp_wrench": (2, 6), "base_wrench": (2, 6), "position_gap": (2,),
-          "velocity_gap": (2,), "kinetic": (), "potential": (), "work": (4,), "condition": ()}  # fmt: skip
-EXAMPLE = Path(__file__).parents[2] / "examples" / "two_pandas.toml"
-
-
-def samples(count):
-    rng = np.random.default_rng(0)
-    return [
-        Trajectory(
-            **{name: rng.normal(size=SHAPES[name]) for name in array_names() if name != "t"}, t=np.array(0.1 * k)
-        )
-        for k in range(count)
-    ]
-
-
-def writer(folder, **options):
-    chain, _ = two_pandas()
-    return ResultWriter(folder, run_meta(chain, "test", 30.0, 0.1), 'name = "test"\n', **options)
-
-
-def filled(folder, count):
-    w, given = writer(folder), samples(count)
-    for one in given:
-        w.add(one)
-    return w, given
+from tests.io.recorded import SCENE, filled, same_bits, samples, writer
 
 
 def test_round_trip(tmp_path):
     """Every array comes back bit for bit, with the scene, the names and the units."""
     chain, _ = two_pandas()
-    w, given = filled(tmp_path / "a" / "run", 2 * CHUNK + 50)
+    w, given = filled(tmp_path / "a" / "run", 1, 30, 20)
     w.finish(summarise(chain, stacked(given)))
     found = load_result(tmp_path / "a" / "run")
     assert found.complete
     assert found.note == ""
-    assert found.scene_text == 'name = "test"\n'
-    for name in array_names():
-        assert np.array_equal(getattr(found.trajectory, name), [getattr(one, name) for one in given])
-    assert found.meta["joints"][:2] == ["left/joint1", "left/joint2"]
-    assert set(found.meta["units"]) == set(array_names())
+    assert found.scene_text == SCENE
+    assert found.samples == 51
+    same_bits(found.trajectory, stacked(given))
+    assert found.meta.joints[:2] == ["left/joint1", "left/joint2"]
+    assert found.meta.joint_kinds == ["revolute"] * 14
+    assert list(found.meta.units) == array_names()
     assert json.loads((tmp_path / "a/run/summary.json").read_text())["samples"] == len(given)
     assert sorted(p.name for p in (tmp_path / "a/run").iterdir()) == [
         "chunk_0000.npz", "chunk_0001.npz", "chunk_0002.npz", "meta.json", "scene.toml", "summary.json"]  # fmt: skip
 
 
-def test_nothing_before_the_first_flush(tmp_path):
+def test_what_ended_the_run_is_in_the_log(tmp_path):
+    """What happened after the last sample is kept at the end of the log, and told once."""
+    w, given = filled(tmp_path / "run", 3)
+    told = stacked(given).occurrences
+    slip = Occurrence(0.21, "violation", "left", "it slips", "grasp")
+    w.finish(None, stopped="it slips at t = 0.21 s", occurrences=(*told, slip))
+    assert load_result(tmp_path / "run").trajectory.occurrences == (*told, slip)
+    meta = json.loads((tmp_path / "run" / "meta.json").read_text())
+    assert [one["name"] for one in meta["occurrences"]] == ["left"]
+
+
+def test_plain_numpy_reads_it(tmp_path):
+    """As docs/results.md says: without holdfast, the chunks one after the other are the run."""
+    w, given = filled(tmp_path / "run", 3, 4)
+    w.finish(None)
+    meta = json.loads((tmp_path / "run" / "meta.json").read_text())
+    chunks = [np.load(tmp_path / "run" / f"chunk_{k:04d}.npz") for k in range(len(meta["chunks"]))]
+    q = np.concatenate([chunk["q"][:count] for chunk, count in zip(chunks, meta["chunks"], strict=True)])
+    assert np.array_equal(q, stacked(given).q)
+    log = json.loads(chunks[0]["occurrences"].item())
+    assert [(line["sample"], line["kind"]) for line in log] == [(1, "attach"), (1, "violation")]
+    for chunk in chunks:
+        chunk.close()
+
+
+def test_nothing_before_the_first_sample(tmp_path):
     """A run that never got a sample leaves no folder; one that got a few leaves them at the end."""
     writer(tmp_path / "run").finish(None, stopped="nothing")
     assert not (tmp_path / "run").exists()
-    w, _ = filled(tmp_path / "run", 3)
+    w = writer(tmp_path / "run")
+    for one in samples(3):
+        w.add(one)
     assert not (tmp_path / "run").exists()
     w.finish(None, stopped="stopped after t = 0.2 s: singular")
     found = load_result(tmp_path / "run")
@@ -77,48 +77,18 @@ def test_nothing_before_the_first_flush(tmp_path):
     assert found.note == "incomplete, up to t = 0.2 s of 30.0 s: stopped after t = 0.2 s: singular"
 
 
-def test_half_written_run_is_read_up_to_the_last_chunk(tmp_path):
-    """A writer that simply ends: the last flush is there, and the note says how far it got."""
-    _, given = filled(tmp_path / "run", 2 * CHUNK + 7)
-    (tmp_path / "run" / "chunk_0002.npz.part").write_bytes(b"half")
+def test_the_parts_are_the_run(tmp_path):
+    """Read chunk by chunk it is the same, and only one chunk is held at a time."""
+    _, given = filled(tmp_path / "run", 3, 1, 5)
     found = load_result(tmp_path / "run")
-    assert len(found.trajectory) == 2 * CHUNK
-    assert not found.complete
-    assert found.note == f"incomplete, up to t = {given[2 * CHUNK - 1].t:.6g} s of 30.0 s: interrupted"
-
-
-def test_damaged_and_missing_chunks(tmp_path):
-    """What comes before a damaged or missing chunk is read, and the note names it."""
-    w, _ = filled(tmp_path / "run", 3 * CHUNK)
-    w.finish(None)
-    chunk = tmp_path / "run" / "chunk_0001.npz"
-    whole = chunk.read_bytes()
-    chunk.write_bytes(whole[: len(whole) // 2])
-    found = load_result(tmp_path / "run")
-    assert len(found.trajectory) == CHUNK
-    assert "chunk_0001.npz is damaged" in found.note
-    chunk.unlink()
-    assert "chunk_0001.npz is missing" in load_result(tmp_path / "run").note
-    (tmp_path / "run" / "chunk_0000.npz").write_bytes(b"")
-    with pytest.raises(ResultError, match=r"chunk_0000.npz is damaged"):
-        load_result(tmp_path / "run")
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda folder: None, "no such folder"),
-        (lambda folder: folder.mkdir(), "meta.json: cannot be read"),
-        (lambda folder: (folder.mkdir(), (folder / "meta.json").write_text("{")), "not valid JSON"),
-        (lambda folder: (folder.mkdir(), (folder / "meta.json").write_text("[]")), "not valid JSON"),
-        (lambda folder: (folder.mkdir(), (folder / "meta.json").write_text("{}")), "expected format 'holdfast-result'"),
-    ],
-)
-def test_no_result_there(make, message, tmp_path):
-    """A folder that holds no result is refused by name."""
-    make(tmp_path / "run")
-    with pytest.raises(ResultError, match=message):
-        load_result(tmp_path / "run")
+    parts = list(found.parts())
+    assert [len(part) for part in parts] == [3, 1, 5]
+    for name in array_names():
+        joined = np.concatenate([getattr(part, name) for part in parts])
+        assert np.array_equal(joined, getattr(stacked(given), name))
+    (tmp_path / "run" / "chunk_0001.npz").unlink()
+    with pytest.raises(ResultError, match=r"changed while it was read: chunk_0001.npz is missing"):
+        list(found.parts())
 
 
 def test_other_peoples_folders_are_left_alone(tmp_path):
@@ -129,16 +99,17 @@ def test_other_peoples_folders_are_left_alone(tmp_path):
     for overwrite in (False, True):
         with pytest.raises(ResultError, match=r"found 'scene.toml' in it"):
             writer(mine, overwrite=overwrite)
-    filled(tmp_path / "run", 3 * CHUNK)
+    filled(tmp_path / "run", 2, 2)
     (tmp_path / "run" / "notes.txt").write_text("keep")
-    with pytest.raises(ResultError, match="try --overwrite"):
+    with pytest.raises(ResultError, match=r"try --resume, --overwrite"):
         writer(tmp_path / "run")
     again = writer(tmp_path / "run", overwrite=True)
-    assert len(load_result(tmp_path / "run").trajectory) == 3 * CHUNK  # untouched until there is something new
+    assert load_result(tmp_path / "run").samples == 4  # untouched until there is something new
     again.add(samples(1)[0])
     again.finish(None)
-    assert len(load_result(tmp_path / "run").trajectory) == 1
+    assert load_result(tmp_path / "run").samples == 1
     assert (tmp_path / "run" / "notes.txt").read_text() == "keep"
+    assert not (tmp_path / "run" / "chunk_0001.npz").exists()
 
 
 def test_unusable_places(tmp_path):
@@ -146,40 +117,61 @@ def test_unusable_places(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(ResultError, match="cannot be a result folder"):
         writer(tmp_path / "file")
-    w, _ = filled(tmp_path / "file" / "run", 3)
     with pytest.raises(ResultError, match="cannot be written"):
-        w.flush()
+        filled(tmp_path / "file" / "run", 3)
 
 
-def test_failed_flush_can_be_repeated(tmp_path, monkeypatch):
-    """A flush that a full disk broke off loses nothing: the next one writes the same samples."""
-    w, given = filled(tmp_path / "run", 5)
+def out_of_space(*_):
+    """Do what a full disk does."""
+    raise OSError(28, "No space left on device")
+
+
+@pytest.mark.parametrize("call", ["fsync", "replace"])
+@pytest.mark.parametrize("which", range(5))
+def test_failed_flush_can_be_repeated(which, call, tmp_path, monkeypatch):
+    """A flush that a full disk broke off anywhere loses nothing: the next one writes the same samples."""
+    w, given = filled(tmp_path / "run", 2)
+    more = samples(3, 2)
+    for one in more:
+        w.add(one)
+    real, calls = getattr(os, call), []
     with monkeypatch.context() as patched:
-        patched.setattr(os, "replace", lambda *paths: (_ for _ in ()).throw(OSError(28, "No space left on device")))
-        with pytest.raises(ResultError, match="No space left on device"):
+        patched.setattr(os, call, lambda *a: calls.append(a) or (out_of_space if len(calls) > which else real)(*a))
+        broken = which < {"fsync": 4, "replace": 2}[call]  # two files, and the folder after each
+        with pytest.raises(ResultError, match="No space left on device") if broken else contextlib.nullcontext():
             w.flush()
+    assert not list((tmp_path / "run").glob("*.part"))
+    assert load_result(tmp_path / "run").samples in ((2, 5) if broken else (5,))
     w.finish(None)
-    assert np.array_equal(load_result(tmp_path / "run").trajectory.t, [one.t for one in given])
+    same_bits(load_result(tmp_path / "run").trajectory, stacked([*given, *more]))
 
 
-@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
-def test_killed_run_is_readable(tmp_path):
-    """SIGKILL in the middle of a simulation: what was flushed is there, in order and closed."""
-    scene = tmp_path / "scene.toml"
-    scene.write_text(EXAMPLE.read_text().replace("duration = 2.0", "duration = 50.0"))
-    command = [sys.executable, "-c", "from holdfast.cli import main; main()", "simulate", str(scene)]
-    command += ["--out", str(tmp_path / "run")]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    try:
-        for _ in range(600):
-            if (tmp_path / "run" / "meta.json").exists() or process.poll() is not None:
-                break
-            time.sleep(0.1)
-    finally:
-        process.kill()
-        process.wait()
-    found = load_result(tmp_path / "run")
-    assert not found.complete
-    assert len(found.trajectory) >= CHUNK
-    assert found.trajectory.position_gap[:, 1].max() <= 1e-12
-    assert "interrupted" in found.note
+class Forgetful:
+    """A checkpoint whose memory cannot be written."""
+
+    def to_data(self):
+        """Refuse."""
+        raise ResultError("now.memory: expected numbers, got lambda")
+
+
+def test_when_it_flushes(tmp_path, monkeypatch):
+    """The first sample at once, then when many wait, or few for long."""
+    w, now = writer(tmp_path / "run"), [0.0]
+    monkeypatch.setattr(result_folder.time, "monotonic", lambda: now[0])
+    on_disk = []
+    for k, one in enumerate(samples(CHUNK + 4)):
+        now[0] = 6.0 if k == CHUNK + 3 else 0.0
+        w.add(one)
+        w.mark(Forgetful())
+        on_disk.append(w.samples)
+    assert on_disk == [1] * CHUNK + [CHUNK + 1] * 3 + [CHUNK + 4]
+
+
+def test_a_memory_that_cannot_be_written(tmp_path):
+    """It costs the run nothing but that it cannot go on, and the folder says why."""
+    w = writer(tmp_path / "run")
+    w.add(samples(1)[0])
+    w.mark(Forgetful())
+    assert load_result(tmp_path / "run").samples == 1
+    with pytest.raises(ResultError, match=r"cannot go on: now.memory: expected numbers, got lambda"):
+        type(w).resume(tmp_path / "run", w._meta, SCENE)

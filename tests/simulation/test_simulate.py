@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from holdfast import Inputs, ModelError, SingularChainError, State, StateError, closure
-from holdfast.simulation.simulate import MOST_STEPS, simulate, step_times
+from holdfast.simulation.simulate import simulate
+from holdfast.simulation.stops import MOST_STEPS, step_times
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from tests.systems import planar_parallelogram, well_conditioned_system

@@ -20,8 +20,11 @@ CaseFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
 SceneFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
 Folder = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
 Name = Annotated[str, tyro.conf.arg(metavar="NAME")]
+ResultFolder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RESULT")]
+OutFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 OptionalName = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
 Format = Literal["table", "json"]
+TableFormat = Literal["csv", "parquet"]
 Switch = tyro.conf.FlagCreatePairsOff[bool]
 
 
@@ -52,18 +55,35 @@ def diagnose(file: CaseFile, case: OptionalName = None, format: Format = "table"
     return command.diagnose(file, case, format)
 
 
-def simulate(scene: SceneFile, out: Folder = None, overwrite: bool = False, plots: bool = True) -> int:
+def simulate(
+    scene: SceneFile, out: Folder = None, overwrite: bool = False, resume: Switch = False, plots: bool = True
+) -> int:
     """Simulate a scene and write a result folder.
 
     Args:
         scene: the scene, TOML.
         out: the result folder to write.
         overwrite: replace an existing result folder.
+        resume: go on with a run that was interrupted or killed, to the same bits.
         plots: draw the plots too.
     """
     from holdfast.cli import simulate as command
 
-    return command.simulate(scene, out, overwrite, plots)
+    return command.simulate(scene, out, overwrite, plots, resume)
+
+
+def export(result: ResultFolder, format: TableFormat = "csv", out: OutFile = None, overwrite: bool = False) -> int:
+    """Write a run as one table, for pandas, Excel, Matlab and others.
+
+    Args:
+        result: the result folder.
+        format: csv, or parquet (needs pyarrow).
+        out: the file to write; `trajectory.csv` or `.parquet` in the result folder without it.
+        overwrite: replace an existing file.
+    """
+    from holdfast.cli import export as command
+
+    return command.export(result, format, out, overwrite)
 
 
 def bench(json: Switch = False, quick: Switch = False) -> int:
@@ -93,7 +113,7 @@ def doctor() -> int:
 
 
 COMMANDS: dict[str, Callable[..., int]] = {
-    command.__name__: command for command in (solve, diagnose, simulate, bench, methods, doctor)
+    command.__name__: command for command in (solve, diagnose, simulate, export, bench, methods, doctor)
 }
 
 

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import math
 import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from holdfast.cli import INTERRUPTED, REFUSED, complain
@@ -18,8 +22,12 @@ from holdfast.simulation.trajectory import Trajectory
 from holdfast.view.plots import save_plots
 from holdfast.view.summary_table import summary_table
 
+SILENCE = 10.0  # seconds after which a line says how far a run is, where no bar can be drawn
 
-def simulate(scene: Path, out: Path | None = None, overwrite: bool = False, with_plots: bool = True) -> int:
+
+def simulate(
+    scene: Path, out: Path | None = None, overwrite: bool = False, with_plots: bool = True, resume: bool = False
+) -> int:
     """Simulate a scene: progress on stderr, summary on stdout, everything in the result folder.
 
     Args:
@@ -27,6 +35,7 @@ def simulate(scene: Path, out: Path | None = None, overwrite: bool = False, with
         out: result folder; `results/<scene's name>` if None.
         overwrite: replace an earlier result there.
         with_plots: write the plots too.
+        resume: go on with an interrupted run of the same scene there.
 
     Returns:
         0; 3 if the run was stopped by physics; 130 if the user interrupted it. What was
@@ -39,16 +48,22 @@ def simulate(scene: Path, out: Path | None = None, overwrite: bool = False, with
     folder = Path("results") / scene.stem if out is None else out
     scenario = load_scene(scene)
     meta = run_meta(scenario.chain, scenario.name, scenario.duration, scenario.step)
-    writer = ResultWriter(folder, meta, scenario.text, overwrite=overwrite)
+    if resume:
+        writer = ResultWriter.resume(folder, meta, scenario.text)
+    else:
+        writer = ResultWriter(folder, meta, scenario.text, overwrite=overwrite)
     try:
         run = _run(scenario, writer)
     except (SingularChainError, StateError) as cause:
         raise type(cause)(f"{scene}: {cause}") from cause
     if run is None:
         return _interrupted(scenario, writer)
-
+    happened = run.occurrences
+    if writer.start is not None:  # the first part is on disk
+        writer.flush()
+        run = replace(load_result(folder).trajectory, stopped=run.stopped)
     summary = summarise(scenario.chain, run)
-    writer.finish(summary, stopped=run.stopped)
+    writer.finish(summary, stopped=run.stopped, occurrences=happened)
     stdout().print(summary_table(summary))
     if run.stopped is not None:
         complain(f"{scene}: {run.stopped}")
@@ -60,6 +75,41 @@ def simulate(scene: Path, out: Path | None = None, overwrite: bool = False, with
 
 def _run(scenario: Scenario, writer: ResultWriter) -> Trajectory | None:
     """Return the run, None if the user interrupted it; samples go to the writer either way."""
+    with _progress(scenario) as progress:
+        try:
+            return run_simulation(
+                scenario.chain,
+                scenario.state,
+                scenario.controller,
+                scenario.duration,
+                scenario.step,
+                **scenario.options,
+                start=writer.start,
+                progress=progress,
+                on_sample=writer.add,
+                on_checkpoint=writer.mark,
+            )
+        except KeyboardInterrupt:
+            return None
+
+
+@contextmanager
+def _progress(scenario: Scenario) -> Iterator[Callable[[float], None]]:
+    """Yield what shows a time of the run: a bar on a terminal, a line now and then elsewhere."""
+    doing, whole = f"simulating {scenario.name}", scenario.duration
+    if not sys.stderr.isatty():
+        steps = math.ceil(whole / scenario.step)
+        print(f"{doing}: {whole:g} s in {steps} steps", file=sys.stderr, flush=True)
+        said = time.monotonic()
+
+        def say(t: float) -> None:
+            nonlocal said
+            if time.monotonic() - said >= SILENCE:
+                said = time.monotonic()
+                print(f"{doing}: {t:.3f} of {whole:g} s", file=sys.stderr, flush=True)
+
+        yield say
+        return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -69,24 +119,9 @@ def _run(scenario: Scenario, writer: ResultWriter) -> Trajectory | None:
         TextColumn("{task.completed:.3f} of {task.total:g} s", markup=False),
         TimeRemainingColumn(),
     )
-    doing = f"simulating {scenario.name}"
-    if not sys.stderr.isatty():
-        steps = math.ceil(scenario.duration / scenario.step)
-        print(f"{doing}: {scenario.duration:g} s in {steps} steps", file=sys.stderr, flush=True)
-    with Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task(doing, total=scenario.duration)
-        try:
-            return run_simulation(
-                scenario.chain,
-                scenario.state,
-                scenario.controller,
-                scenario.duration,
-                scenario.step,
-                progress=lambda t: bar.update(task, completed=t),
-                on_sample=writer.add,
-            )
-        except KeyboardInterrupt:
-            return None
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task(doing, total=whole)
+        yield lambda t: bar.update(task, completed=t)
 
 
 def _interrupted(scenario: Scenario, writer: ResultWriter) -> int:
@@ -97,7 +132,10 @@ def _interrupted(scenario: Scenario, writer: ResultWriter) -> int:
         return INTERRUPTED
     run = load_result(writer.folder).trajectory
     stdout().print(summary_table(summarise(scenario.chain, run)))
-    complain(f"interrupted after t = {run.t[-1]:.6g} s; what was simulated until then is in {writer.folder}")
+    complain(
+        f"interrupted after t = {run.t[-1]:.6g} s; what was simulated until then is in {writer.folder}, and --resume"
+        " goes on from there"
+    )
     return INTERRUPTED
 
 

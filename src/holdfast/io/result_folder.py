@@ -1,45 +1,65 @@
-"""Result folders: a run on disk, readable at any moment while it is being written.
+"""Result folders: a run on disk, readable at any moment while it is written, and after any death of its writer.
 
-    scene.toml       the scene's text
-    meta.json        versions, names, units, how far the run got
-    chunk_0000.npz   samples: the trajectory's arrays under their names
-    summary.json     the summary table's numbers, once the run has ended
+    meta.json             which run it is, and which samples and which checkpoint are there
+    scene.toml            the scene's text
+    chunk_0000.npz        samples: the trajectory's arrays under their names
+    checkpoint_0000.npz   what the run goes on from, while it has not ended
+    summary.json          the summary table's numbers, once it has
 
-Every file is written beside its place and then moved there, so each is whole or absent.
+A flush writes files under new names, then moves a meta.json that names them over the old one: that
+move is the flush. Files that meta.json does not name do not count. docs/results.md is the format in full.
 """
 
 from __future__ import annotations
 
 import platform
+import time
+from collections.abc import Sequence
 from dataclasses import asdict
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
-import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from holdfast.errors import ResultError
-from holdfast.io.atomic import write_atomically
+from holdfast.io.atomic import remove, write_atomically
+from holdfast.io.fingerprint import fingerprint
+from holdfast.io.result_arrays import write_arrays
+from holdfast.io.result_chunk import write_chunk
+from holdfast.io.result_meta import (
+    FORMAT,
+    FORMAT_VERSION,
+    META,
+    CheckpointRecord,
+    ResultMeta,
+    json_text,
+    read_bytes,
+    sha256,
+)
+from holdfast.io.result_resume import resumed
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import WORK_TERMS
+from holdfast.simulation.checkpoint import Checkpoint
+from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.summary import Summary
-from holdfast.simulation.trajectory import UNITS, Trajectory, array_names, stacked
+from holdfast.simulation.trajectory import UNITS, Trajectory, array_names
 
-FORMAT = "holdfast-result"
-FORMAT_VERSION = 1
-CHUNK = 100  # samples
-OURS = ("scene.toml", "meta.json", "summary.json", "chunk_*.npz", "*.png", "*.part")
+CHUNK = 1000  # samples that wait until they are flushed
+PATIENCE = 5.0  # seconds after which fewer are
+OURS = ("scene.toml", "summary.json", "chunk_*.npz", "checkpoint_*.npz", "trajectory.*", "*.png", "*.part")
 
 
 class ResultWriter:
-    """Writes one run; nothing is on disk before there are samples.
+    """Writes one run; nothing is on disk before there is a sample.
 
     Attributes:
         folder: where to.
-        samples: how many are on disk.
+        start: what a resumed run goes on from; None for a new one.
     """
 
-    def __init__(self, folder: Path, meta: dict[str, Any], scene_text: str, *, overwrite: bool = False) -> None:
+    def __init__(self, folder: Path, meta: ResultMeta, scene_text: str, *, overwrite: bool = False) -> None:
         """Check that the folder can be used.
 
         Args:
@@ -53,59 +73,150 @@ class ResultWriter:
         """
         require_free(folder, overwrite)
         self.folder = folder
-        self.samples = 0
-        self._chunks = 0
+        self.start: Checkpoint | None = None
+        self._scene = scene_text.encode("utf-8")
+        self._meta = replace(meta, scene_sha256=sha256(self._scene))
         self._waiting: list[Trajectory] = []
-        self._scene_text = scene_text
-        self._meta = dict(meta)
+        self._told = 0  # occurrences
+        self._marked: tuple[int, Checkpoint] | None = None
+        self._begun = False
+        self._texts: tuple[bytes, ...] = ()  # of meta.json, as this writer left it or was about to
+        self._flushed_at = -np.inf  # so that the first sample goes to disk at once
+
+    @classmethod
+    def resume(cls, folder: Path, meta: ResultMeta, scene_text: str) -> Self:
+        """Return a writer that adds to the run in a folder what comes after its checkpoint, `start`.
+
+        Where a writer died before its first flush the run begins anew: `start` is None.
+
+        Args:
+            folder: where the run is.
+            meta: what `run_meta` returns now.
+            scene_text: the scene file's own text.
+
+        Raises:
+            ResultError: the run has ended, is damaged, is another one than this, or its
+                controller's memory could not be written.
+        """
+        writer = cls(folder, meta, scene_text, overwrite=True)
+        if (found := resumed(folder, writer._meta)) is not None:
+            writer._meta, writer.start = found
+            writer._begun, writer._texts = True, (json_text(writer._meta),)
+            writer._flushed_at = time.monotonic()
+        return writer
+
+    @property
+    def samples(self) -> int:
+        """How many samples are on disk."""
+        return self._meta.samples
 
     def add(self, sample: Trajectory) -> None:
-        """Take one sample; every 100 they go to disk.
+        """Take one sample."""
+        self._waiting.append(sample)
+        self._told += len(sample.occurrences)
+
+    def mark(self, checkpoint: Checkpoint) -> None:
+        """Take the checkpoint of the last sample; flush if many samples wait, or for long, or none is on disk yet.
 
         Raises:
             ResultError: they cannot be written.
         """
-        self._waiting.append(sample)
-        if len(self._waiting) >= CHUNK:
+        self._marked = self.samples + len(self._waiting), checkpoint
+        if len(self._waiting) >= CHUNK or time.monotonic() - self._flushed_at >= PATIENCE:
             self.flush()
 
     def flush(self) -> None:
-        """Put what is waiting on disk.
+        """Put what waits on disk; it is there to stay when this returns.
+
+        A flush that was broken off can be done again. Costs six waits for the disk.
 
         Raises:
-            ResultError: it cannot be written.
+            ResultError: it cannot be written, or another process has written to the folder.
         """
         if not self._waiting:
             return
-        if not self._chunks:
-            clear(self.folder)
-            write_atomically(self.folder / "scene.toml", self._scene_text.encode("utf-8"))
-        chunk = stacked(self._waiting)
-        arrays: dict[str, Any] = {name: getattr(chunk, name) for name in array_names()}
-        write_atomically(self.folder / f"chunk_{self._chunks:04d}.npz", lambda file: np.savez(file, **arrays))
-        samples = self.samples + len(chunk)
-        self._meta |= {"samples": samples, "last_time": float(chunk.t[-1])}
-        write_atomically(self.folder / "meta.json", _json(self._meta))
-        # only now, so that a flush that was broken off can be done again
-        self.samples, self._chunks, self._waiting = samples, self._chunks + 1, []
+        if self._begun:
+            self._require_alone()
+        else:
+            self._begin()
+        k, count = len(self._meta.chunks), len(self._waiting)
+        write_chunk(self.folder, k, self._waiting)
+        flushed = replace(
+            self._with_checkpoint(k),
+            samples=self.samples + count,
+            chunks=[*self._meta.chunks, count],
+            last_time=float(self._waiting[-1].t),
+        )
+        self._commit(flushed, waiting=[])
+        self._flushed_at = time.monotonic()
 
-    def finish(self, summary: Summary | None, *, stopped: str | None = None) -> None:
+    def finish(
+        self, summary: Summary | None, *, stopped: str | None = None, occurrences: Sequence[Occurrence] = ()
+    ) -> None:
         """Put the rest on disk and say how the run ended.
 
         Args:
             summary: its numbers, if they were made.
-            stopped: what ended it early; None for a complete run.
+            occurrences: what happened since the run began or went on; what no sample told is the end.
+            stopped: what ended it early; None for a complete run. After "interrupted" it
+                can go on, after anything else not.
 
         Raises:
-            ResultError: it cannot be written.
+            ResultError: it cannot be written, or another process has written to the folder.
         """
         self.flush()
-        if not self._chunks:
+        if not self.samples:
             return
+        self._require_alone()
         if summary is not None:
-            write_atomically(self.folder / "summary.json", _json(asdict(summary)))
-        self._meta |= {"complete": stopped is None, "stopped": stopped}
-        write_atomically(self.folder / "meta.json", _json(self._meta))
+            write_atomically(self.folder / "summary.json", json_text(asdict(summary)))
+        last = list(occurrences[self._told :])
+        ended = replace(self._meta, complete=stopped is None, stopped=stopped, occurrences=last)
+        self._commit(replace(ended, checkpoint=None) if ended.ended else ended)
+
+    def _begin(self) -> None:
+        """Make the folder that of this run, without samples yet; an earlier result there goes."""
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as cause:
+            raise ResultError(f"{self.folder}: cannot be written: {cause.strerror or cause}") from cause
+        self._write_meta(self._meta)  # first: files of ours never lie in a folder that does not say so
+        remove(*(path for pattern in OURS for path in self.folder.glob(pattern)))
+        write_atomically(self.folder / "scene.toml", self._scene)
+        self._begun = True
+
+    def _require_alone(self) -> None:
+        """Refuse to write where someone else did: two runs would mix."""
+        if read_bytes(self.folder / META) not in self._texts:
+            raise ResultError(f"{self.folder}: another process has written to it; nothing more of this run is added")
+
+    def _write_meta(self, meta: ResultMeta) -> None:
+        """Put meta.json in place; whether that works or not, it is this writer's."""
+        text = json_text(meta)
+        self._texts = (*self._texts[-1:], text)
+        write_atomically(self.folder / META, text)
+
+    def _with_checkpoint(self, k: int) -> ResultMeta:
+        """Return the meta that names the last checkpoint, after writing it."""
+        if self._marked is None:
+            return self._meta
+        samples, checkpoint = self._marked
+        try:
+            arrays, data = checkpoint.to_data()
+        except ResultError as cause:  # a memory that cannot be written is no reason to lose samples
+            return replace(self._meta, checkpoint=None, no_checkpoint=str(cause))
+        record = CheckpointRecord(f"checkpoint_{k:04d}.npz", samples)
+        write_arrays(self.folder / record.file, arrays, data=data)
+        return replace(self._meta, checkpoint=record)
+
+    def _commit(self, meta: ResultMeta, waiting: list[Trajectory] | None = None) -> None:
+        """Put meta.json in place, then remove the checkpoint that it no longer names."""
+        self._write_meta(meta)
+        old = self._meta.checkpoint
+        # only now, so that a flush that was broken off can be done again
+        self._meta, self._waiting = meta, self._waiting if waiting is None else waiting
+        if old is not None and (meta.checkpoint is None or meta.checkpoint.file != old.file):
+            remove(self.folder / old.file)
 
 
 def require_free(folder: Path, overwrite: bool) -> None:
@@ -116,33 +227,18 @@ def require_free(folder: Path, overwrite: bool) -> None:
     """
     try:
         names = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
-        meta = folder / "meta.json"
-        earlier = meta.is_file() and FORMAT in meta.read_text(errors="replace")
+        earlier = META in names and FORMAT in (folder / META).read_text(errors="replace")
     except OSError as cause:
         raise ResultError(f"{folder}: cannot be a result folder: {cause.strerror or cause}") from cause
-    if not names:
+    if names in ([], [META + ".part"]):  # a writer died before it wrote anything
         return
     if not earlier:
         raise ResultError(f"{folder}: expected a new or empty folder, or an earlier result; found '{names[0]}' in it")
     if not overwrite:
-        raise ResultError(f"{folder}: holds an earlier result; try --overwrite, or another --out")
+        raise ResultError(f"{folder}: holds an earlier result; try --resume, --overwrite, or another --out")
 
 
-def clear(folder: Path) -> None:
-    """Make the folder, and take an earlier result's files out of it.
-
-    Raises:
-        ResultError: it cannot be done.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for path in [path for pattern in OURS for path in folder.glob(pattern)]:
-            path.unlink()
-    except OSError as cause:
-        raise ResultError(f"{folder}: cannot be written: {cause.strerror or cause}") from cause
-
-
-def run_meta(chain: ClosedChain, name: str, duration: float, step: float) -> dict[str, Any]:
+def run_meta(chain: ClosedChain, name: str, duration: float, step: float, **options: Any) -> ResultMeta:
     """Return what meta.json says before the first sample.
 
     Args:
@@ -150,27 +246,24 @@ def run_meta(chain: ClosedChain, name: str, duration: float, step: float) -> dic
         name: of the scene.
         duration: asked for [s].
         step: asked for [s].
+        options: whatever else decides the numbers, plain data; a run goes on under the same ones only.
     """
     from holdfast import __version__
 
-    return {
-        "format": FORMAT,
-        "format_version": FORMAT_VERSION,
-        "scene": name,
-        "versions": {"holdfast": __version__, "numpy": np.__version__, "python": platform.python_version()},
-        "arms": list(chain.names),
-        "grasps": {name: grasp.kind for name, grasp in chain.grasps.items()},
-        "joints": chain.joint_names(),
-        "work_terms": list(WORK_TERMS),
-        "units": UNITS,
-        "duration": duration,
-        "step": step,
-        "samples": 0,
-        "last_time": None,
-        "complete": False,
-        "stopped": None,
-    }
-
-
-def _json(data: Any) -> bytes:
-    return msgspec.json.format(msgspec.json.encode(data), indent=2) + b"\n"
+    packages = {"holdfast": __version__, "numpy": np.__version__, "llvmlite": version("llvmlite")}
+    return ResultMeta(
+        format=FORMAT,
+        format_version=FORMAT_VERSION,
+        scene=name,
+        model_sha256=fingerprint(chain),
+        versions=packages | {"python": platform.python_version(), "processor": platform.machine()},
+        arms=list(chain.names),
+        grasps={name: grasp.kind for name, grasp in chain.grasps.items()},
+        joints=chain.joint_names(),
+        joint_kinds=[joint.kind for arm in chain.arms.values() for joint in arm.joints],
+        work_terms=list(WORK_TERMS),
+        units={name: UNITS[name] for name in array_names()},
+        duration=float(duration),
+        step=float(step),
+        options=options,
+    )

@@ -2,98 +2,120 @@
 
 from __future__ import annotations
 
-import re
-import zipfile
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
 
-import msgspec
 import numpy as np
 
 from holdfast.errors import ResultError
-from holdfast.io.result_folder import FORMAT, FORMAT_VERSION
+from holdfast.io.result_arrays import Damage
+from holdfast.io.result_chunk import chunk_name, read_chunk, stray_chunks
+from holdfast.io.result_meta import ResultMeta, read_bytes, read_meta, sha256
 from holdfast.simulation.trajectory import Trajectory, array_names
 
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A run read from disk.
+    """A run on disk.
 
     Attributes:
-        folder: where it was.
-        meta: what meta.json says (versions, joints, units, ...).
+        folder: where it is.
+        meta: what meta.json says: versions, joints, units, ...
         scene_text: the scene's own text.
-        trajectory: every sample that is on disk.
-        complete: whether the run reached its end.
-        note: what is missing, in words; empty for a complete run.
+        chunks: how many samples of each chunk are whole and belong to the run.
+        complete: whether the run reached its end, and all of it is there.
+        note: what is missing or odd, in words; empty for a complete run.
     """
 
     folder: Path
-    meta: dict[str, Any]
+    meta: ResultMeta
     scene_text: str
-    trajectory: Trajectory
+    chunks: tuple[int, ...]
     complete: bool
     note: str
 
+    @property
+    def samples(self) -> int:
+        """How many samples can be read."""
+        return sum(self.chunks)
+
+    @cached_property
+    def trajectory(self) -> Trajectory:
+        """Every sample that is on disk; read when first asked for.
+
+        Raises:
+            ResultError: the folder changed since `load_result`.
+        """
+        parts = list(self.parts())
+        arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in array_names()}
+        occurrences = tuple(one for part in parts for one in part.occurrences)
+        return Trajectory(**arrays, stopped=self.meta.stopped, occurrences=occurrences)
+
+    def parts(self) -> Iterator[Trajectory]:
+        """Yield the run chunk by chunk, from its first sample on, one chunk in memory at a time.
+
+        Raises:
+            ResultError: the folder changed since `load_result`.
+        """
+        last = len(self.meta.chunks) - 1
+        for k, count in enumerate(self.chunks):
+            try:
+                part = read_chunk(self.folder, k, count)
+            except Damage as damage:
+                raise ResultError(f"{self.folder}: changed while it was read: {damage}; try again") from damage
+            at_end = tuple(self.meta.occurrences) if k == last else ()
+            yield replace(part, stopped=self.meta.stopped, occurrences=part.occurrences + at_end)
+
 
 def load_result(folder: str | Path) -> Result:
-    """Return the run in a result folder, up to the last whole chunk.
+    """Return the run in a result folder, up to the last flush before the first damage.
+
+    Looks at every chunk, one at a time; the samples are read when they are asked for.
 
     Raises:
-        ResultError: no result is there, or none of it can be read.
+        ResultError: no result is there, or none of it can be read, or it lacks arrays.
     """
     folder = Path(folder)
-    meta = _meta(folder)
-    parts, damage = _chunks(folder)
-    if not parts:
-        raise ResultError(f"{folder}: expected at least one chunk of samples, {damage or 'found none'}")
-    try:
-        arrays = {name: np.concatenate([part[name] for part in parts]) for name in array_names()}
-    except ValueError as cause:
-        raise ResultError(f"{folder}: the chunks do not fit together: {cause}") from cause
-    run = Trajectory(**arrays, stopped=meta.get("stopped"))
-    complete = bool(meta.get("complete")) and not damage
-    note = ""
-    if not complete:
-        reason = damage or run.stopped or "interrupted"
-        note = f"incomplete, up to t = {run.t[-1]:.6g} s of {meta.get('duration')} s: {reason}"
-    return Result(folder, meta, _read(folder / "scene.toml").decode("utf-8", "replace"), run, complete, note)
-
-
-def _meta(folder: Path) -> dict[str, Any]:
-    if not folder.is_dir():
-        raise ResultError(f"{folder}: no such folder")
-    try:
-        meta = msgspec.json.decode(_read(folder / "meta.json"), type=dict)
-    except msgspec.MsgspecError as cause:
-        raise ResultError(f"{folder / 'meta.json'}: not valid JSON: {cause}") from cause
-    if meta.get("format") != FORMAT or meta.get("format_version") != FORMAT_VERSION:
+    meta = read_meta(folder)
+    if not meta.samples:
+        raise ResultError(f"{folder}: no samples yet: the run ended before its first flush, or has just begun")
+    ours = array_names()
+    if missing := [name for name in ours if name not in meta.units]:
         raise ResultError(
-            f"{folder / 'meta.json'}: expected format '{FORMAT}' version {FORMAT_VERSION}, got"
-            f" {meta.get('format')!r} version {meta.get('format_version')!r}"
+            f"{folder}: written by holdfast {meta.versions.get('holdfast')}, which had no {', '.join(missing)};"
+            " try that version, or numpy.load on the chunks"
         )
-    return meta
+    chunks, last_time, damage = _whole_chunks(folder, meta)
+    if not chunks:
+        raise ResultError(f"{folder}: expected at least one whole chunk of samples, but {damage}")
+    complete = meta.complete and not damage
+    notes = []
+    if not complete:
+        reason = damage or meta.stopped or "interrupted, or still running"
+        notes.append(f"incomplete, up to t = {last_time:.6g} s of {meta.duration} s: {reason}")
+    if unknown := [name for name in meta.units if name not in ours]:
+        notes.append(f"written by holdfast {meta.versions.get('holdfast')}, its {', '.join(unknown)} are not read")
+    scene = read_bytes(folder / "scene.toml")
+    if sha256(scene) != meta.scene_sha256:
+        notes.append("scene.toml is not the text that was simulated")
+    notes += [f"{path.name} is not part of the run" for path in stray_chunks(folder, len(meta.chunks))]
+    return Result(folder, meta, scene.decode("utf-8", "replace"), tuple(chunks), complete, "; ".join(notes))
 
 
-def _chunks(folder: Path) -> tuple[list[dict[str, Any]], str]:
-    """Return the chunks before the first gap or damage, and what that was."""
-    found = {int(m[1]): p for p in folder.glob("chunk_*.npz") if (m := re.fullmatch(r"chunk_(\d+)\.npz", p.name))}
-    parts = []
-    for k in range(max(found, default=-1) + 1):
-        if k not in found:
-            return parts, f"chunk_{k:04d}.npz is missing"
+def _whole_chunks(folder: Path, meta: ResultMeta) -> tuple[list[int], float, str]:
+    """Return samples of the chunks before the first damage, the last one's time, and that damage."""
+    counts: list[int] = []
+    last_time, shapes = np.nan, None
+    for k, count in enumerate(meta.chunks):
         try:
-            # opened here: np.load leaves a file open when it is damaged
-            with found[k].open("rb") as raw, np.load(raw, allow_pickle=False) as file:
-                parts.append({name: file[name] for name in array_names()})
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-            return parts, f"{found[k].name} is damaged"
-    return parts, ""
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as cause:
-        raise ResultError(f"{path}: cannot be read: {cause.strerror or cause}; is this a result folder?") from cause
+            part = read_chunk(folder, k, count)
+            here = [getattr(part, name).shape[1:] for name in array_names()]
+            if here != (shapes or here):
+                raise Damage(f"{chunk_name(k)} does not fit the chunks before")
+        except Damage as damage:
+            return counts, last_time, str(damage)
+        counts.append(count)
+        last_time, shapes = float(part.t[-1]), here
+    return counts, last_time, ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +19,12 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.scenario import parts
 from holdfast.scenario.controllers import build_controller
-from holdfast.scenario.scene import SceneData
+from holdfast.scenario.scene import ReleaseData, SceneData
+from holdfast.scenario.surroundings import pushes, swaying_base
+from holdfast.simulation.events import Attach, Event, Release, in_order
 from holdfast.simulation.instant import Controller
-from holdfast.simulation.simulate import step_times
+from holdfast.simulation.stops import step_times
+from holdfast.simulation.tolerance import Tolerance
 from holdfast.state import State
 
 LARGEST = 1e9
@@ -39,6 +42,7 @@ class Scenario:
         state: initial state at rest, every grasp closed.
         controller: torques.
         duration, step: [s].
+        options: everything else that `simulate` is to be told, by keyword.
     """
 
     name: str
@@ -48,6 +52,7 @@ class Scenario:
     controller: Controller
     duration: float
     step: float
+    options: dict[str, Any] = field(default_factory=dict)
 
 
 def load_scene(path: str | Path) -> Scenario:
@@ -82,7 +87,8 @@ def build_scene(data: SceneData, source: str = "scene", text: str = "", name: st
     except ClosureError as cause:
         raise ClosureError(f"{source}: $.object.pose: {cause}") from cause
     controller = build_controller(data.controller, chain, state, at / "controller")
-    return Scenario(name, text, chain, state, controller, data.simulation.duration, data.simulation.step)
+    options = build_options(data, chain, at)
+    return Scenario(name, text, chain, state, controller, data.simulation.duration, data.simulation.step, options)
 
 
 def build_chain(data: SceneData, at: Place) -> tuple[ClosedChain, State]:
@@ -109,6 +115,48 @@ def build_chain(data: SceneData, at: Place) -> tuple[ClosedChain, State]:
     with at.refusals():
         chain = ClosedChain(arms, held, grasps, np.array(data.gravity))
     return chain, State(np.concatenate(q), np.zeros(chain.joint_count), pose.wxyz_xyz)
+
+
+def build_options(data: SceneData, chain: ClosedChain, at: Place) -> dict[str, Any]:
+    """Return what `simulate` is to be told by keyword: events, surroundings, scheme, policies.
+
+    Raises:
+        SceneError: with the path of the first fault.
+    """
+    how = data.simulation
+    pushed = pushes(data.wrenches, at / "wrenches")
+    with (at / "simulation").refusals():
+        Tolerance(how.rtol, how.atol)
+    return {
+        "events": build_events(data, chain, at / "events"),
+        "base_motion": {
+            arm.name: swaying_base(arm.base_motion, chain.arms[arm.name].base, at / "arms" / i / "base_motion")
+            for i, arm in enumerate(data.arms)
+            if arm.base_motion is not None
+        },
+        "inputs": pushed if data.wrenches else None,
+        "breakpoints": [*how.breakpoints, *pushed.breakpoints],
+        **{name: getattr(how, name) for name in ("on_slip", "on_limit", "scheme", "rtol", "atol")},
+    }
+
+
+def build_events(data: SceneData, chain: ClosedChain, at: Place) -> list[Event]:
+    """Return the events, each checked against those before it.
+
+    Raises:
+        SceneError: with the path of the event at fault.
+    """
+    made: list[tuple[int, Event]] = []
+    for i, one in enumerate(data.events):
+        if isinstance(one, ReleaseData):
+            made.append((i, Release(one.t, one.arm)))
+        else:
+            made.append((i, Attach(one.t, one.arm, parts.grasp(one, at / i), one.here)))
+    made.sort(key=lambda placed: placed[1].t)
+    for k, (i, _) in enumerate(made):  # with one more each time, the refusal is of the last
+        with (at / i).refusals():
+            in_order([event for _, event in made[: k + 1]], chain, data.simulation.duration)
+    return [event for _, event in made]
 
 
 def require_sensible(raw: Any, at: Place) -> None:

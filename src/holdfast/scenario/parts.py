@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from holdfast.io.place import Place
 from holdfast.model import checks
 from holdfast.model.arm import Arm
-from holdfast.model.grasp import Friction, Grasp
+from holdfast.model.grasp import Friction, Grasp, WrenchLimits
 from holdfast.model.held_object import HeldObject
 from holdfast.robots import HOME, ROBOTS
 from holdfast.scenario.scene import ArmData, GraspData, ObjectData, PoseData
@@ -44,12 +46,16 @@ def arm(data: ArmData, at: Place) -> tuple[Arm, Array]:
 def grasp(data: GraspData, at: Place) -> Grasp:
     """Return a grasp."""
     frame = pose(data, at)
-    contact = None
+    contact = limits = None
     if data.contact is not None:
         with (at / "contact").refusals():
             contact = Friction(data.contact.mu, data.contact.torsion_radius, data.contact.half_length)
+    if data.wrench_limits is not None:
+        given = data.wrench_limits
+        with (at / "wrench_limits").refusals():
+            limits = WrenchLimits(*(math.inf if limit is None else limit for limit in (given.moment, given.force)))
     with at.refusals():
-        return Grasp(data.kind, frame, contact)
+        return Grasp(data.kind, frame, contact, limits)
 
 
 def held_object(data: ObjectData, at: Place) -> HeldObject:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import msgspec
 
 from holdfast.model.closed_chain import STANDARD_GRAVITY
 from holdfast.model.grasp import GraspKind
+from holdfast.simulation.policy import OnLimit, OnSlip
+from holdfast.simulation.tolerance import RTOL
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -25,6 +29,25 @@ class PoseData(_Strict):
     rpy: Vector3 | None = None
 
 
+class SwayData(_Strict):
+    """Three sine oscillations: a sin(2 pi f t + phase) along or about each world axis."""
+
+    amplitude: Vector3
+    frequency: Vector3
+    phase: Vector3 = ZEROS
+
+
+class BaseMotionData(_Strict):
+    """A base that sways about where it stands; it sets out smoothly, within `smooth_start` seconds.
+
+    `shift` in m, `turn` in rad: roll, pitch, yaw about the base's origin.
+    """
+
+    shift: SwayData | None = None
+    turn: SwayData | None = None
+    smooth_start: float = 0.5
+
+
 class ArmData(_Strict):
     """An arm: a robot's name, where it stands, its tool and where its joints begin.
 
@@ -37,6 +60,7 @@ class ArmData(_Strict):
     base: PoseData = msgspec.field(default_factory=PoseData)
     tip: PoseData | None = None
     q: list[float] | None = None
+    base_motion: BaseMotionData | None = None
 
 
 class ObjectData(_Strict):
@@ -57,6 +81,13 @@ class ContactData(_Strict):
     half_length: float | None = None
 
 
+class WrenchLimitsData(_Strict):
+    """The largest moment [N m] and force [N] that a grasp takes."""
+
+    moment: float | None = None
+    force: float | None = None
+
+
 class GraspData(_Strict):
     """A grasp: the contact frame in object axes, z into the object."""
 
@@ -66,6 +97,30 @@ class GraspData(_Strict):
     quaternion: Quaternion | None = None
     rpy: Vector3 | None = None
     contact: ContactData | None = None
+    wrench_limits: WrenchLimitsData | None = None
+
+
+class AttachData(GraspData, kw_only=True, tag_field="type", tag="attach"):
+    """An arm grips at time `t`: at the frame given, or, with `here`, where its tip is then."""
+
+    t: float
+    here: bool = False
+
+
+class ReleaseData(_Strict, tag_field="type", tag="release"):
+    """An arm lets go at time `t`."""
+
+    t: float
+    arm: str
+
+
+class WrenchData(_Strict):
+    """An external wrench on the object about its origin, world axes, from `begin` to `end`."""
+
+    force: Vector3 = ZEROS
+    moment: Vector3 = ZEROS
+    begin: float = 0.0
+    end: float | None = None
 
 
 class PathData(_Strict):
@@ -94,11 +149,35 @@ class ObjectTrackingData(_Strict, tag_field="type", tag="object_tracking"):
     joint_damping: float = 10.0
 
 
+class PieceData(_Strict):
+    """Torques from `begin` to the next piece: per joint [c0, c1, ...] of c0 + c1 (t - begin) + ..."""
+
+    begin: float
+    torques: list[list[float]]
+
+
+class TorqueScheduleData(_Strict, tag_field="type", tag="torque_schedule"):
+    """Torques as given functions of time, added to those of another controller, if there is one beside."""
+
+    pieces: list[PieceData]
+    beside: GravityCompensationData | ObjectTrackingData | None = None
+
+
 class SimulationData(_Strict):
-    """How long, and in which steps."""
+    """How long, in which steps, and what is done about slipping grasps and passed limits.
+
+    At `breakpoints` steps end; knots of a schedule, events and ends of wrenches are such times anyway. `rtol` and
+    `atol` are for an adaptive scheme.
+    """
 
     duration: float
     step: float
+    scheme: Literal["rk4", "midpoint", "dop853"] = "rk4"
+    rtol: float = RTOL
+    atol: float | None = None
+    on_slip: OnSlip = "stop"
+    on_limit: OnLimit = "record"
+    breakpoints: list[float] = []
 
 
 class SceneData(_Strict):
@@ -106,8 +185,10 @@ class SceneData(_Strict):
 
     arms: list[ArmData]
     object: ObjectData
-    controller: GravityCompensationData | ObjectTrackingData
+    controller: GravityCompensationData | ObjectTrackingData | TorqueScheduleData
     simulation: SimulationData
-    grasps: list[GraspData] = msgspec.field(default_factory=list)
+    grasps: list[GraspData] = []
+    events: list[AttachData | ReleaseData] = []
+    wrenches: list[WrenchData] = []
     gravity: Vector3 = STANDARD_GRAVITY
     name: str = ""

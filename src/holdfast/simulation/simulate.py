@@ -2,98 +2,133 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from itertools import pairwise
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from holdfast.errors import ModelError
-from holdfast.model import checks
+from holdfast.errors import HoldfastError
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.instant import Controller, evaluate
-from holdfast.simulation.stepper import ReferenceStepper
-from holdfast.simulation.trajectory import Trajectory, sample, stacked
+from holdfast.simulation.checkpoint import Checkpoint
+from holdfast.simulation.events import Event, in_order
+from holdfast.simulation.instant import Controller
+from holdfast.simulation.leg import MakeStepper, Plan
+from holdfast.simulation.policy import OnLimit, OnSlip, Policy
+from holdfast.simulation.progress import Progress, begun, following, resumed
+from holdfast.simulation.rollout.choice import stepper_for
+from holdfast.simulation.rollout.law import ControlLaw
+from holdfast.simulation.runge_kutta import scheme as scheme_named
+from holdfast.simulation.sample import sample
+from holdfast.simulation.stops import ALIKE, step_times, stops
+from holdfast.simulation.tolerance import RTOL, Tolerance
+from holdfast.simulation.trajectory import Trajectory, array_names, stacked
 from holdfast.simulation.world import BaseMotion, World
-from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
-
-MOST_STEPS = 1_000_000
 
 
 @np.errstate(all="ignore")  # a run that diverges ends in a StateError, not in warnings
 def simulate(
     chain: ClosedChain,
     state: State,
-    controller: Controller,
+    controller: Controller | ControlLaw,
     duration: float,
     step: float,
     *,
     base_motion: Mapping[str, BaseMotion] | None = None,
     inputs: Inputs | Callable[[float], Inputs] | None = None,
+    events: Sequence[Event] = (),
+    breakpoints: Sequence[float] = (),
+    on_slip: OnSlip = "stop",
+    on_limit: OnLimit = "record",
+    scheme: str = "rk4",
+    rtol: float = RTOL,
+    atol: float | None = None,
+    start: Checkpoint | None = None,
     progress: Callable[[float], None] | None = None,
     on_sample: Callable[[Trajectory], None] | None = None,
+    on_checkpoint: Callable[[Checkpoint], None] | None = None,
+    make_stepper: MakeStepper | None = None,
 ) -> Trajectory:
-    """Return the motion from a state, by fixed Runge-Kutta steps with projection.
+    """Return the motion from a state, by Runge-Kutta steps with projection, contacts verified all along.
 
-    A step that turns singular, cannot be closed again or is not finite ends the run: what
-    came before is returned, `stopped` says why and names the last good time.
+    A step that turns singular, cannot be closed again or is not finite ends the run, and so does a grasp that
+    slips (see `on_slip`): what came before is returned, `stopped` says why and when.
+
+    Margins of one-sided grasps and of joint limits are looked at inside every step; what is found for certain
+    is said in `simulation.verification`. A chain without either costs nothing extra.
 
     Args:
         chain: arms, object and grasps.
         state: where to start; must satisfy the grasps.
-        controller: (t, state, memory) -> (torques (n,), memory), memory None at first.
+        controller: (t, state, memory) -> (torques (n,), memory), memory None at first. Its attribute
+            `breakpoints`, if it has one, tells at which times its torques jump; its method `for_chain(chain)`,
+            if it has one, is asked for a controller whenever a grasp closes or opens.
         duration: [s].
-        step: h [s]; the last step is shorter where h does not divide the duration.
+        step: h [s]; the last step is shorter where h does not divide the duration. An adaptive scheme
+            chooses its own steps.
         base_motion: t -> (pose, twist, acceleration) of moving bases, by arm name.
         inputs: external wrenches, constant or a function of t.
+        events: `Attach` and `Release` at given times.
+        breakpoints: times at which torques or inputs jump or change their course; steps end there.
+        on_slip: what is done about a grasp that cannot hold: "stop", "record" (and go on as if it held), or
+            "release" (it opens; velocities go on).
+        on_limit: what is done about a joint beyond a limit: "record" or "stop".
+        scheme: "rk4", "midpoint" or "dop853" (adaptive, order 8).
+        rtol: relative tolerance of an adaptive scheme, see `tolerance.Tolerance`.
+        atol: absolute tolerance.
+        start: where to go on instead of at the beginning; `state` is not used then, and the samples returned
+            are those after it.
         progress: called with the time after every step.
         on_sample: called with every sample as it is made.
+        on_checkpoint: called after that with what the run can go on from.
+        make_stepper: what takes the steps; without it machine code does, unless there are too few to compile for.
 
     Raises:
-        ModelError: a duration or step that is not positive, or too many steps.
+        ModelError: a duration or step that is not positive, too many steps, an unknown policy or scheme, or
+            an impossible event.
         StateError: the initial state breaks a grasp, or the controller's torques do not fit.
         SingularChainError: the initial configuration is singular.
     """
-    times = step_times(duration, step)
+    named = scheme_named(scheme)
+    grid = step_times(duration, step)
     state.fits(chain)
+    ordered = in_order(events, chain, float(grid[-1]))
+    jumps = [*breakpoints, *getattr(controller, "breakpoints", ())]
+    ends = stops(grid[[0, -1]] if named.adaptive else grid, jumps, [one.t for one in ordered], ALIKE * step)
     world = World(chain, base_motion or {}, Inputs() if inputs is None else inputs)
-    # the start is judged with its neighbours; later a rank below its rank is a singularity
-    generic = evaluate(world, controller, 0.0, state, None, check=True).result.rank
-    stepper = ReferenceStepper(world, controller, generic)
-    now, gaps = stepper.start(0.0, state, None)
-    work = np.zeros(4)
-    samples: list[Trajectory] = []
+    policy, tolerance = Policy(on_slip, on_limit), Tolerance(rtol, atol)
+    make = make_stepper or partial(stepper_for, steps=len(grid) - 1)
+    plan = Plan(world, controller, make, named, tolerance, policy, ordered, ends)
 
-    def keep() -> None:
-        samples.append(sample(now, gaps, work))
+    samples: list[Trajectory] = []
+    at = begun(plan, state) if start is None else resumed(plan, start)
+    first = told = 0 if start is None else len(at.occurrences)
+
+    def keep(at: Progress) -> None:
+        samples.append(sample(at.now, at.gaps, at.sums, at.times, at.margins, at.occurrences[told:]))
         if on_sample is not None:
             on_sample(samples[-1])
+        if on_checkpoint is not None:
+            on_checkpoint(at.checkpoint())
 
-    keep()
-    for begin, end in pairwise(times):
-        (reached,) = stepper.advance(now, [float(end)])
-        if reached.instant is None:
-            return stacked(samples, f"stopped after t = {begin:.6g} s: {reached.failure}")
-        now, gaps, work = reached.instant, reached.gaps, work + reached.work
-        keep()
-        if progress is not None:
-            progress(float(end))
-    return stacked(samples)
-
-
-def step_times(duration: float, step: float) -> Array:
-    """Return the times of all samples [s]; the last is the duration."""
-    duration = checks.number(duration, "simulation: duration", above=0.0)
-    step = checks.number(step, "simulation: step", above=0.0)
-    if step > duration:
-        raise ModelError(f"simulation: step: expected <= the duration {duration:g} s, got {step:g}")
-    if duration / step > MOST_STEPS:
-        raise ModelError(
-            f"simulation: step: expected at most {MOST_STEPS} steps, got {duration / step:.3g}; try a larger step"
-        )
-    whole = int(np.floor(duration / step * (1 + 1e-12)))
-    times = step * np.arange(whole + 1)
-    if duration - times[-1] > 1e-9 * step:
-        return np.append(times, duration)
-    times[-1] = duration
-    return times
+    if start is None:
+        keep(at)
+        told = len(at.occurrences)
+    while True:
+        try:
+            later = following(at)
+        except HoldfastError as cause:
+            later = f"stopped after t = {at.now.t:.6g} s: {cause}"
+        if not isinstance(later, Progress):
+            break
+        if later.now.t > at.now.t:
+            keep(later)
+            told = len(later.occurrences)
+            if progress is not None:
+                progress(later.now.t)
+        at = later
+    if not samples:  # a run that went on from its end
+        none = stacked([sample(at.now, at.gaps, at.sums, at.times, at.margins)], later)
+        return replace(none, **{name: getattr(none, name)[:0] for name in array_names()})
+    return replace(stacked(samples, later), occurrences=at.occurrences[first:])

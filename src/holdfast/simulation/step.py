@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from holdfast.dynamics.consistency import GraspResidual, closure, residuals
 from holdfast.dynamics.projection import moved, project
+from holdfast.errors import StateError
 from holdfast.simulation.instant import Controller, Instant, evaluate
-from holdfast.simulation.rk4 import rk4_step
+from holdfast.simulation.runge_kutta import Tableau, runge_kutta_step
 from holdfast.simulation.world import World
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -28,12 +30,28 @@ class Gaps:
     velocity: Array
 
 
+class Step(NamedTuple):
+    """Where a step led.
+
+    Attributes:
+        instant: the chain then, closed again.
+        gaps: what projection found and left.
+        work: (4,) done during the step, see `balance.WORK_TERMS` [J].
+        estimates: the scheme's estimates of the error in (dq, dqd, turn, dp, dV(C), work).
+    """
+
+    instant: Instant
+    gaps: Gaps
+    work: Array
+    estimates: list[Array]
+
+
 def take_step(
-    world: World, controller: Controller, now: Instant, until: float, generic_rank: int
-) -> tuple[Instant, Gaps, Array]:
+    world: World, controller: Controller, now: Instant, until: float, generic_rank: int, scheme: Tableau
+) -> Step:
     """Return the chain one step later, at t = until, closed again.
 
-    `now` is the first of the four stages. The controller is asked at every stage; its
+    `now` is the first of the scheme's stages. The controller is asked at every stage; its
     memory moves on once a step, at the step's start.
 
     Args:
@@ -42,10 +60,7 @@ def take_step(
         now: the chain at the step's start, on the constraint.
         until: the step's end [s].
         generic_rank: rank of the constraint away from singular configurations.
-
-    Returns:
-        The chain then, the gaps that projection found and left, and the work done
-        during the step, (4,) [J].
+        scheme: the Runge-Kutta scheme.
 
     Raises:
         SingularChainError: a stage is singular.
@@ -55,14 +70,15 @@ def take_step(
     n = len(now.state.q)
 
     def derivative(t: float, y: Array) -> Array:
-        stage = evaluate(world, controller, t, displaced(now.state, y), now.memory, generic_rank=generic_rank)
+        there = displaced(now.state, _finite(y))
+        stage = evaluate(world, controller, t, there, now.memory, generic_rank=generic_rank)
         return stage.rates(y[2 * n : 2 * n + 3])
 
     still = np.zeros(2 * n + 16)
-    y = rk4_step(derivative, now.t, still, until - now.t, first=now.rates(np.zeros(3)))
-    state, gaps = back_on_constraint(world, until, displaced(now.state, y))
+    y, estimates = runge_kutta_step(derivative, now.t, still, until - now.t, scheme, first=now.rates(np.zeros(3)))
+    state, gaps = back_on_constraint(world, until, displaced(now.state, _finite(y)))
     later = evaluate(world, controller, until, state, now.memory, generic_rank=generic_rank)
-    return later, gaps, y[2 * n + 12 :]
+    return Step(later, gaps, y[2 * n + 12 :], estimates)
 
 
 def displaced(state: State, y: Array) -> State:
@@ -79,6 +95,12 @@ def back_on_constraint(world: World, t: float, state: State) -> tuple[State, Gap
     closed, motion = project(chain, state, inputs)
     after = _largest(residuals(motion, closed))
     return closed, Gaps(np.array([before[0], after[0]]), np.array([before[1], after[1]]))
+
+
+def _finite(y: Array) -> Array:
+    if not np.isfinite(y).all():
+        raise StateError("the step overflows float64; try a smaller time step")
+    return y
 
 
 def _largest(gaps: dict[str, GraspResidual]) -> tuple[float, float]:

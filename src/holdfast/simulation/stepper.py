@@ -7,14 +7,16 @@ reached by shortened steps from its start, not from an interpolant.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 
 from holdfast.errors import ClosureError, HoldfastError, SingularChainError, StateError
 from holdfast.simulation.instant import Controller, Instant, evaluate
+from holdfast.simulation.runge_kutta import RK4, Tableau
 from holdfast.simulation.step import Gaps, back_on_constraint, take_step
+from holdfast.simulation.tolerance import Tolerance
 from holdfast.simulation.world import World
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -46,12 +48,26 @@ class Advance:
 class Stepper(Protocol):
     """Takes steps of one chain in one world under one controller."""
 
+    @property
+    def scheme(self) -> Tableau:
+        """The Runge-Kutta scheme of its steps."""
+        ...
+
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
         """Return the chain at a given state, projected onto the grasps, and the gaps.
 
         Raises:
             SingularChainError: the configuration is singular.
             StateError: the state breaks a grasp, or the controller's torques do not fit.
+        """
+        ...
+
+    def evaluate(self, t: float, state: State, memory: Any) -> Instant:
+        """Return the chain at a given state taken as it is: to the bit what a step that ended there found.
+
+        Raises:
+            SingularChainError: the configuration is singular.
+            StateError: the controller's torques do not fit.
         """
         ...
 
@@ -68,16 +84,24 @@ class ReferenceStepper:
         world: the chain and what acts on it.
         controller: torques.
         generic_rank: rank of the constraint away from singular configurations.
+        scheme: the Runge-Kutta scheme of the steps.
+        tolerance: what `Advance.error` compares the scheme's estimates with.
     """
 
     world: World
     controller: Controller
     generic_rank: int
+    scheme: Tableau = RK4
+    tolerance: Tolerance = field(default_factory=Tolerance)
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
         """Return the chain at a given state; see `Stepper`."""
         state, gaps = back_on_constraint(self.world, t, state)
-        return evaluate(self.world, self.controller, t, state, memory, generic_rank=self.generic_rank), gaps
+        return self.evaluate(t, state, memory), gaps
+
+    def evaluate(self, t: float, state: State, memory: Any) -> Instant:
+        """Return the chain at a given state taken as it is; see `Stepper`."""
+        return evaluate(self.world, self.controller, t, state, memory, generic_rank=self.generic_rank)
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
         """Return where one step leads; see `Stepper`."""
@@ -85,7 +109,8 @@ class ReferenceStepper:
 
     def _to(self, now: Instant, end: float) -> Advance:
         try:
-            instant, gaps, work = take_step(self.world, self.controller, now, end, self.generic_rank)
+            step = take_step(self.world, self.controller, now, end, self.generic_rank, self.scheme)
         except (SingularChainError, ClosureError, StateError) as cause:
             return Advance(end, None, NO_GAPS, np.zeros(4), failure=cause)
-        return Advance(end, instant, gaps, work)
+        error = self.tolerance.ratio(step.estimates, now.state, step.instant.state)
+        return Advance(end, step.instant, step.gaps, step.work, error)

@@ -8,6 +8,8 @@ import numpy as np
 
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import energy_moved
+from holdfast.simulation.limits import JOINT_QUANTITIES
+from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.scalar import Array
 
@@ -25,12 +27,22 @@ class Summary:
         worst_step_drift: position gap that a step left for projection to close [m or rad].
         energy_imbalance: largest energy that no work accounts for [J].
         energy_moved: largest energy that the run moved about, to compare with [J].
-        peak_force: per arm with a grasp, largest grasp force [N].
-        peak_moment: per arm with a grasp, largest grasp moment [N m].
+        momentum_imbalance: largest angular and linear momentum that no wrench accounts for [N m s, N s].
+        momentum_moved: largest angular and linear momentum of the run, to compare with [N m s, N s].
+        peak_force: per arm that held the object, largest grasp force [N].
+        peak_moment: per arm that held the object, largest grasp moment [N m].
+        peak_internal_force: per arm that held the object, largest internal part of the grasp force [N].
+        spin: per soft finger, how far its contact turned about its normal [rad].
+        lowest_margin: per grasp that something limits, its lowest margin and when that was [N, s].
+        lowest_best_margin: per grasp whose forces were not unique, the lowest of the largest margins that
+            internal forces allow [N]; the smallest have no bound. None where it grows for ever.
+        lowest_joint_margin: per limited quantity (position, rate, effort) the lowest margin, the joint and when
+            that was [rad or m, rad/s or m/s, N m or N; s].
         worst_condition: of the grasp constraint.
         torque_use: largest share of an effort limit, and the joint (None without limits).
-        limit_excess: furthest beyond a position limit [rad or m], and the joint; None if
+        limit_excess: furthest beyond a position limit at a sample [rad or m], and the joint; None if
             every joint stayed within its limits.
+        occurrences: grasps that closed and opened, limits that were passed.
     """
 
     last_time: float
@@ -41,17 +53,26 @@ class Summary:
     worst_step_drift: float
     energy_imbalance: float
     energy_moved: float
+    momentum_imbalance: tuple[float, float]
+    momentum_moved: tuple[float, float]
     peak_force: dict[str, float]
     peak_moment: dict[str, float]
+    peak_internal_force: dict[str, float]
+    spin: dict[str, float]
+    lowest_margin: dict[str, tuple[float, float]]
+    lowest_best_margin: dict[str, float | None]
+    lowest_joint_margin: dict[str, tuple[float, str, float]]
     worst_condition: float
     torque_use: tuple[float, str] | None
     limit_excess: tuple[float, str] | None
+    occurrences: tuple[Occurrence, ...]
 
 
 def summarise(chain: ClosedChain, run: Trajectory) -> Summary:
     """Return the summary of a run of the chain."""
-    moment, force = (np.linalg.norm(run.grasp_wrench[:, :, part], axis=2).max(axis=0) for part in _HALVES)
-    rows = {name: chain.names.index(name) for name in chain.grasps}
+    moment, force = _largest(run.grasp_wrench)
+    internal = _largest(run.internal_wrench)[1]
+    arms = [(i, name) for i, name in enumerate(chain.names) if run.holding[:, i].any()]
     return Summary(
         last_time=float(run.t[-1]),
         samples=len(run),
@@ -60,16 +81,56 @@ def summarise(chain: ClosedChain, run: Trajectory) -> Summary:
         worst_velocity_gap=float(run.velocity_gap[:, 1].max()),
         worst_step_drift=float(run.position_gap[1:, 0].max(initial=0.0)),
         energy_imbalance=float(np.abs(run.imbalance).max()),
-        energy_moved=energy_moved(run.kinetic, run.potential, run.work),
-        peak_force={name: float(force[i]) for name, i in rows.items()},
-        peak_moment={name: float(moment[i]) for name, i in rows.items()},
+        energy_moved=energy_moved(run.kinetic, run.potential, run.work, run.impact),
+        momentum_imbalance=_halves(run.momentum_imbalance),
+        momentum_moved=_halves(run.momentum),
+        peak_force={name: float(force[i]) for i, name in arms},
+        peak_moment={name: float(moment[i]) for i, name in arms},
+        peak_internal_force={name: float(internal[i]) for i, name in arms},
+        spin={name: float(np.abs(run.spin[:, i] - run.spin[0, i]).max()) for i, name in arms if run.spin[:, i].any()},
+        lowest_margin=_lowest_margins(run, arms),
+        lowest_best_margin=_lowest_best_margins(run, arms),
+        lowest_joint_margin=_lowest_joint_margins(run, chain.joint_names()),
         worst_condition=float(run.condition.max()),
         torque_use=_torque_use(chain, run.tau),
         limit_excess=_limit_excess(chain, run.q),
+        occurrences=run.occurrences,
     )
 
 
-_HALVES = (slice(0, 3), slice(3, 6))
+def _largest(wrenches: Array) -> tuple[Array, Array]:
+    """Return the largest |moment| and |force| of every arm."""
+    halves = wrenches[:, :, :3], wrenches[:, :, 3:]
+    moment, force = (np.linalg.norm(half, axis=2).max(axis=0) for half in halves)
+    return moment, force
+
+
+def _halves(momentum: Array) -> tuple[float, float]:
+    """Return the largest |angular| and |linear| momentum."""
+    angular, linear = (float(np.linalg.norm(half, axis=1).max()) for half in (momentum[:, :3], momentum[:, 3:]))
+    return angular, linear
+
+
+def _lowest_margins(run: Trajectory, arms: list[tuple[int, str]]) -> dict[str, tuple[float, float]]:
+    k = np.argmin(run.lowest_margin, axis=0)
+    found = {name: (float(run.lowest_margin[k[i], i]), float(run.lowest_margin_time[k[i], i])) for i, name in arms}
+    return {name: lowest for name, lowest in found.items() if np.isfinite(lowest[0])}
+
+
+def _lowest_best_margins(run: Trajectory, arms: list[tuple[int, str]]) -> dict[str, float | None]:
+    loose = np.isinf(run.worst_margin) & (run.worst_margin < 0)
+    lowest = np.where(loose, run.best_margin, np.inf).min(axis=0)
+    return {name: float(lowest[i]) if np.isfinite(lowest[i]) else None for i, name in arms if loose[:, i].any()}
+
+
+def _lowest_joint_margins(run: Trajectory, joints: list[str]) -> dict[str, tuple[float, str, float]]:
+    found = {}
+    for i, quantity in enumerate(JOINT_QUANTITIES):
+        k = int(np.argmin(run.lowest_joint_margin[:, i]))
+        margin, when = float(run.lowest_joint_margin[k, i]), float(run.lowest_joint_margin_time[k, i])
+        if np.isfinite(margin):
+            found[quantity] = margin, joints[int(run.lowest_joint[k, i])], when
+    return found
 
 
 def _torque_use(chain: ClosedChain, tau: Array) -> tuple[float, str] | None:

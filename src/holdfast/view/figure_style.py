@@ -12,6 +12,9 @@ BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK = (
 )  # fmt: skip
 # x, y, z: colour and line style both tell them apart
 COMPONENTS = (("x", BLUE, "-"), ("y", VERMILLION, "--"), ("z", GREEN, "-."))
+# arms: vermillion is kept for what slips or exceeds a limit, purple for internal forces
+ARMS = ((BLUE, "-"), (ORANGE, "--"), (SKY, "-."), (GREEN, ":"), (BLACK, (0, (5, 1, 1, 1))))
+INTERNAL, DANGER = PURPLE, VERMILLION
 
 DPI = 200
 COLUMN = 3.5  # inches: one column of a two-column page
@@ -31,6 +34,16 @@ STYLE = {
     "legend.frameon": False,
     "legend.handlelength": 1.8,
 }
+
+
+def arm_look(index: int) -> tuple[str, Any]:
+    """Return colour and line style of the arm at an index of the chain's order; they repeat after five."""
+    return ARMS[index % len(ARMS)]
+
+
+def rgb(colour: str) -> tuple[int, int, int]:
+    """Return red, green and blue, 0 to 255, of a colour '#rrggbb'."""
+    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
 
 
 def matplotlib() -> tuple[Any, Any]:

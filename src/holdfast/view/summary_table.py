@@ -6,6 +6,9 @@ from typing import Any
 
 from holdfast.simulation.summary import Summary
 
+MOST_OCCURRENCES = 12  # lines; the rest is in summary.json
+JOINT_UNITS = {"position": "rad or m", "rate": "rad/s or m/s", "effort": "N m or N"}
+
 
 def summary_table(summary: Summary) -> Any:
     """Return the summary as a rich Table."""
@@ -22,15 +25,24 @@ def summary_table(summary: Summary) -> Any:
 
 def rows(summary: Summary) -> list[tuple[str, str]]:
     """Return (quantity, value with unit) of every line of the table."""
+    angular, linear = summary.momentum_imbalance
+    most_angular, most_linear = summary.momentum_moved
     lines = [
         ("simulated", f"{summary.last_time:g} s, {summary.samples} samples"),
         ("closure error (position)", f"{summary.worst_position_gap:.1e} m or rad"),
         ("closure error (velocity)", f"{summary.worst_velocity_gap:.1e} m/s or rad/s"),
         ("drift of one step, before projection", f"{summary.worst_step_drift:.1e} m or rad"),
         ("energy balance", f"off by {summary.energy_imbalance:.1e} J of {summary.energy_moved:.3g} J moved"),
+        (
+            "momentum balance",
+            f"off by {angular:.1e} N m s of {most_angular:.3g}, {linear:.1e} N s of {most_linear:.3g}",
+        ),
     ]
     for name, force in summary.peak_force.items():
-        lines.append((f"peak grasp wrench, {name}", f"{force:.4g} N, {summary.peak_moment[name]:.3g} N m"))
+        inner = f"; internal force {summary.peak_internal_force[name]:.4g} N"
+        lines.append((f"peak grasp wrench, {name}", f"{force:.4g} N, {summary.peak_moment[name]:.3g} N m{inner}"))
+    lines += [(f"spin about the normal, {name}", f"{spin:.3g} rad") for name, spin in summary.spin.items()]
+    lines += _margins(summary)
     lines.append(("worst condition of the grasps", f"{summary.worst_condition:.3g}"))
     if summary.torque_use is not None:
         share, joint = summary.torque_use
@@ -38,4 +50,25 @@ def rows(summary: Summary) -> list[tuple[str, str]]:
     if summary.limit_excess is not None:
         excess, joint = summary.limit_excess
         lines.append(("joint limit passed", f"{joint} by {excess:.2g} rad or m"))
+    return lines + _occurrences(summary)
+
+
+def _margins(summary: Summary) -> list[tuple[str, str]]:
+    lines = []
+    for name, (margin, t) in summary.lowest_margin.items():
+        text = f"{margin:.4g} N at t = {t:.6g} s"
+        if name in summary.lowest_best_margin:
+            best = summary.lowest_best_margin[name]
+            most = "any, if squeezed hard enough" if best is None else f"at best {best:.4g} N"
+            text = f"not unique: {most}; with the smallest forces {text}"
+        lines.append((f"lowest margin, {name}", text))
+    for quantity, (margin, joint, t) in summary.lowest_joint_margin.items():
+        lines.append((f"lowest {quantity} margin", f"{margin:.3g} {JOINT_UNITS[quantity]}, {joint}, at t = {t:.6g} s"))
     return lines
+
+
+def _occurrences(summary: Summary) -> list[tuple[str, str]]:
+    shown = summary.occurrences[:MOST_OCCURRENCES]
+    lines = [(f"t = {one.t:.9g} s", one.text) for one in shown]
+    left = len(summary.occurrences) - len(shown)
+    return lines + ([("and", f"{left} more, see summary.json")] if left else [])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from holdfast.errors import StateError
 from holdfast.simulation.instant import Controller
 from holdfast.simulation.rollout.fused import FusedStepper
@@ -13,10 +11,8 @@ from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.stepper import ReferenceStepper, Stepper
 from holdfast.simulation.tolerance import Tolerance
 from holdfast.simulation.world import World
-from holdfast.spatial.scalar import Array
-from holdfast.state import State
 
-WORTH_COMPILING = 100  # steps: fewer are taken by the readable texts in the time that compiling takes
+WORTH_COMPILING = 30  # steps: fewer are taken by the readable texts in the time that compiling takes
 
 
 def stepper_for(
@@ -49,10 +45,9 @@ def stepper_for(
         law = None
     if law is not None and not scheme.adaptive and not moving(world) and not _acting_on_links(world):
         return FusedStepper.of(world, law, scheme, generic_rank)
-    called = as_controller(controller)
     if steps < WORTH_COMPILING or _acting_on_links(world):
-        return ReferenceStepper(world, called, generic_rank, scheme, tolerance)
-    return StagewiseStepper.of(world, called, generic_rank, scheme, tolerance)
+        return ReferenceStepper(world, controller, generic_rank, scheme, tolerance)
+    return StagewiseStepper.of(world, controller, generic_rank, scheme, tolerance)
 
 
 def law_of(controller: Controller | ControlLaw) -> ControlLaw | None:
@@ -67,17 +62,6 @@ def law_of(controller: Controller | ControlLaw) -> ControlLaw | None:
     if not getattr(controller, "traceable", False):
         return None
     return ControlLaw(lambda t, state, memory, given: (controller(t, state, None)[0], memory))
-
-
-def as_controller(controller: Controller | ControlLaw) -> Controller:
-    """Return a law as a controller called from Python; its memory begins as the law says."""
-    if not isinstance(controller, ControlLaw):
-        return controller
-
-    def called(t: float, state: State, memory: Any) -> tuple[Array, Any]:
-        return controller.torque(t, state, controller.memory if memory is None else memory, {})
-
-    return called
 
 
 def _acting_on_links(world: World) -> bool:

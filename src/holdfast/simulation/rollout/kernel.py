@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -12,10 +11,12 @@ from holdfast.compiled.kernels import key_of
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiler.batch_kernel import BatchKernel
+from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp import WrenchLimits
 from holdfast.simulation.friction import joint_friction
 from holdfast.simulation.rollout.law import ControlLaw
-from holdfast.simulation.rollout.schedule import carried_shapes, step_externals, step_schedule
+from holdfast.simulation.rollout.schedule import carried_shapes, evaluation_schedule, step_externals, step_schedule
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.spatial.scalar import Array
 
@@ -41,12 +42,16 @@ class StepKernel:
         structure = Structure(chain, Options(base_motion=base_motion))
         externals = step_externals(structure, law)
         friction = hashlib.sha256(joint_friction(chain).tobytes()).hexdigest()
-        what = f"step/{tableau.name}/{law.key}/{friction}"
-        key = key_of(what, structure, "simulation", "control") if law.key else ""
-        self._kernel = BatchKernel(externals, lambda: step_schedule(structure, law, tableau), key)
+        what = f"{law.key}/{list(law.parameters.items())}/{len(law.memory)}/{friction}"
+
+        def key(of: str) -> str:
+            return key_of(f"{of}/{what}", structure, "simulation", "control") if law.key else ""
+
+        self._step = BatchKernel(externals, lambda: step_schedule(structure, law, tableau), key(f"step/{tableau.name}"))
+        self._evaluation = BatchKernel(externals, lambda: evaluation_schedule(structure, law), key("evaluation"))
         self.carried = carried_shapes(chain, law)
         self.externals = externals
-        own = parameters_of(chain, generic_rank) | {"friction": _friction(chain)}
+        own = parameters_of(chain, generic_rank) | {"contact": _contact(chain)}
         self.parameters = {name: own[name] for name, e in externals.items() if e.role == "parameter"}
         self._sizes = {name: e.size for name, e in externals.items()}
         self._ranks = {name: len(e.shape) for name, e in externals.items()}
@@ -75,26 +80,61 @@ class StepKernel:
         """Take so many steps in place; a system that cannot stays at its last good state and says why.
 
         Args:
-            systems: C order float64, as `systems` returns them.
+            systems: C order float64, as `systems` returns them; their slopes must be found under the same inputs.
             inputs: of the inputs' shapes, shared by all systems, or with a leading axis.
             parameters: likewise, where they differ from the chain's own.
             repeats: steps.
             threads: how many share the systems.
+
+        Raises:
+            StateError: the systems are not of this chain and law, or cannot be written in place.
         """
+        self._run(self._step, systems, inputs, parameters, repeats, threads)
+
+    def renew(
+        self, systems: Systems, inputs: Mapping[str, Array], parameters: Mapping[str, Array], threads: int
+    ) -> None:
+        """Find the slopes where the systems are anew, in place, under other inputs; arguments as for `run`."""
+        self._run(self._evaluation, systems, inputs, parameters, 1, threads)
+
+    def _run(
+        self,
+        code: BatchKernel,
+        systems: Systems,
+        inputs: Mapping[str, Array],
+        parameters: Mapping[str, Array],
+        repeats: int,
+        threads: int,
+    ) -> None:
         count = len(systems["q"])
+        self._require_own(systems, count)
         given = self.parameters | dict(parameters) | dict(inputs) | {f"last.{name}": x for name, x in systems.items()}
         arrays = {name: np.asarray(given[name], dtype=float, order="C") for name in self._sizes}
         table = np.zeros((len(arrays), 2), dtype=np.int64)
         for row, (name, x) in zip(table, arrays.items(), strict=True):
             row[:] = x.ctypes.data, self._sizes[name] if x.ndim > self._ranks[name] else 0
-        self._kernel.run_batch(table, count, threads, repeats)
+        code.run_batch(table, count, threads, repeats)
+
+    def _require_own(self, systems: Systems, count: int) -> None:
+        """Refuse arrays that the machine code would read or write beyond their ends, or not at all."""
+        for name, shape in self.carried.items():
+            x, expected = systems.get(name), (count, *shape)
+            if x is None or x.shape != expected:
+                found = "none" if x is None else f"shape {x.shape}"
+                raise StateError(
+                    f"systems: {name}: expected shape {expected}, got {found}; try systems that `start` of this rollout"
+                    " returned"
+                )
+            if x.dtype != np.float64 or not (x.flags.c_contiguous and x.flags.aligned and x.flags.writeable):
+                raise StateError(f"systems: {name}: expected float64 in C order, writeable; try writing into the array")
 
 
-def _friction(chain: ClosedChain) -> Array:
-    """Return [one-sided, mu, torsion radius or half length] of every grasp, (grasps, 3)."""
-    rows: list[list[Any]] = []
+def _contact(chain: ClosedChain) -> Array:
+    """Return what the grasps' margins are made of, (grasps, 6); see `stages.margin`."""
+    rows: list[list[float]] = []
     for grasp in chain.grasps.values():
-        contact = grasp.contact
+        contact, limits = grasp.contact, grasp.wrench_limits or WrenchLimits()
         size = None if contact is None else contact.half_length if grasp.kind == "hinge" else contact.torsion_radius
-        rows.append([0.0, 1.0, 1.0] if contact is None else [1.0, contact.mu, size or 1.0])
-    return np.array(rows, dtype=float).reshape(len(rows), 3)
+        one_sided = [0.0, 1.0, 1.0] if contact is None else [1.0, contact.mu, size or 1.0]
+        rows.append([*one_sided, limits.moment, limits.force, limits.lever])
+    return np.array(rows, dtype=float).reshape(len(rows), 6)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from holdfast.compiler.program import Shape
+from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.state import State
@@ -26,6 +28,9 @@ class ControlLaw:
         parameters: shapes of what it is told from outside, per system or for all: gains, targets,
             an action.
         key: stands for the law's text on disk; the text of its machine code does if it is empty.
+
+    Raises:
+        ModelError: memory that is no array of numbers, or a parameter without a shape.
     """
 
     torque: Torque
@@ -36,7 +41,18 @@ class ControlLaw:
     def __post_init__(self) -> None:
         put = object.__setattr__
         put(self, "memory", checks.numbers(self.memory, (np.size(self.memory),), "control law: memory"))
-        put(self, "parameters", dict(self.parameters))
+        put(self, "parameters", {name: _shape(name, shape) for name, shape in self.parameters.items()})
+
+    def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
+        """Return the torques on floats, as any controller does: (t, state, memory) -> (torques, memory)."""
+        return self.torque(t, state, self.memory if memory is None else memory, {})
+
+
+def _shape(name: str, shape: Shape) -> Shape:
+    """Return a parameter's shape as a tuple, or refuse it."""
+    if not isinstance(shape, tuple | list) or not all(isinstance(k, int | np.integer) and k >= 0 for k in shape):
+        raise ModelError(f"control law: parameter '{name}': expected a shape such as (), (3,), got {shape!r}")
+    return tuple(int(k) for k in shape)
 
 
 def held_torques(joint_count: int) -> ControlLaw:

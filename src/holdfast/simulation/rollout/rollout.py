@@ -10,12 +10,12 @@ import numpy as np
 
 from holdfast.compiled import arrays
 from holdfast.compiled.faults import faulty, largest_positions
-from holdfast.compiled.parameters import taken
+from holdfast.compiled.verdict import generic_rank, system
 from holdfast.compiler.schedule import External
-from holdfast.dynamics.forward import forward_dynamics
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.rollout.arguments import fitting, number, paces, require_free_names, some, told, whole_steps
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.law import ControlLaw, held_torques
 from holdfast.simulation.rollout.rows import STATE
@@ -23,7 +23,6 @@ from holdfast.simulation.rollout.stages import BROKEN, SLIPPED
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.spatial.scalar import Array
-from holdfast.state import State
 
 HALVINGS = 50  # of a step, when the instant of a slip is sought
 RECORDED = ("q", "qd", "object_pose", "object_twist", "grasp_wrench")
@@ -45,11 +44,13 @@ def compile_rollout(
             first systems if not given.
 
     Raises:
-        ModelError: no such scheme, or one that estimates errors.
-        CompileError: the law does what cannot be traced; the line is named.
+        ModelError: no such scheme, or one that estimates errors; a parameter of the law has a taken name.
+        CompileError: (when first started) the law does what cannot be traced; the line is named.
     """
     if scheme_of(scheme).adaptive:
         raise ModelError(f"rollout: scheme: expected 'rk4' or 'midpoint', got '{scheme}'; it is for `simulate`")
+    if law is not None:
+        require_free_names(law.parameters)
     return Rollout(chain, law or held_torques(chain.joint_count), scheme, generic_rank)
 
 
@@ -119,23 +120,16 @@ class Rollout:
         Raises:
             StateError: wrong shapes, or no system at all.
         """
-        shapes = {name: self._kernel.carried[name] for name in STATE}
-        state = {
-            name: arrays.floats(name, x, shapes[name])
-            for name, x in zip(STATE, (q, qd, object_pose, object_twist), strict=True)
-        }
-        count = arrays.batch_of(state, {name: External(shape, "input") for name, shape in shapes.items()}) or 1
-        bad = faulty(state, {name: len(s) for name, s in shapes.items()}, largest_positions(self.chain), count)
-        remembered = None if memory is None else arrays.floats("memory", memory, (len(self.law.memory),))
-        systems = RolloutSystems(self.chain, np.full(count, float(t)), self._kernel.systems(state, remembered, count))
-        pose = systems.arrays["object_pose"]
-        pose[:, :4] /= np.linalg.norm(pose[:, :4], axis=1, keepdims=True)
-        if bad is not None:
-            systems.arrays["code"][bad] = BROKEN
-        self._know_rank(systems)
-        self._run(systems, 0.0, 1, threads, -np.inf, given)
+        systems = self._given(q, qd, object_pose, object_twist, memory, number("t", t))
+        inputs, parameters = told(self._kernel, given, len(systems))
+        first = systems.copy()
+        self._run(systems, inputs, parameters, 1, threads, -np.inf)
+        if self.generic_rank is None and self._know_rank(systems, parameters):
+            systems = first
+            self._run(systems, inputs, parameters, 1, threads, -np.inf)
         for name in ("work", "count"):
             systems.arrays[name][...] = 0.0
+        systems.tell(inputs | parameters)
         return systems
 
     def step(
@@ -166,15 +160,11 @@ class Rollout:
         Raises:
             StateError: wrong shapes, unknown names, a step that is not positive.
         """
-        h = np.asarray(step, dtype=float)
-        if not (np.isfinite(h).all() and (h > 0).all()) or h.shape not in ((), (len(systems),)):
-            raise StateError(f"step: expected one positive number of seconds, or one for each system, got {step!r}")
         if not isinstance(steps, int | np.integer) or steps < 1:
             raise StateError(f"steps: expected an integer >= 1, got {steps!r}")
-        begin = systems.t
-        systems.arrays["count"][...] = 0.0
-        self._run(systems, h, int(steps), threads, least_margin, given)
-        systems.t = begin + systems.arrays["count"] * h
+        inputs, parameters = told(self._kernel, given, len(systems))
+        systems.at_pace(paces(step, len(systems)))
+        self._run(systems, inputs, parameters, int(steps), threads, least_margin, systems.tell(inputs | parameters))
         return systems
 
     def run(
@@ -202,98 +192,108 @@ class Rollout:
             **given: as for `step`.
 
         Raises:
-            StateError: wrong shapes or names, or a duration that is no whole number of steps.
+            StateError: wrong shapes or names, a duration that is no whole number of steps, or systems
+                that are not all at one time.
         """
-        steps = round(float(duration) / float(step))
-        if steps < 1 or abs(steps * step - duration) > 1e-9 * duration:
-            raise StateError(f"duration: expected a whole number of steps of {step:g} s, got {duration:g} s")
+        step = float(paces(step, 1)[0])
+        steps = whole_steps(number("duration", duration), step)
         if not isinstance(every, int | np.integer) or every < 1:
             raise StateError(f"every: expected an integer >= 1, got {every!r}")
         for name in record:
             if not isinstance(getattr(RolloutSystems, name, None), property):
                 known = [n for n, x in vars(RolloutSystems).items() if isinstance(x, property)]
                 raise StateError(f"record: no array '{name}'.{checks.did_you_mean(name, known)}")
-        at, begin = systems.copy(), systems.t.copy()
-        done, times = 0, [0]
+        at, begin = systems.copy(), _common_time(systems)
+        done = np.minimum(np.arange(0, steps + int(every), int(every)), steps)
         kept = {name: [np.array(getattr(at, name))] for name in record}
-        while done < steps:
-            some = min(int(every), steps - done)
-            self.step(at, step, steps=some, least_margin=least_margin, threads=threads, **given)
-            # as one product of whole numbers: times do not drift
-            done += some
-            at.t = np.where(at.running, begin + done * step, at.t)
-            times.append(done)
+        for some_steps in np.diff(done):
+            self.step(at, step, steps=some_steps, least_margin=least_margin, threads=threads, **given)
             for name, rows in kept.items():
                 rows.append(np.array(getattr(at, name)))
         stopped = np.where(at.running, np.inf, at.t)
-        slipped = at.arrays["code"] == SLIPPED
+        slipped = systems.running & (at.arrays["code"] == SLIPPED)
         if slipped.any():
             stopped[slipped] = self._slip_times(at, slipped, step, least_margin, given)
-        t = float(systems.t.min()) + step * np.array(times)
-        return RolloutRecord(t, {name: np.array(rows) for name, rows in kept.items()}, at, stopped)
+        return RolloutRecord(begin + done * step, {name: np.array(rows) for name, rows in kept.items()}, at, stopped)
+
+    def _given(self, q: Any, qd: Any, object_pose: Any, object_twist: Any, memory: Any, t: float) -> RolloutSystems:
+        """Return systems at users' states as they are, faulty ones marked as such."""
+        shapes = {name: self._kernel.carried[name] for name in STATE}
+        state = {
+            name: arrays.floats(name, x, shapes[name])
+            for name, x in zip(STATE, (q, qd, object_pose, object_twist), strict=True)
+        }
+        count = arrays.batch_of(state, {name: External(shape, "input") for name, shape in shapes.items()})
+        if count == 0:
+            raise StateError("rollout: expected at least one system, got arrays without rows")
+        count = count or 1
+        bad = faulty(state, {name: len(s) for name, s in shapes.items()}, largest_positions(self.chain), count)
+        remembered = None if memory is None else fitting("memory", memory, (len(self.law.memory),), count)
+        found = self._kernel.systems(state, remembered, count)
+        bad = np.zeros(count, dtype=bool) if bad is None else bad
+        pose = found["object_pose"]
+        pose[~bad, :4] /= np.linalg.norm(pose[~bad, :4], axis=1, keepdims=True)
+        found["code"][bad] = BROKEN
+        return RolloutSystems(self.chain, found, np.full(count, t), np.zeros(count))
 
     def _slip_times(
         self, at: RolloutSystems, rows: Array, step: float, least_margin: float, given: Mapping[str, Any]
     ) -> Array:
         """Return when systems slip, by halving the step that would go too far."""
-        begin = at.copy(rows)
+        begin, own = at.copy(rows), some(self._kernel, given, rows)
         begin.arrays["code"][...] = 0.0
-        own = {name: x[rows] if self._by_system(name, x, len(at)) else x for name, x in given.items()}
-        low, high = np.zeros(len(begin)), np.full(len(begin), float(step))
+        inputs, parameters = told(self._kernel, own, len(begin))
+        begin.tell(inputs | parameters)
+        low, high = np.zeros(len(begin)), np.full(len(begin), step)
         for _ in range(HALVINGS):
             middle, trial = 0.5 * (low + high), begin.copy()
             self.step(trial, middle, least_margin=least_margin, **own)
             low, high = np.where(trial.running, middle, low), np.where(trial.running, high, middle)
         return begin.t + low
 
-    def _by_system(self, name: str, value: Any, count: int) -> bool:
-        """Return whether a given array has a row for each system."""
-        shapes = {n: e.shape for n, e in self._kernel.externals.items()} | dict(self.law.parameters)
-        rank = {"base_pose": 2, "grasp_pose": 2}.get(name, len(shapes.get(name, ())))
-        return np.ndim(value) > rank and len(value) == count
-
     def _run(
         self,
         systems: RolloutSystems,
-        step: Any,
+        inputs: Mapping[str, Array],
+        parameters: Mapping[str, Array],
         steps: int,
         threads: int,
         least_margin: float,
-        given: Mapping[str, Any],
+        changed: bool = False,
     ) -> None:
-        if not isinstance(threads, int) or threads < 1:
+        """Take steps; first find where they begin to lead, if other torques act from now on."""
+        if not isinstance(threads, int | np.integer) or threads < 1:
             raise StateError(f"threads: expected an integer >= 1, got {threads!r}")
-        inputs: dict[str, Array] = {
-            "begin": systems.t,
-            "step": np.asarray(step, dtype=float),
+        own: dict[str, Array] = {
+            "begin": systems.begin,
+            "step": systems.pace,
             "held": np.array(0.0),
-            "least_margin": np.array(float(least_margin)),
-            "object_wrench": np.zeros(6),
+            "least_margin": np.array(number("least_margin", least_margin, infinite=True)),
         }
-        rest = dict(given)
-        for name, shape in self.law.parameters.items():
-            if name not in rest:
-                raise StateError(f"the control law's parameter '{name}' is missing: expected shape {tuple(shape)}")
-            inputs[f"control.{name}"] = self._fitting(name, rest.pop(name), tuple(shape), len(systems))
-        changed = taken(rest, self._kernel.externals) if rest else {}
-        for name, x in changed.items():
-            self._fitting(name, x, self._kernel.externals[name].shape, len(systems))
-        if "object_wrench" in changed:
-            inputs["object_wrench"] = changed.pop("object_wrench")
-        self._kernel.run(systems.arrays, inputs, changed, steps, threads)
+        if changed:
+            self._kernel.renew(systems.arrays, {**inputs, **own}, parameters, int(threads))
+        self._kernel.run(systems.arrays, {**inputs, **own}, parameters, steps, int(threads))
 
-    def _fitting(self, name: str, value: Any, shape: tuple[int, ...], count: int) -> Array:
-        x = arrays.floats(name, value, shape)
-        if x.ndim > len(shape) and len(x) != count:
-            raise StateError(f"{name}: expected shape {shape} or ({count}, *{shape}), got {x.shape}")
-        return x
+    def _know_rank(self, systems: RolloutSystems, parameters: Mapping[str, Array]) -> bool:
+        """Find the generic rank, near a system whose rank is low if all are; return whether one's is lower."""
+        if not systems.running.any():
+            return False
+        found = np.where(systems.running, systems.arrays["rank"], -1.0)
+        row, most = int(np.argmax(found)), int(found.max())
+        if most < self.chain.constraint_row_count:
+            at = {name: systems.arrays[name] for name in STATE} | self._kernel.parameters | dict(parameters)
+            most = generic_rank(*system(self.chain, at, row), most)
+        self.generic_rank = most
+        self._kernel.parameters["generic_rank"] = np.array(float(most))
+        return bool((found[systems.running] < most).any())
 
-    def _know_rank(self, systems: RolloutSystems) -> None:
-        """Find the generic rank near the first sound system."""
-        if self.generic_rank is not None or not systems.running.any():
-            return
-        row = int(np.flatnonzero(systems.running)[0])
-        state = State(*(systems.arrays[name][row] for name in STATE))
-        tau = np.zeros(self.chain.joint_count)
-        self.generic_rank = forward_dynamics(self.chain, state, tau, check=False).rank
-        self._kernel.parameters["generic_rank"] = np.array(float(self.generic_rank))
+
+def _common_time(systems: RolloutSystems) -> float:
+    """Return the time at which all systems are that go on."""
+    times = np.unique(systems.t[systems.running]) if systems.running.any() else systems.t.max(keepdims=True)
+    if times[-1] - times[0] > 1e-9 * max(1.0, abs(times[0])):
+        raise StateError(
+            f"systems: expected all at one time, got {times[0]:g} s to {times[-1]:g} s; a record has one time axis; try"
+            " `step`"
+        )
+    return float(times[0])

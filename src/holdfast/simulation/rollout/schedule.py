@@ -8,6 +8,7 @@ end of the step -> projection of positions, twice -> projection of velocities
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from holdfast.compiled import object_stages
 from holdfast.compiled.arm_stages import BASE_MOTION, ArmType
@@ -40,7 +41,7 @@ def carried_shapes(chain: ClosedChain, law: ControlLaw) -> dict[str, Shape]:
         "margin": (grasps,),
     }
     kept = {name: (shapes(chain) | own)[name] for name in stages.KEPT}
-    books: dict[str, Shape] = {"work": (4,), "gaps": (4,), "code": (), "count": ()}
+    books: dict[str, Shape] = {"work": (4,), "gaps": (4,), "code": (), "count": (), "before": (len(law.memory),)}
     found = kept | books | {"worst_margin": (grasps,), "worst_time": (grasps,)}
     return {name: shape for name, shape in found.items() if math.prod(shape)}
 
@@ -54,7 +55,7 @@ def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]
         "held": (),
         "least_margin": (),
         "generic_rank": (),
-        "friction": (len(chain.grasps), 3),
+        "contact": (len(chain.grasps), 6),
     }
     told = {f"control.{name}": tuple(shape) for name, shape in law.parameters.items()}
     inputs = ["begin", "step", "held", "least_margin", "object_wrench", *told]
@@ -63,7 +64,7 @@ def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]
         *(BASE_MOTION if structure.options.base_motion else ()),
         "grasp_R",
         "grasp_p",
-        "friction",
+        "contact",
     ]
     carried = {f"last.{name}": External(shape, "carried") for name, shape in carried_shapes(chain, law).items()}
     return externals(inputs, parameters, (), shapes(chain) | own | told) | carried
@@ -73,6 +74,13 @@ def step_schedule(structure: Structure, law: ControlLaw, tableau: Tableau) -> Sc
     """Return the schedule of one step."""
     writer = _StepWriter(structure, law)
     writer.step(tableau)
+    return Schedule(writer.externals, writer.internals, writer.groups, tuple(writer.prepare), tuple(writer.calls))
+
+
+def evaluation_schedule(structure: Structure, law: ControlLaw) -> Schedule:
+    """Return the schedule that finds the slope at a step's start anew, under other torques or parameters."""
+    writer = _StepWriter(structure, law)
+    writer.evaluation()
     return Schedule(writer.externals, writer.internals, writer.groups, tuple(writer.prepare), tuple(writer.calls))
 
 
@@ -89,7 +97,7 @@ class _StepWriter(FilterWriter):
         )
         n, l = self.chain.joint_count, len(self.chain.arms)
         # what arms or stages replace as a whole while others still read it
-        for name, size in {"q": n, "qd": n, "object_pose": 7, "object_twist": 6, "gaps": 2}.items():
+        for name, size in {"q": n, "qd": n, "object_pose": 7, "object_twist": 6, "gaps": 2, "worst": 2}.items():
             self.internals[name] = Internal(size, 1, replaced=True)
         freedoms = self.chain.contact_freedom_count
         numbers = {"tau": n, "drive": n, "qdd": n, "change": n, "grasp_wrench": 6 * l, "base_wrench": 6 * l}
@@ -109,7 +117,7 @@ class _StepWriter(FilterWriter):
         slopes = ["last.slope"]
         for k in range(1, stage_count):
             self._stage_state(tableau, k, slopes)
-            self._evaluate(str(k), evaluation, last=False)
+            self._evaluate(str(k), evaluation, {"memory": Wire("unused.memory", (0,))}, first=k == 1)
             slopes.append(f"slope{k}")
             self.internals[slopes[-1]] = Internal(2 * n + 16, 1)
             self._slope(slopes[-1])
@@ -118,15 +126,26 @@ class _StepWriter(FilterWriter):
         self.alone("drift", stages.drift())
         self._project("position", ROUNDS)
         self._project("velocity", 1)
-        self._evaluate("end", evaluation, last=True)
+        self._evaluate("end", evaluation, {})
         self._look()
         self._slope("slope")
         self._margins()
         sizes = {name: math.prod(self.carried[name]) for name in stages.KEPT if name in self.carried}
         self.alone("verdict", stages.verdict(sizes, len(self.chain.grasps)))
-        self.alone(
-            "handed_on", stages.handed_on({name: (math.prod(s),) if s else () for name, s in self.carried.items()})
-        )
+        self._hand_on(self.carried)
+
+    def evaluation(self) -> None:
+        """Add the calls of the slope where the systems are; the law's memory moves on from before it did last."""
+        self.alone("as_it_is", stages.as_it_is(self.chain.joint_count))
+        self._evaluate("now", self._forward(), {"last.memory": Wire("last.before", (0,))}, first=True)
+        self._slope("slope")
+        found = {name: self.carried[name] for name in ("slope", "memory") if name in self.carried}
+        self.alone("renewed", stages.renewed(found))
+        self._hand_on(found)
+
+    def _hand_on(self, names: Mapping[str, Shape]) -> None:
+        flat = {name: (math.prod(shape),) if shape else () for name, shape in names.items()}
+        self.alone("handed_on", stages.handed_on(flat))
 
     def _forward(self) -> list[Call]:
         """Return the calls of one evaluation, without adding them."""
@@ -139,10 +158,11 @@ class _StepWriter(FilterWriter):
         wires = {f"slope{j}": Wire(name, (0,)) for j, name in enumerate(slopes)}
         self.alone(f"stage_state{k}", stages.stage_state(tableau, k, self.chain.joint_count), wires)
 
-    def _evaluate(self, name: str, evaluation: list[Call], last: bool) -> None:
-        """Torques, then forward dynamics; the law's memory moves on at the end of the step only."""
-        self.alone(f"control {name}", self.control, {} if last else {"memory": Wire("unused.memory", (0,))})
+    def _evaluate(self, name: str, evaluation: list[Call], memory: Mapping[str, Wire], first: bool = False) -> None:
+        """Torques, then forward dynamics; `memory`: where the law's is read and written, if not in its own place."""
+        self.alone(f"control {name}", self.control, memory)
         self.calls += evaluation
+        self.alone(f"worst {name}", stages.worst(first))
 
     def _slope(self, into: str) -> None:
         self.alone(f"slope into {into}", self.slope, {"slope": Wire(into, (0,))})
@@ -197,9 +217,9 @@ class _StepWriter(FilterWriter):
             if kind is None:
                 continue
             holding = [structure.held_rows.index(row) for row in rows]
-            stage = stages.two_sided() if kind == "rigid" else stages.margin(kind)  # type: ignore[arg-type]
+            stage = stages.margin(kind)  # type: ignore[arg-type]
             wires = {
-                "friction": Wire("friction", tuple(3 * i for i in holding)),
+                "contact": Wire("contact", tuple(6 * i for i in holding)),
                 "grasp_R": Wire("grasp_R", tuple(9 * i for i in holding)),
                 "grasp_wrench": Wire("grasp_wrench", tuple(6 * row for row in rows)),
                 "object_R": Wire("R", (0,) * len(rows)),

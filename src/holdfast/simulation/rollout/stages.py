@@ -11,9 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.compiler.errors import CompileError
 from holdfast.compiler.program import Shape
+from holdfast.compiler.schedule import FIRST_BAD
 from holdfast.compiler.stage import Stage, stage
-from holdfast.dynamics.margins import friction_conditions, least_margin
+from holdfast.dynamics.margins import friction_conditions, least_margin, limit_conditions
 from holdfast.dynamics.projection import FARTHEST, moved
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import GraspKind
@@ -84,6 +86,30 @@ def stage_state(tableau: Tableau, k: int, n: int) -> Stage:
     return stage(f"stage_state{k}", text, [given | dict.fromkeys(slopes, (2 * n + 16,)) | {"held": ()}], [found])
 
 
+def as_it_is(n: int) -> Stage:
+    """Return the stage of the state where systems are, as the end of a step has it."""
+
+    def text(q: Array, qd: Array, pose: Array, twist: Array, begin: Array, count: Array, step: Array) -> tuple:
+        return q, qd, pose, twist, np.zeros(3), begin[()] + count[()] * step[()]
+
+    given: dict[str, Shape] = {"last.q": (n,), "last.qd": (n,), "last.object_pose": (7,), "last.object_twist": (6,)}
+    given |= {"begin": (), "last.count": (), "step": ()}
+    return stage("as_it_is", text, [given], [("q'", "qd'", "object_pose'", "object_twist'", "turn", "t")])
+
+
+def renewed(carried: Mapping[str, Shape]) -> Stage:
+    """Return the stage that gives the systems that go on new arrays for those carried."""
+    count = len(carried)
+
+    def text(code: Array, *x: Array) -> tuple[Array, ...]:
+        on = code[()] < 0.5
+        return tuple(select(on, new, old) for new, old in zip(x[:count], x[count:], strict=True))
+
+    new: dict[str, Shape] = dict(carried)
+    old: dict[str, Shape] = {f"last.{name}": shape for name, shape in carried.items()}
+    return stage("renewed", text, [{"last.code": ()} | new | old], [tuple(f"next.{name}" for name in carried)])
+
+
 def control(law: ControlLaw, chain: ClosedChain) -> Stage:
     """Return the stage of the torques: the drives', and what joint friction leaves of them."""
     n, names = chain.joint_count, list(law.parameters)
@@ -93,12 +119,23 @@ def control(law: ControlLaw, chain: ClosedChain) -> Stage:
         t: Array, q: Array, qd: Array, pose: Array, twist: Array, memory: Array, *given: Array
     ) -> tuple[Array, ...]:
         told = dict(zip(names, given, strict=True))
-        drive, kept = law.torque(t[()], State(q, qd, pose, twist), memory, told)
-        return array(drive), array(drive) - friction_torque(friction, qd), kept
+        drive, kept = _answer(law.torque(t[()], State(q, qd, pose, twist), memory, told), n, len(law.memory))
+        return drive, drive - friction_torque(friction, qd), kept
 
     told: dict[str, Shape] = {f"control.{name}": tuple(shape) for name, shape in law.parameters.items()}
     state: dict[str, Shape] = {"t": (), "q": (n,), "qd": (n,), "object_pose": (7,), "object_twist": (6,)}
     return stage("control", text, [state | {"last.memory": (len(law.memory),)} | told], [("drive", "tau", "memory")])
+
+
+def _answer(found: Any, joint_count: int, memory_count: int) -> tuple[Array, Array]:
+    """Return a law's torques and memory, or say how they do not fit."""
+    if not isinstance(found, tuple) or len(found) != 2:
+        raise CompileError(f"control law: expected torques and memory, got {type(found).__name__}; try `tau, memory`")
+    drive, kept = array(found[0]), array(found[1])
+    for what, x, size in (("torques", drive, joint_count), ("memory", kept, memory_count)):
+        if x.shape != (size,):
+            raise CompileError(f"control law: {what}: expected shape ({size},), got {x.shape}")
+    return drive, kept
 
 
 def slope(chain: ClosedChain, base_motion: bool) -> Stage:
@@ -166,23 +203,37 @@ def drift() -> Stage:
 
 
 def margin(kind: GraspKind) -> Stage:
-    """Return the stage of one grasp's margin; infinite for a two-sided one.
+    """Return the stage of one grasp's margin; infinite for a two-sided one without wrench limits.
 
-    `friction` is [whether it is one-sided, mu, torsion radius or half length].
+    `contact` is [whether it is one-sided, mu, torsion radius or half length, largest moment, largest force, lever].
     """
 
-    def text(friction: Array, grasp_R: Array, wrench: Array, object_R: Array) -> tuple[Scalar]:
-        one_sided, mu, size = friction
-        found = least_margin(friction_conditions(kind, mu, size), unrotate(object_R @ grasp_R, wrench))
-        return (where(one_sided > 0.5, found, float("inf")),)
+    def text(contact: Array, grasp_R: Array, wrench: Array, object_R: Array) -> tuple[Scalar]:
+        one_sided, mu, size, moment, force, lever = contact
+        f = unrotate(object_R @ grasp_R, wrench)
+        strength = least_margin(limit_conditions(moment, force, lever), f)
+        if kind == "rigid":
+            return (strength,)
+        pressed = least_margin(friction_conditions(kind, mu, size), f)
+        return (minimum(strength, where(one_sided > 0.5, pressed, float("inf"))),)
 
-    given: dict[str, Shape] = {"friction": (3,), "grasp_R": (3, 3), "grasp_wrench": (6,), "object_R": (3, 3)}
+    given: dict[str, Shape] = {"contact": (6,), "grasp_R": (3, 3), "grasp_wrench": (6,), "object_R": (3, 3)}
     return stage(f"margin_{kind}", text, [given], [("margin",)])
 
 
-def two_sided() -> Stage:
-    """Return the stage of a rigid grasp's margin."""
-    return stage("two_sided", lambda: (float("inf"),), [{}], [("margin",)])
+def worst(first: bool) -> Stage:
+    """Return the stage that takes one more evaluation into the worst [condition, status] of a step.
+
+    Args:
+        first: whether it is the step's first.
+    """
+
+    def text(condition: Array, status: Array, *before: Array) -> tuple[Array]:
+        now = array([condition[()], status[()]])
+        return (now if first else array([maximum(b, x) for b, x in zip(before[0], now, strict=True)]),)
+
+    given: dict[str, Shape] = {"condition": (), "status": ()}
+    return stage("first" if first else "worst", text, [given | ({} if first else {"worst": (2,)})], [("worst'",)])
 
 
 def verdict(sizes: Mapping[str, int], grasps: int) -> Stage:
@@ -193,8 +244,10 @@ def verdict(sizes: Mapping[str, int], grasps: int) -> Stage:
         grasps: their number.
     """
     kept: dict[str, Shape] = {name: (size,) for name, size in sizes.items()}
-    now: dict[str, Shape] = {"status": (), "drift": (2,), "gaps": (2,), "work": (4,), "t": (), "least_margin": ()}
+    now: dict[str, Shape] = {"worst": (2,), "drift": (2,), "gaps": (2,), "work": (4,), "t": (), "least_margin": ()}
     books: dict[str, Shape] = {"work": (4,), "gaps": (4,), "code": (), "count": ()}
+    if "memory" in sizes:
+        books["before"] = (sizes["memory"],)
     if grasps:
         books |= {"worst_margin": (grasps,), "worst_time": (grasps,)}
     last = {f"last.{name}": shape for name, shape in (kept | books).items()}
@@ -206,8 +259,8 @@ def verdict(sizes: Mapping[str, int], grasps: int) -> Stage:
             finite = finite + (entry - entry)  # zero, or not a number
         least = reduce(minimum, x["margin"]) if grasps else float("inf")
         fault = where(least < x["least_margin"][()], float(SLIPPED), float(RUNNING))
-        fault = where(x["condition"][0] <= WORST_CONDITION, fault, float(SINGULAR))
-        fault = where(x["status"][()] < 2.5, fault, float(SINGULAR))
+        fault = where(x["worst"][0] <= WORST_CONDITION, fault, float(SINGULAR))
+        fault = where(x["worst"][1] < FIRST_BAD, fault, float(SINGULAR))
         fault = where(x["drift"][0] <= FARTHEST, fault, float(OPEN))
         fault = where(finite <= 0.0, fault, float(BROKEN))
         code = where(x["last.code"][()] > 0.5, x["last.code"][()], fault)
@@ -216,6 +269,8 @@ def verdict(sizes: Mapping[str, int], grasps: int) -> Stage:
         found.append(select(on, x["last.work"] + x["work"], x["last.work"]))
         found.append(select(on, concatenate([x["drift"], x["gaps"]]), x["last.gaps"]))
         found += [array(code), array(x["last.count"][()] + where(on, 1.0, 0.0))]
+        if "memory" in sizes:
+            found.append(select(on, x["last.memory"], x["last.before"]))
         if grasps:
             worst, since = x["last.worst_margin"], x["last.worst_time"]
             lower = [where(on, m, float("inf")) < w for m, w in zip(x["margin"], worst, strict=True)]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.errors import HoldfastError, StateError
+from holdfast.errors import HoldfastError, MethodNotApplicable, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.instant import Controller, Instant
@@ -127,14 +127,25 @@ class StagewiseStepper:
         return self._run(times, states, moments, held=True), moments
 
     def _told(self, t: float, state: State, memory: Any) -> Moment:
-        chain, inputs = self.world.at(t)
+        chain, inputs = self._world_at(t)
         tau, kept = self.controller(t, state, memory)
         tau = checks.numbers(tau, (chain.joint_count,), "controller: torques", StateError)
-        return Moment(t, chain, inputs.shaped(chain), tau, kept)
+        return Moment(t, chain, inputs, tau, kept)
 
     def _still(self, t: float) -> Moment:
+        chain, inputs = self._world_at(t)
+        return Moment(t, chain, inputs, np.zeros(chain.joint_count), None)
+
+    def _world_at(self, t: float) -> tuple[ClosedChain, Inputs]:
+        """Return chain and inputs at a time; wrenches on links are not ignored but refused."""
         chain, inputs = self.world.at(t)
-        return Moment(t, chain, inputs.shaped(chain), np.zeros(chain.joint_count), None)
+        shaped = inputs.shaped(chain)
+        if shaped.link_wrenches is not None and shaped.link_wrenches.any():
+            raise MethodNotApplicable(
+                f"stagewise steps, t = {t:g} s: expected no external wrenches on links, got some; a run whose inputs"
+                " give them from t = 0 on, zeros at first, is taken by the reference"
+            )
+        return chain, shaped
 
     def _run(self, times: list[float], states: list[State], moments: list[Moment], held: bool) -> Systems:
         """Return the systems after a step of length zero."""

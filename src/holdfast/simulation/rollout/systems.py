@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import Enum
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +20,7 @@ class Fate(Enum):
     SLIPPED = "a grasp's margin falls below the least allowed within the next step"
     SINGULAR = "the grasp constraint is singular, or its condition passes 1e12"
     OPEN = "the next step leaves a grasp open by more than 1e-2 (m or rad): it is too long"
-    BROKEN = "the next step is not finite"
+    BROKEN = "its inputs are faulty, or the next step is not finite"
 
 
 _FATES = np.array(list(Fate))
@@ -32,15 +34,31 @@ class RolloutSystems:
 
     Attributes:
         chain: the chain.
-        t: (systems,) time of each [s].
         arrays: what the machine code carries on, by name.
+        begin: (systems,) when the steps began that are counted now [s].
+        pace: (systems,) their length [s].
+        told: what the call was told that brought them here, by name; None if that is not known.
     """
 
-    def __init__(self, chain: ClosedChain, t: Array, arrays: Systems) -> None:
-        self.chain, self.t, self.arrays = chain, t, arrays
+    def __init__(self, chain: ClosedChain, arrays: Systems, begin: Array, pace: Array) -> None:
+        self.chain, self.arrays, self.begin, self.pace = chain, arrays, begin, pace
+        self.told: dict[str, Array] | None = None
 
     def __len__(self) -> int:
-        return len(self.t)
+        return len(self.begin)
+
+    @property
+    def t(self) -> Array:
+        """(systems,) time of each [s]: a whole number of steps, so that it does not drift."""
+        return self.begin + self.arrays["count"] * self.pace
+
+    def at_pace(self, step: Array) -> None:
+        """Count steps of another length from now on; (systems,) [s]."""
+        changed = self.pace != step
+        if changed.any():
+            self.begin = np.where(changed, self.t, self.begin)
+            self.arrays["count"][changed] = 0.0
+            self.pace = step
 
     @property
     def q(self) -> Array:
@@ -79,7 +97,10 @@ class RolloutSystems:
 
     @property
     def grasp_wrench(self) -> Array:
-        """(systems, arms, 6) [moment; force] of each arm on the object about the contact, world axes."""
+        """(systems, arms, 6) [moment; force] of each arm on the object about the contact, world axes.
+
+        Where the forces are not unique, one solution.
+        """
         return self.arrays["grasp_wrench"]
 
     @property
@@ -89,7 +110,7 @@ class RolloutSystems:
 
     @property
     def margin(self) -> Array:
-        """(systems, grasps) margin of every one-sided contact now [N]; infinite where there is none."""
+        """(systems, grasps) margin of every grasp now [N], see `dynamics.margins`; infinite if nothing limits it."""
         return self._or_none("margin")
 
     @property
@@ -127,10 +148,20 @@ class RolloutSystems:
         """(systems,) whether each goes on."""
         return self.arrays["code"] == 0.0
 
-    def copy(self, rows: Array | None = None) -> RolloutSystems:
+    def tell(self, given: Mapping[str, Array]) -> bool:
+        """Note what a call is told; return whether it may differ from what was told before."""
+        before, self.told = self.told, {name: np.array(x) for name, x in given.items()}
+        if before is None or before.keys() != given.keys():
+            return True
+        return not all(np.array_equal(x, before[name]) for name, x in given.items())
+
+    def copy(self, rows: Any = None) -> RolloutSystems:
         """Return the systems, or some of them by number or truth value, apart from these."""
         which = slice(None) if rows is None else rows
-        return RolloutSystems(self.chain, self.t[which].copy(), {k: x[which].copy() for k, x in self.arrays.items()})
+        arrays = {name: x[which].copy() for name, x in self.arrays.items()}
+        made = RolloutSystems(self.chain, arrays, self.begin[which].copy(), self.pace[which].copy())
+        made.told = self.told if rows is None else None
+        return made
 
     def _or_none(self, name: str) -> Array:
         return self.arrays.get(name, np.zeros((len(self), 0)))

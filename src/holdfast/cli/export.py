@@ -1,0 +1,43 @@
+"""`holdfast export`: a result folder in; tables for other programs out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from holdfast.cli import complain
+from holdfast.cli.console import stdout
+from holdfast.errors import ResultError
+from holdfast.io.export import export_csv, export_parquet, occurrences_path
+from holdfast.io.result_reader import load_result
+
+EXPORTS = {"csv": export_csv, "parquet": export_parquet}
+
+
+def export(folder: Path, format: str, out: Path | None, overwrite: bool) -> int:
+    """Write a run as tables; say on stderr what is missing of an incomplete run.
+
+    Args:
+        folder: the result folder.
+        format: csv or parquet.
+        out: the file to write; `trajectory.<format>` in the result folder if None.
+        overwrite: replace an existing file.
+
+    Returns:
+        0.
+
+    Raises:
+        ResultError: no result, or a file in the way.
+        MissingExtra: Parquet without pyarrow.
+    """
+    result = load_result(folder)
+    path = folder / f"trajectory.{format}" if out is None else out
+    taken = [one for one in (path, occurrences_path(path)) if one.exists()]
+    if taken and not overwrite:
+        raise ResultError(f"{taken[0]}: is there already; try --overwrite, or another --out")
+    written = EXPORTS[format](result, path)
+    if result.note:
+        complain(f"{folder}: {result.note}")
+    stdout().print(f"{path}: {result.samples} samples", soft_wrap=True)
+    for log in written[1:]:
+        stdout().print(f"{log}: what happened at single instants", soft_wrap=True)
+    return 0

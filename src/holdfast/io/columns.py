@@ -1,0 +1,114 @@
+"""A run as a table: one row a sample, one named column with its unit for every number of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.io.result_meta import ResultMeta
+from holdfast.simulation.limits import JOINT_QUANTITIES
+from holdfast.simulation.trajectory import Trajectory, array_names
+from holdfast.spatial.scalar import Array
+
+NO_UNIT = "1"
+
+
+class Column(NamedTuple):
+    """One number of every sample.
+
+    Attributes:
+        name: the array, then what it is in it, such as `grasp_wrench left force_x`.
+        unit: of the number; `1` where it has none.
+    """
+
+    name: str
+    unit: str
+
+    @property
+    def title(self) -> str:
+        """The name with its unit, such as `t [s]`."""
+        return self.name if self.unit == NO_UNIT else f"{self.name} [{self.unit}]"
+
+
+def columns(meta: ResultMeta, run: Trajectory) -> list[Column]:
+    """Return the columns of a run's table.
+
+    Args:
+        meta: of the run.
+        run: the run or a part of it.
+    """
+    found = []
+    for array in array_names():
+        shape = getattr(run, array).shape[1:]
+        axes = _axes(array, shape, meta)
+        for labels in product(*axes):
+            unit = next((label.unit for label in labels if label.unit), UNIT.get(array, meta.units[array]))
+            found.append(Column(" ".join([array, *(label.name for label in labels)]), unit))
+    return found
+
+
+def rows(run: Trajectory) -> Array:
+    """Return the table of a run or a part of it, (samples, columns)."""
+    return np.column_stack([getattr(run, array).reshape(len(run), -1) for array in array_names()])
+
+
+def _axes(array: str, shape: tuple[int, ...], meta: ResultMeta) -> list[list[Column]]:
+    """Return name and unit of every place along each axis of an array; an empty unit says nothing."""
+    if array in PER_JOINT:
+        revolute, prismatic = PER_JOINT[array]
+        units = [revolute if kind == "revolute" else prismatic for kind in meta.joint_kinds]
+        axes = [[Column(*pair) for pair in zip(meta.joints, units, strict=True)]]
+    elif array == "work":
+        axes = [_named(meta.work_terms, "J")]
+    elif array in WRENCHES:
+        axes = [_named(meta.arms), WRENCH]
+    elif array in PER_ARM:
+        axes = [_named(meta.arms, PER_ARM[array])]
+    else:
+        axes = FIXED.get(array, [])
+    if tuple(map(len, axes)) == shape:
+        return axes
+    return [_named([str(i) for i in range(size)]) for size in shape]  # an array that came after this list
+
+
+def _named(names: Sequence[str], unit: str = "") -> list[Column]:
+    return [Column(name, unit) for name in names]
+
+
+def _xyz(name: str, unit: str) -> list[Column]:
+    return _named([f"{name}_x", f"{name}_y", f"{name}_z"], unit)
+
+
+PER_JOINT = {"q": ("rad", "m"), "qd": ("rad/s", "m/s"), "qdd": ("rad/s^2", "m/s^2"), "tau": ("N m", "N")}
+PER_ARM = {
+    "load_share": NO_UNIT,
+    "holding": NO_UNIT,
+    "spin": "rad",
+    "margin": "N",
+    "best_margin": "N",
+    "worst_margin": "N",
+    "lowest_margin": "N",
+    "lowest_margin_time": "s",
+}
+WRENCHES = ("grasp_wrench", "internal_wrench", "wrist_wrench", "base_wrench")
+WRENCH = _xyz("moment", "N m") + _xyz("force", "N")
+MOMENTUM = _xyz("angular", "N m s") + _xyz("linear", "N s")
+FIXED = {
+    "object_pose": [_named(["qw", "qx", "qy", "qz"], NO_UNIT) + _named(["x", "y", "z"], "m")],
+    "object_twist": [_xyz("omega", "rad/s") + _xyz("v", "m/s")],
+    "object_acceleration": [_xyz("omega_dot", "rad/s^2") + _xyz("v_dot", "m/s^2")],
+    "lowest_joint_margin": [
+        [Column("position", "rad or m"), Column("rate", "rad/s or m/s"), Column("effort", "N m or N")]
+    ],
+    "lowest_joint_margin_time": [_named(JOINT_QUANTITIES, "s")],
+    "lowest_joint": [_named(JOINT_QUANTITIES, NO_UNIT)],
+    "position_gap": [_named(["before", "after"], "m or rad")],
+    "velocity_gap": [_named(["before", "after"], "m/s or rad/s")],
+    "momentum": [MOMENTUM],
+    "momentum_rate": [WRENCH],
+    "base_impulse": [MOMENTUM],
+}
+UNIT = {"impact": "J"}  # of numbers whose entry in `UNITS` is a sentence

@@ -1,0 +1,114 @@
+"""A run as tables for other programs: CSV for all of them, Parquet for large ones."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from holdfast.errors import MissingExtra
+from holdfast.io.atomic import remove, write_atomically
+from holdfast.io.columns import Column, columns, rows
+from holdfast.io.occurrence_table import TEXTS, Entry, occurrence_columns, occurrence_row
+from holdfast.io.result_reader import Result
+from holdfast.spatial.scalar import Array
+
+Rows = Array | list[list[Entry]]
+# (file, titles and units, blocks of rows) -> None: writes one table
+TableWriter = Callable[[IO[bytes], list[Column], Iterable[Rows]], None]
+
+
+def export_csv(result: Result, path: str | Path) -> list[Path]:
+    """Write a run as CSV, a header line and a row for each sample, and return the files written.
+
+    Columns are named `array what-in-it [unit]`, such as `q left/joint1 [rad]` or `object_pose qw`.
+    Numbers have the digits that bring back the same float64. What happened at single instants goes
+    to a second file, `occurrences_path(path)`, if anything did. One chunk is in memory at a time.
+
+    Args:
+        result: what `load_result` returned.
+        path: of the file; what is there is replaced.
+
+    Raises:
+        ResultError: a file cannot be written, or the result no longer be read.
+    """
+    return _export(result, Path(path), _write_csv)
+
+
+def export_parquet(result: Result, path: str | Path) -> list[Path]:
+    """Write a run as Parquet, the tables of `export_csv`, and return the files written.
+
+    The unit of a column stands in its title and, alone, in its metadata under `unit`; every chunk
+    is a row group.
+
+    Args:
+        result: what `load_result` returned.
+        path: of the file; what is there is replaced.
+
+    Raises:
+        MissingExtra: pyarrow is not installed.
+        ResultError: a file cannot be written, or the result no longer be read.
+    """
+    arrow, parquet = _pyarrow()
+
+    def write(file: IO[bytes], head: list[Column], blocks: Iterable[Rows]) -> None:
+        kinds = [arrow.string() if column.name in TEXTS else arrow.float64() for column in head]
+        fields = [arrow.field(c.title, kind, metadata={"unit": c.unit}) for c, kind in zip(head, kinds, strict=True)]
+        schema = arrow.schema(fields, metadata={"scene": result.meta.scene, **result.meta.versions})
+        with parquet.ParquetWriter(file, schema) as table:
+            for block in blocks:
+                by_column = np.ascontiguousarray(block.T) if isinstance(block, np.ndarray) else zip(*block, strict=True)
+                entries = [arrow.array(given, kind) for given, kind in zip(by_column, kinds, strict=True)]
+                table.write_table(arrow.Table.from_arrays(entries, schema=schema))
+
+    return _export(result, Path(path), write)
+
+
+def occurrences_path(path: Path) -> Path:
+    """Return the file of the second table: `run_occurrences.csv` beside `run.csv`."""
+    return path.with_name(f"{path.stem}_occurrences{path.suffix}")
+
+
+def _export(result: Result, path: Path, write: TableWriter) -> list[Path]:
+    meta, log = result.meta, occurrences_path(path)
+    happened: list[list[Entry]] = []
+
+    def blocks() -> Iterator[Rows]:
+        for part in result.parts():
+            happened.extend(occurrence_row(one, meta) for one in part.occurrences)
+            yield rows(part)
+
+    head = columns(meta, next(result.parts()))
+    write_atomically(path, lambda file: write(file, head, blocks()))
+    if not happened:
+        remove(log)  # of an earlier export
+        return [path]
+    write_atomically(log, lambda file: write(file, occurrence_columns(meta), [happened]))
+    return [path, log]
+
+
+def _write_csv(file: IO[bytes], head: list[Column], blocks: Iterable[Rows]) -> None:
+    text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow([column.title for column in head])
+    for block in blocks:
+        table.writerows(block.tolist() if isinstance(block, np.ndarray) else block)
+    text.detach()
+
+
+def _pyarrow() -> tuple[Any, Any]:
+    """Return pyarrow and its Parquet module.
+
+    Raises:
+        MissingExtra: pyarrow is not installed.
+    """
+    try:
+        import pyarrow  # pyright: ignore[reportMissingImports]
+        from pyarrow import parquet  # pyright: ignore[reportMissingImports]
+    except ImportError as cause:
+        raise MissingExtra("Parquet needs pyarrow; try pip install 'holdfast[parquet]', or CSV") from cause
+    return pyarrow, parquet

@@ -1,0 +1,165 @@
+"""meta.json of a result folder: which run it is, and how much of it is there."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from holdfast.errors import ResultError
+from holdfast.io.atomic import write_atomically
+from holdfast.simulation.occurrence import Occurrence
+
+FORMAT = "holdfast-result"
+FORMAT_VERSION = 2
+META = "meta.json"
+INTERRUPTED = "interrupted"  # the one `stopped` after which a run can go on
+
+
+class CheckpointRecord(msgspec.Struct, frozen=True):
+    """Where the checkpoint is.
+
+    Attributes:
+        file: its name.
+        samples: how many samples lie before what it goes on to.
+    """
+
+    file: str
+    samples: int
+
+
+class ResultMeta(msgspec.Struct, frozen=True, kw_only=True):
+    """What meta.json says.
+
+    Attributes:
+        format, format_version: of the folder.
+        scene: the scene's name.
+        scene_sha256: of scene.toml.
+        model_sha256: of all numbers of the chain, see `fingerprint`; files that a scene names have a part in it.
+        versions: of everything that has a part in the last bit.
+        arms: their names, in the arrays' order.
+        grasps: the kind of grasp by arm, at the start.
+        joints, joint_kinds: `arm/joint` and revolute or prismatic, in the arrays' order.
+        work_terms: the columns of `work`.
+        units: by array.
+        duration, step: asked for [s].
+        options: whatever else was asked for.
+        samples: how many are there.
+        chunks: how many of each chunk belong to the run, from its first on.
+        last_time: of the last sample [s].
+        checkpoint: what the run goes on from, while it has not ended.
+        no_checkpoint: why there is none, if none can be written.
+        complete: whether the run reached its end.
+        stopped: what ended it early.
+        occurrences: what happened after the last sample, at the instant that ended the run.
+    """
+
+    format: str
+    format_version: int
+    scene: str
+    scene_sha256: str = ""
+    model_sha256: str
+    versions: dict[str, str]
+    arms: list[str]
+    grasps: dict[str, str]
+    joints: list[str]
+    joint_kinds: list[str]
+    work_terms: list[str]
+    units: dict[str, str]
+    duration: float
+    step: float
+    options: dict[str, Any]
+    samples: int = 0
+    chunks: list[int] = []
+    last_time: float | None = None
+    checkpoint: CheckpointRecord | None = None
+    no_checkpoint: str | None = None
+    complete: bool = False
+    stopped: str | None = None
+    occurrences: list[Occurrence] = []
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing can come after: the run is complete, or physics stopped it."""
+        return self.complete or self.stopped not in (None, INTERRUPTED)
+
+
+_PROGRESS = ("samples", "chunks", "last_time", "checkpoint", "no_checkpoint", "complete", "stopped", "occurrences")
+
+
+def read_meta(folder: Path) -> ResultMeta:
+    """Return what meta.json says.
+
+    Raises:
+        ResultError: there is none, it is damaged, or its format is of another version.
+    """
+    path = folder / META
+    if not folder.is_dir():
+        raise ResultError(f"{folder}: no such folder")
+    try:
+        found = msgspec.json.decode(read_bytes(path), type=dict)
+        here = {"format": found.get("format"), "format_version": found.get("format_version")}
+        if here != {"format": FORMAT, "format_version": FORMAT_VERSION}:
+            raise ResultError(
+                f"{path}: expected format '{FORMAT}' version {FORMAT_VERSION}, got {here['format']!r} version"
+                f" {here['format_version']!r}; try the version of holdfast that wrote it"
+            )
+        meta = msgspec.convert(found, ResultMeta)
+    except msgspec.ValidationError as cause:
+        raise ResultError(f"{path}: {cause}") from cause
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as cause:
+        raise ResultError(f"{path}: not valid JSON: {cause}") from cause
+    if min(meta.chunks, default=1) < 1 or sum(meta.chunks) != meta.samples:
+        raise ResultError(f"{path}: expected chunks of {meta.samples} samples together, got {meta.chunks}")
+    if meta.checkpoint is not None and not 1 <= meta.checkpoint.samples <= meta.samples:
+        raise ResultError(f"{path}: expected a checkpoint in {meta.samples} samples, got {meta.checkpoint.samples}")
+    return meta
+
+
+def write_meta(folder: Path, meta: ResultMeta) -> None:
+    """Put meta.json in place.
+
+    Raises:
+        ResultError: it cannot be written; the old one is still there.
+    """
+    write_atomically(folder / META, json_text(meta))
+
+
+def read_bytes(path: Path) -> bytes:
+    """Return a file's bytes.
+
+    Raises:
+        ResultError: it cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except OSError as cause:
+        raise ResultError(f"{path}: cannot be read: {cause.strerror or cause}; is this a result folder?") from cause
+
+
+def json_text(data: Any) -> bytes:
+    """Return data as indented JSON."""
+    return msgspec.json.format(msgspec.json.encode(data), indent=2) + b"\n"
+
+
+def sha256(content: bytes) -> str:
+    """Return the SHA-256 of some bytes, hexadecimal."""
+    return hashlib.sha256(content).hexdigest()
+
+
+_WORDS = {"scene_sha256": "the scene's text", "model_sha256": "the model that the scene describes"}
+
+
+def differences(there: ResultMeta, here: ResultMeta) -> list[str]:
+    """Return in words what makes two runs different ones; progress does not."""
+    mine, other = (dict(_leaves(msgspec.to_builtins(meta))) for meta in (here, there))
+    found = [key for key in mine | other if key.split(".")[0] not in _PROGRESS and mine.get(key) != other.get(key)]
+    return [_WORDS.get(key) or f"{key} ({other.get(key)!r} there, {mine.get(key)!r} here)" for key in found]
+
+
+def _leaves(data: dict[str, Any], path: str = "") -> list[tuple[str, Any]]:
+    """Return path and value of everything that is not itself a dict."""
+    pairs = [(path + key, value) for key, value in data.items()]
+    return [leaf for k, v in pairs for leaf in (_leaves(v, k + ".") if isinstance(v, dict) else [(k, v)])]

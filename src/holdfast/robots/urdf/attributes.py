@@ -1,0 +1,121 @@
+"""Typed attributes of XML elements, each refusal naming file, line and element."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+
+from holdfast.model import checks
+from holdfast.robots.urdf.document import Element, quoted, shortened
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+
+LARGEST = 1e9  # of lengths, angles, masses and inertias in SI; more is a mistake, and would overflow in products
+LONGEST_NAME = 256
+RIGHT_ANGLE = 1e-12  # [rad]; what rounding a double, or 13 digits, leaves of a multiple of pi/2
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_INFINITE = re.compile(r"[+-]?inf(inity)?", re.ASCII | re.IGNORECASE)
+
+
+def name(element: Element, attribute: str = "name") -> str:
+    """Return a name: not blank, printable, at most 256 characters."""
+    stated = text(element, attribute, "a name")
+    if not stated.strip() or not stated.isprintable() or len(stated) > LONGEST_NAME:
+        raise element.refuse(
+            f"{attribute}: expected a name of 1 to {LONGEST_NAME} printable characters, got {len(stated)}:"
+            f" {quoted(stated)}"
+        )
+    return stated
+
+
+def number(
+    element: Element, attribute: str, default: float | None = None, *, at_least: float = -math.inf, size: float = 1e300
+) -> float:
+    """Return a finite number, or the default where the attribute is missing and there is one."""
+    if default is not None and attribute not in element.attributes:
+        return default
+    (value,) = numbers(element, attribute, 1, size)
+    if value < at_least:
+        raise element.refuse(f"{attribute}: expected >= {at_least:g}, got {value!r}")
+    return value
+
+
+def limit(element: Element, attribute: str) -> float | None:
+    """Return a number or an infinity, None where the attribute is missing."""
+    stated = element.attributes.get(attribute)
+    if stated is None:
+        return None
+    if len(stated) < 20 and _INFINITE.fullmatch(stated.strip()):
+        return float(stated)
+    return number(element, attribute)
+
+
+def vector(element: Element, attribute: str, default: tuple[float, float, float] | None = None) -> Array:
+    """Return three numbers, or the default where the attribute is missing and there is one."""
+    if default is not None and attribute not in element.attributes:
+        return np.array(default)
+    return np.array(numbers(element, attribute, 3, LARGEST))
+
+
+def axis(element: Element) -> Array:
+    """Return the unit vector along `xyz`."""
+    a = vector(element, "xyz")
+    length = math.hypot(*a)
+    if length == 0.0:
+        raise element.refuse("xyz: expected a direction, got 0 0 0")
+    return (a if length == 1.0 else a / length) + 0.0  # no -0.0
+
+
+def pose(element: Element | None) -> Pose:
+    """Return the pose of an <origin>: `xyz`, and `rpy` about the fixed axes x, y, z; the identity for None."""
+    if element is None:
+        return Pose.identity()
+    roll, pitch, yaw = vector(element, "rpy", (0.0, 0.0, 0.0)).tolist()
+    return Pose(rotation_of_rpy(roll, pitch, yaw), vector(element, "xyz", (0.0, 0.0, 0.0)) + 0.0)
+
+
+def rotation_of_rpy(roll: float, pitch: float, yaw: float) -> Array:
+    """Return R = Rz(yaw) Ry(pitch) Rx(roll), entries of right angles exactly 0 or +-1."""
+    (cr, sr), (cp, sp), (cy, sy) = _cosine_sine(roll), _cosine_sine(pitch), _cosine_sine(yaw)
+    R = np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+    return R + 0.0  # no -0.0
+
+
+def _cosine_sine(angle: float) -> tuple[float, float]:
+    """Return cosine and sine; an angle within 1e-12 of a multiple of pi/2 is that multiple."""
+    quarters = round(angle / (math.pi / 2))
+    if abs(angle - quarters * (math.pi / 2)) <= RIGHT_ANGLE:
+        return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[quarters % 4]
+    return math.cos(angle), math.sin(angle)
+
+
+def text(element: Element, attribute: str, expected: str) -> str:
+    """Return an attribute as it stands."""
+    if attribute not in element.attributes:
+        present = [shortened(other) for other in list(element.attributes)[:20]]
+        hint = checks.did_you_mean(attribute, present) if present else ""
+        raise element.refuse(f"{attribute}: expected {expected}, got no such attribute.{hint}")
+    return element.attributes[attribute]
+
+
+def numbers(element: Element, attribute: str, count: int, size: float) -> list[float]:
+    """Return so many numbers, separated by white space, none larger than `size`."""
+    expected = "a number" if count == 1 else f"{count} numbers with blanks between"
+    stated = text(element, attribute, expected)
+    words = stated.split() if len(stated) < 1000 else []
+    if len(words) != count or not all(_NUMBER.fullmatch(word) for word in words):
+        advice = "; try expanding it with xacro first" if "$" in stated else ""
+        raise element.refuse(f"{attribute}: expected {expected}, got {quoted(stated)}{advice}")
+    values = [float(word) for word in words]
+    if not all(abs(value) <= size for value in values):
+        raise element.refuse(f"{attribute}: expected sizes up to {size:g} (SI units), got {quoted(stated)}")
+    return values

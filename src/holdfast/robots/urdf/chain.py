@@ -1,0 +1,139 @@
+"""An arm out of a robot's links and joints, with what became of the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any, TypedDict, Unpack
+
+from holdfast.model import checks
+from holdfast.model.arm import Arm
+from holdfast.model.joint import Joint
+from holdfast.robots.urdf.document import quoted
+from holdfast.robots.urdf.folding import Body, fold
+from holdfast.robots.urdf.inertia import welded_link
+from holdfast.robots.urdf.locking import Locks, checked_locks
+from holdfast.robots.urdf.reading import read_urdf
+from holdfast.robots.urdf.refusals import refuse_moving_branches, refuse_unsupported
+from holdfast.robots.urdf.robot import UrdfRobot
+from holdfast.robots.urdf.tips import ends
+from holdfast.robots.urdf.tree import Step, way
+from holdfast.spatial.pose import Pose
+
+
+class UrdfOptions(TypedDict, total=False):
+    """The keywords that `load_urdf`, `load_urdf_arms`, `urdf_chain` and `urdf_chains` share."""
+
+    locked: Mapping[str, float] | None
+    lock_others: bool
+    mount: Any
+    physical: bool
+    xacro_args: Mapping[str, str] | None
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfChain:
+    """An arm, and what became of the rest of the robot.
+
+    Attributes:
+        arm: the arm; its joints and links bear the file's names.
+        robot: the file's links and joints.
+        base: name of the link that stands still.
+        tip: name of the link whose frame is the tip.
+        locked: where joints within the arm and its base are held [rad or m], by name.
+        bodies: N + 1 mappings from link name to pose: of the links on the base in the base's
+            frame, then of the links welded into arm link k in its frame.
+        elsewhere: names of the links that joints of their own move on the base.
+        notes: what was read in another way than it stands, or not at all, with its line.
+    """
+
+    arm: Arm
+    robot: UrdfRobot
+    base: str
+    tip: str
+    locked: Mapping[str, float]
+    bodies: tuple[Mapping[str, Pose], ...]
+    elsewhere: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def urdf_chain(
+    path_or_text: str | PathLike[str],
+    *,
+    base: str | None = None,
+    tip: str | None = None,
+    **options: Unpack[UrdfOptions],
+) -> UrdfChain:
+    """Return what `load_urdf` loads, with what became of every link, and notes. O(links).
+
+    Args:
+        path_or_text: as for `load_urdf`.
+        base: as for `load_urdf`.
+        tip: as for `load_urdf`.
+        **options: as for `load_urdf`.
+
+    Raises:
+        SceneError, ModelError, MissingExtra: as for `load_urdf`.
+    """
+    robot = read_urdf(path_or_text, xacro_args=options.get("xacro_args"))
+    held = checked_locks(robot, options.get("locked"))
+    start, end = ends(robot, base, tip, held)
+    steps = way(robot, start, end)
+    locks = Locks(robot, held, bool(options.get("lock_others")), frozenset(step.joint.name for step in steps))
+    return chain_along(locks, start, steps, mounted(options), options)
+
+
+def mounted(options: UrdfOptions) -> Pose:
+    """Return the `mount` of the options as a pose; the world's own frame by default."""
+    mount = options.get("mount")
+    return Pose.identity() if mount is None else checks.pose(mount, "mount")
+
+
+def chain_along(locks: Locks, base: str, steps: list[Step], mount: Pose, options: UrdfOptions) -> UrdfChain:
+    """Return the arm along the steps from a base link that is mounted at a pose."""
+    robot, tip = locks.robot, steps[-1].beyond if steps else base
+    refuse_unsupported(locks, steps)
+    folded = fold(base, steps, locks)
+    refuse_moving_branches(locks, folded, steps)
+    if not folded.bodies:
+        raise robot.element.refuse(
+            f"expected a joint that moves between base {quoted(base)} and tip {quoted(tip)}, got none"
+        )
+    links = [welded_link(robot, body, options.get("physical", True)) for body in folded.bodies]
+    arm = Arm([_joint(body) for body in folded.bodies], links, _plain(folded.tip), mount, robot.name)
+    bodies = (folded.on_base, *(body.links for body in folded.bodies))
+    inside = {name: robot.links[name] for links in bodies for name in links}
+    within = [joint for joint in robot.joints.values() if joint.parent in inside and joint.child in inside]
+    return UrdfChain(
+        arm=arm,
+        robot=robot,
+        base=base,
+        tip=tip,
+        locked={j.name: q for j in within if not j.is_fixed and (q := locks.position(j)) is not None},
+        bodies=bodies,
+        elsewhere=tuple(name for name in robot.links if name not in inside),
+        notes=tuple(note for part in (robot, *inside.values(), *within) for note in part.notes),
+    )
+
+
+def _joint(body: Body) -> Joint:
+    """Return the joint that moves a body."""
+    joint, down = body.step
+    with joint.element.refusals():
+        return Joint(
+            kind="prismatic" if joint.kind == "prismatic" else "revolute",
+            axis=joint.axis if down else 0.0 - joint.axis,
+            placement=_plain(body.placement),
+            name=joint.name,
+            position_limits=joint.position_limits,
+            rate_limit=joint.rate_limit,
+            effort_limit=joint.effort_limit,
+            damping=joint.damping,
+            friction=joint.friction,
+        )
+
+
+def _plain(pose: Pose) -> Pose:
+    """Return the pose without -0.0, so that compiled code folds it."""
+    return Pose(pose.R + 0.0, pose.p + 0.0)

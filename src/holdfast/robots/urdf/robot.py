@@ -1,0 +1,152 @@
+"""A robot as a URDF file describes it: a tree of links and joints, plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from holdfast.robots.urdf.document import Element
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+
+MOVING = ("revolute", "continuous", "prismatic")
+UNSUPPORTED = ("floating", "planar", "ball", "spherical")
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfInertial:
+    """What a link weighs.
+
+    Attributes:
+        mass: [kg].
+        com: (3,) mass centre in link axes [m].
+        inertia: (3, 3) about the mass centre, link axes [kg m^2].
+        element: the <inertial>.
+    """
+
+    mass: float
+    com: Array
+    inertia: Array
+    element: Element
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfLink:
+    """A link.
+
+    Attributes:
+        name: its name.
+        inertial: what it weighs; None if the file does not say.
+        element: the <link>.
+        notes: what of it was read in another way than it stands, or not at all.
+    """
+
+    name: str
+    inertial: UrdfInertial | None
+    element: Element
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """q = multiplier q_joint + offset.
+
+    Attributes:
+        joint: the name of the joint that is followed.
+        multiplier: [1].
+        offset: [rad or m].
+    """
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfJoint:
+    """A joint.
+
+    Attributes:
+        name: its name.
+        kind: "revolute", "continuous", "prismatic", "fixed", or one that no arm can have.
+        parent, child: names of its links.
+        origin: pose of the child frame in the parent frame at q = 0.
+        axis: (3,) unit vector in child axes.
+        position_limits: lowest and highest q [rad or m]; infinite if the file gives none.
+        rate_limit: largest |qd| [rad/s or m/s]; infinite if the file gives none.
+        effort_limit: largest |tau| [N m or N]; infinite if the file gives none.
+        damping: [N m s/rad or N s/m].
+        friction: [N m or N].
+        mimic: the joint it follows, or None.
+        element: the <joint>.
+        notes: what of it was read in another way than it stands, or not at all.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    origin: Pose
+    axis: Array
+    position_limits: tuple[float, float]
+    rate_limit: float
+    effort_limit: float
+    damping: float
+    friction: float
+    mimic: Mimic | None
+    element: Element
+    notes: tuple[str, ...]
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether it never moves."""
+        return self.kind == "fixed"
+
+    def other(self, link: str) -> str:
+        """Return the name of the link on its other side."""
+        return self.child if link == self.parent else self.parent
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfRobot:
+    """A tree of links and joints.
+
+    Attributes:
+        name: its name.
+        links: by name, in the file's order.
+        joints: by name, in the file's order.
+        root: the name of the link that no joint moves.
+        element: the <robot>.
+        notes: what of the <robot> itself was not read.
+    """
+
+    name: str
+    links: Mapping[str, UrdfLink]
+    joints: Mapping[str, UrdfJoint]
+    root: str
+    element: Element
+    notes: tuple[str, ...]
+
+    @property
+    def source(self) -> str:
+        """The file's name."""
+        return self.element.source
+
+    @cached_property
+    def joint_above(self) -> Mapping[str, UrdfJoint]:
+        """The joint whose child a link is, by link; the root has none."""
+        return {joint.child: joint for joint in self.joints.values()}
+
+    @cached_property
+    def joints_below(self) -> Mapping[str, tuple[UrdfJoint, ...]]:
+        """The joints whose parent a link is, by link."""
+        below: dict[str, list[UrdfJoint]] = {link: [] for link in self.links}
+        for joint in self.joints.values():
+            below[joint.parent].append(joint)
+        return {link: tuple(joints) for link, joints in below.items()}
+
+    def joints_at(self, link: str) -> tuple[UrdfJoint, ...]:
+        """Return all joints of a link, the one above it first."""
+        above = self.joint_above.get(link)
+        return self.joints_below[link] if above is None else (above, *self.joints_below[link])

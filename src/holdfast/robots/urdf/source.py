@@ -1,0 +1,86 @@
+"""Where a URDF comes from: a text, a file, or a xacro file that is expanded first."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from contextlib import redirect_stderr
+from dataclasses import dataclass
+from io import StringIO
+from os import PathLike, fspath
+from pathlib import Path
+
+from holdfast.errors import MissingExtra, SceneError
+from holdfast.robots.urdf.document import LARGEST_FILE, quoted, shortened
+
+
+@dataclass(frozen=True)
+class Source:
+    """The text of a URDF.
+
+    Attributes:
+        name: for messages.
+        text: the XML, bytes if their encoding is still to be found out.
+        notes: what xacro had to say.
+    """
+
+    name: str
+    text: str | bytes
+    notes: tuple[str, ...] = ()
+
+
+def read_source(path_or_text: str | PathLike[str], xacro_args: Mapping[str, str] | None = None) -> Source:
+    """Return the text of a URDF from a file, a xacro file, or as it is.
+
+    Raises:
+        SceneError: a file that cannot be read or expanded, or `xacro_args` for one that is not xacro.
+        MissingExtra: a .xacro file without xacrodoc.
+    """
+    if not isinstance(path_or_text, (str, PathLike)):
+        raise SceneError(f"URDF: expected a path or the text of a URDF, got {type(path_or_text).__name__}")
+    given = fspath(path_or_text)
+    if not isinstance(given, str):
+        raise SceneError(f"URDF: expected a path of str, got {type(given).__name__}")
+    name = shortened(given, 200)
+    is_text = isinstance(path_or_text, str) and given.lstrip("\ufeff \t\r\n").startswith("<")
+    if not is_text and given.endswith(".xacro"):
+        return _expanded(given, dict(xacro_args or {}))
+    if xacro_args:
+        raise SceneError(f"{'URDF text' if is_text else name}: xacro_args: expected none, since this is no .xacro file")
+    return Source("URDF text", given.lstrip("\ufeff")) if is_text else Source(name, _read_bytes(given, name))
+
+
+def _read_bytes(path: str, name: str) -> bytes:
+    """Return at most one byte more than the largest file may have."""
+    try:
+        if not Path(path).is_file():  # a directory, or a pipe that would never end
+            reason = "is not a file" if Path(path).exists() else "no such file"
+            raise SceneError(f"{name}: cannot be read: {reason}")
+        with open(path, "rb") as file:
+            return file.read(LARGEST_FILE + 1)
+    except OSError as cause:
+        raise SceneError(f"{name}: cannot be read: {cause.strerror or cause}") from cause
+    except ValueError as cause:  # a path that no file system takes
+        raise SceneError(f"{quoted(path)}: cannot be read: {cause}") from cause
+
+
+def _expanded(path: str, xacro_args: dict[str, str]) -> Source:
+    """Return what xacro makes of a file; its lines are counted after expansion."""
+    name = shortened(path, 200)
+    _read_bytes(path, name)
+    try:
+        from xacrodoc import XacroDoc
+    except ImportError as cause:
+        raise MissingExtra(f"{name}: xacro files need xacrodoc; try pip install 'holdfast[robots]'") from cause
+    said = StringIO()
+    try:
+        with redirect_stderr(said), warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            document = XacroDoc.from_file(path, subargs=xacro_args, resolve_packages=False)
+            text = document.to_urdf_string()
+    except Exception as cause:  # xacro evaluates expressions, which can raise anything
+        reason = " ".join(f"{said.getvalue()} {type(cause).__name__}: {cause}".split())
+        raise SceneError(f"{name}: xacro cannot expand it: {shortened(reason, 400)}") from cause
+    lines = (*said.getvalue().splitlines(), *(str(warning.message) for warning in warned))
+    notes = tuple(f"{name}: xacro says: {line}" for line in lines if line.strip())
+    return Source(f"{name} (expanded)", text, notes)

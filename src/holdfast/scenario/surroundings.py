@@ -1,0 +1,130 @@
+"""What acts on a scene's chain from outside: bases that sway, wrenches on the object."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from holdfast.control.paths import quintic
+from holdfast.io.place import Place
+from holdfast.model import checks
+from holdfast.scenario.scene import BaseMotionData, SwayData, WrenchData
+from holdfast.spatial import rotation
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.vector import cross
+from holdfast.state import Inputs
+
+
+@dataclass(frozen=True, eq=False)
+class SwayingBase:
+    """A base that oscillates about a pose: x_k = s(t) a_k sin(2 pi f_k t + phase_k) of six coordinates.
+
+    The coordinates are roll, pitch, yaw (about world axes through the base's origin, in this order) and the
+    shift along them; s = 10 y^3 - 15 y^4 + 6 y^5, y = t / smooth_start, so that it sets out from rest.
+
+    Attributes:
+        rest: the pose it sways about.
+        amplitude: (6,) [rad, m].
+        frequency: (6,) [Hz].
+        phase: (6,) [rad].
+        smooth_start: > 0 [s].
+    """
+
+    rest: Pose
+    amplitude: Array
+    frequency: Array
+    phase: Array
+    smooth_start: float
+
+    def __post_init__(self) -> None:
+        for name in ("amplitude", "frequency", "phase"):
+            object.__setattr__(self, name, checks.numbers(getattr(self, name), (6,), f"base motion: {name}"))
+        checks.number(self.smooth_start, "base motion: smooth_start", above=0.0)
+
+    def __call__(self, t: float) -> tuple[Pose, Array, Array]:
+        """Return pose, twist and acceleration (plain derivative) of the base at time t, world axes."""
+        x, rate, acceleration = self.coordinates(t)
+        (roll, pitch, _), p = x[:3], x[3:]
+        yaw_axis = np.array([0.0, 0.0, 1.0])
+        pitch_axis = rotation.from_euler_zyx(x[2], 0.0, 0.0)[:, 1]
+        roll_axis = rotation.from_euler_zyx(x[2], pitch, 0.0)[:, 0]
+        turning = rate[2] * yaw_axis
+        tilting = turning + rate[1] * pitch_axis
+        omega = tilting + rate[0] * roll_axis
+        omega_dot = acceleration[2] * yaw_axis + acceleration[1] * pitch_axis + acceleration[0] * roll_axis
+        omega_dot = omega_dot + rate[1] * cross(turning, pitch_axis) + rate[0] * cross(tilting, roll_axis)
+        pose = Pose(rotation.from_euler_zyx(x[2], pitch, roll) @ self.rest.R, self.rest.p + p)
+        return pose, np.concatenate([omega, rate[3:]]), np.concatenate([omega_dot, acceleration[3:]])
+
+    def coordinates(self, t: float) -> tuple[Array, Array, Array]:
+        """Return the six coordinates, their rates and accelerations."""
+        s, ds, dds = quintic(t / self.smooth_start)
+        ds, dds = ds / self.smooth_start, dds / self.smooth_start**2
+        w = 2.0 * np.pi * self.frequency
+        sine, cosine = np.sin(w * t + self.phase), np.cos(w * t + self.phase)
+        return (
+            self.amplitude * s * sine,
+            self.amplitude * (ds * sine + s * w * cosine),
+            self.amplitude * (dds * sine + 2.0 * ds * w * cosine - s * w**2 * sine),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Pushes:
+    """External wrenches on the object, each for a while.
+
+    Attributes:
+        wrenches: (pushes, 6) [moment; force] about C, world axes [N m, N].
+        begins: (pushes,) [s].
+        ends: (pushes,) [s]; a wrench acts from its begin up to, not at, its end.
+    """
+
+    wrenches: Array
+    begins: Array
+    ends: Array
+
+    def __call__(self, t: float) -> Inputs:
+        """Return what acts at time t."""
+        return Inputs(object_wrench=self.wrenches[(self.begins <= t) & (t < self.ends)].sum(axis=0))
+
+    @property
+    def breakpoints(self) -> list[float]:
+        """Times at which they begin and end [s]."""
+        return [float(t) for t in (*self.begins, *self.ends) if np.isfinite(t)]
+
+
+def swaying_base(data: BaseMotionData, rest: Pose, at: Place) -> SwayingBase:
+    """Return a base's motion.
+
+    Raises:
+        SceneError: a start that is not smooth.
+    """
+    still = SwayData(amplitude=(0.0, 0.0, 0.0), frequency=(0.0, 0.0, 0.0))
+    turn, shift = data.turn or still, data.shift or still
+    with at.refusals():
+        return SwayingBase(
+            rest,
+            amplitude=np.array([*turn.amplitude, *shift.amplitude]),
+            frequency=np.array([*turn.frequency, *shift.frequency]),
+            phase=np.array([*turn.phase, *shift.phase]),
+            smooth_start=data.smooth_start,
+        )
+
+
+def pushes(data: Sequence[WrenchData], at: Place) -> Pushes:
+    """Return the wrenches on the object.
+
+    Raises:
+        SceneError: one that ends before it begins.
+    """
+    for i, push in enumerate(data):
+        if push.end is not None and push.end <= push.begin:
+            raise (at / i / "end").refuse(f"expected a time after the begin at {push.begin:g} s, got {push.end:g}")
+    return Pushes(
+        np.array([(*push.moment, *push.force) for push in data]).reshape(-1, 6),
+        np.array([push.begin for push in data]),
+        np.array([np.inf if push.end is None else push.end for push in data]),
+    )

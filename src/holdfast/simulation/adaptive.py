@@ -1,0 +1,121 @@
+"""Step-size control: steps as long as their error estimates allow, never past a time that must be hit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from holdfast.errors import HoldfastError, ModelError, StateError
+
+if TYPE_CHECKING:
+    from holdfast.simulation.instant import Instant
+    from holdfast.simulation.runge_kutta import Tableau
+    from holdfast.simulation.stepper import Advance, Stepper
+
+SAFETY = 0.9
+LEAST, MOST = 0.2, 5.0  # a step by its predecessor
+SMALLEST_STEP = 1e-12  # [s]: nothing that a simulated arm does is shorter
+SMALLEST_ERROR = 1e-4  # of the step before, as far as the next one looks at it
+FIRST_STEP = 0.01  # part of the time in which the chain would move by 1 rad or m
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """The step to try next, and what the controller remembers.
+
+    Attributes:
+        step: [s].
+        last_error: estimated error of the step before over the tolerance.
+    """
+
+    step: float
+    last_error: float = 1.0
+
+
+def first_proposal(now: Instant) -> Proposal:
+    """Return a cautious first step, from the velocities and accelerations at the start."""
+    rates = np.concatenate([now.state.qd, now.state.object_twist])
+    accelerations = np.concatenate([now.result.qdd, now.result.object_acceleration])
+    inverse_time = max(float(np.abs(rates).max()), math.sqrt(float(np.abs(accelerations).max())))
+    return Proposal(FIRST_STEP / max(inverse_time, FIRST_STEP))  # 1 s where nothing moves
+
+
+def controlled(step: float, error: float, order: int, last_error: float) -> tuple[bool, float]:
+    """Return whether a step is accepted, and the length of the next one [s].
+
+    h' = 0.9 h e^(-0.7/k) e_last^(0.4/k) after an accepted step (Gustafsson's PI control),
+    h' = 0.9 h e^(-1/k) after a rejected one; between a fifth and five times h.
+
+    Args:
+        step: h [s].
+        error: e, estimated error over the tolerance; not a number counts as too large.
+        order: k, the error of one step being estimated as O(h^k).
+        last_error: e of the accepted step before.
+    """
+    accepted = error <= 1.0
+    if error == 0.0:
+        return True, MOST * step
+    if not math.isfinite(error):
+        return False, LEAST * step
+    change = error ** (-0.7 / order) * last_error ** (0.4 / order) if accepted else error ** (-1 / order)
+    return accepted, step * min(MOST, max(LEAST, SAFETY * change))
+
+
+def smallest_step(t: float) -> float:
+    """Return the shortest step at a time [s]: 1e-12 s, or what float64 tells apart there."""
+    return max(SMALLEST_STEP, 16 * float(np.spacing(abs(t))))
+
+
+def next_step(stepper: Stepper, now: Instant, proposed: Proposal, latest: float) -> tuple[Advance, Proposal]:
+    """Return the next accepted step and the proposal for the one after it.
+
+    A step that fails, or whose error is above the tolerance, is tried again, shorter. The
+    last two steps before `latest` share what is left, and the last ends there exactly; being
+    cut short does not shorten the proposal.
+
+    Args:
+        stepper: takes steps of a scheme that estimates its error.
+        now: the last accepted instant.
+        proposed: from `first_proposal` or the call before.
+        latest: time not to be stepped over [s].
+
+    Raises:
+        StateError: at the shortest step the error is still too large, naming the time.
+        SingularChainError, ClosureError: at the shortest step the chain still cannot go on.
+        ModelError: the scheme estimates no error, or `latest` is not ahead.
+    """
+    _require_estimate(stepper.scheme)
+    room = latest - now.t
+    if not 0.0 < room < math.inf:
+        raise ModelError(f"adaptive: latest: expected a time after t = {now.t:.9g} s, got {latest:.9g} s")
+    pieces = math.ceil(room / proposed.step * (1 - 1e-9))
+    step, rejected = (room / pieces if pieces <= 2 else proposed.step), False
+    while True:
+        (reached,) = stepper.advance(now, [latest if step >= room else now.t + step])
+        error = reached.error if reached.failure is None else math.nan
+        accepted, proposal = controlled(step, error, stepper.scheme.order, proposed.last_error)
+        if accepted and not rejected and step < proposed.step:  # cut short by `latest`
+            return reached, Proposal(max(proposal, proposed.step), proposed.last_error)
+        if accepted:  # what has just failed is not tried again at once
+            return reached, Proposal(min(step, proposal) if rejected else proposal, max(error, SMALLEST_ERROR))
+        if proposal < smallest_step(now.t):
+            raise _stuck(now.t, reached)
+        step, rejected = proposal, True
+
+
+def _require_estimate(scheme: Tableau) -> None:
+    if not scheme.adaptive:
+        raise ModelError(f"adaptive: scheme '{scheme.name}' estimates no error; try 'dop853', or a fixed step")
+
+
+def _stuck(t: float, reached: Advance) -> HoldfastError:
+    """Return the error of a step that cannot be made shorter."""
+    if reached.failure is not None:
+        return type(reached.failure)(f"no step leads on from t = {t:.9g} s, however short: {reached.failure}")
+    return StateError(
+        f"no step leads on from t = {t:.9g} s: at {reached.t - t:.3g} s the error is still {reached.error:.3g} times"
+        " the tolerance; try a larger rtol, or end steps where controller or inputs jump"
+    )

@@ -1,0 +1,109 @@
+"""A function of time between two instants: where it is lowest, and where it becomes negative.
+
+Both searches shrink a bracket and need no derivative, so a kink costs steps, never the answer.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))
+MOST_TRIES = 100
+
+Function = Callable[[float], float]
+
+
+def lowest_between(f: Function, a: float, b: float, c: float, precision: float) -> tuple[float, float]:
+    """Return where f is lowest in [a, c], and its value there (R. P. Brent's search, 1973).
+
+    Parabolas through the three best points, golden sections where these do not shrink the
+    bracket. The value is good to the square of the precision where f is smooth.
+
+    Args:
+        f: with f(b) <= f(a) and f(b) <= f(c).
+        a: the bracket's lower end.
+        b: between a and c.
+        c: its upper end.
+        precision: on the place.
+    """
+    x = w = v = b
+    fx = fw = fv = f(b)
+    moved = before = c - a
+    for _ in range(MOST_TRIES):
+        middle = 0.5 * (a + c)
+        if max(x - a, c - x) <= 2.0 * precision:
+            break
+        step = _parabola_step(x, w, v, fx, fw, fv)
+        if step is not None and a < x + step < c and abs(step) < 0.5 * abs(before):
+            before = moved
+            if min(x + step - a, c - x - step) < 2.0 * precision:
+                step = math.copysign(precision, middle - x)
+        else:
+            before = (c if x < middle else a) - x
+            step = GOLDEN * before
+        moved = math.copysign(max(abs(step), precision), step)
+        u = x + moved
+        fu = f(u)
+        if fu <= fx:
+            a, c = (x, c) if u > x else (a, x)
+            (v, fv), (w, fw), (x, fx) = (w, fw), (x, fx), (u, fu)
+            continue
+        a, c = (u, c) if u < x else (a, u)
+        if fu <= fw or w == x:
+            (v, fv), (w, fw) = (w, fw), (u, fu)
+        elif fu <= fv or v in (x, w):
+            v, fv = u, fu
+    return x, fx
+
+
+def _parabola_step(x: float, w: float, v: float, fx: float, fw: float, fv: float) -> float | None:
+    """Return the way from x to the vertex of the parabola through three points, if it has one below."""
+    r, q = (x - w) * (fx - fv), (x - v) * (fx - fw)
+    p, bend = (x - v) * q - (x - w) * r, 2.0 * (q - r)
+    return -p / bend if bend != 0.0 else None
+
+
+def crossing(f: Function, a: float, fa: float, b: float, fb: float, precision: float) -> float:
+    """Return where f changes sign between a and b, on b's side of it (T. R. Chandrupatla's search, 1997).
+
+    Inverse quadratic interpolation where three points allow it, bisection elsewhere.
+
+    Args:
+        f: the function.
+        a: one end.
+        fa: f(a).
+        b: the other end.
+        fb: f(b); one of the two is negative, the other not.
+        precision: on the place; f has b's sign at the place returned.
+    """
+    side = fb < 0.0
+    good, bad = b, a  # where f has b's sign, and where it has not
+    x1, f1, x2, f2 = b, fb, a, fa
+    t = 0.5
+    for _ in range(MOST_TRIES):
+        if abs(bad - good) <= precision:
+            break
+        x = x1 + t * (x2 - x1)
+        if x in (good, bad):
+            break  # no number lies between
+        fx = f(x)
+        if (fx < 0.0) == (f1 < 0.0):
+            (x3, f3), (x1, f1) = (x1, f1), (x, fx)
+        else:
+            (x3, f3), (x2, f2), (x1, f1) = (x2, f2), (x1, f1), (x, fx)
+        good, bad = (x, bad) if (fx < 0.0) == side else (good, x)
+        t = _inverse_quadratic(x1, f1, x2, f2, x3, f3)
+        least = min(0.5, 0.5 * precision / abs(x2 - x1))
+        t = min(1.0 - least, max(least, t))
+    return good
+
+
+def _inverse_quadratic(x1: float, f1: float, x2: float, f2: float, x3: float, f3: float) -> float:
+    """Return which part of the way from x1 to x2 to go next."""
+    if f3 in (f1, f2):
+        return 0.5
+    xi, phi = (x1 - x2) / (x3 - x2), (f1 - f2) / (f3 - f2)
+    if not (phi**2 < xi and (1.0 - phi) ** 2 < 1.0 - xi):
+        return 0.5
+    return f1 / (f2 - f1) * f3 / (f2 - f3) + (x3 - x1) / (x2 - x1) * f1 / (f3 - f1) * f2 / (f3 - f2)

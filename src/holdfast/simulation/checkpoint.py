@@ -1,0 +1,193 @@
+"""Everything a run needs to go on, bit for bit as if it had never been left.
+
+`simulate(..., on_checkpoint=keep)` hands out one `Checkpoint` right after every sample (after
+`on_sample` had that sample). `simulate(..., start=checkpoint)`, called with the same chain,
+controller, duration, step and options as the first time, then yields exactly the samples that
+come after that sample: the arrays of the first part, followed by those of the second, are those
+of an unbroken run. The state that `simulate` asks for is not used then.
+
+On disk a checkpoint is two flat things: arrays by name, for an .npz, and plain data, for JSON
+(no digit is lost in text):
+
+    arrays, data = checkpoint.to_data()
+    checkpoint = Checkpoint.from_data(arrays, data)
+
+What happened on the way (grasps closed, opened, slipped; limits passed) is told twice: each sample
+carries its own `occurrences` beside its arrays, and `stacked` joins them; a checkpoint has all of them
+since the start, so that the log of a run that was killed is whole too.
+
+The chain itself is not in it: what a scene says comes from the scene. Only the grasps are, since
+arms attach and release during a run. A controller's memory may hold None, truth values, integers,
+floats, texts, NumPy arrays of these, and tuples, lists and dicts (with text keys) of all that;
+anything else is refused by name when a checkpoint is written, not when it is made, so a run that
+is not saved may remember what it likes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, Self
+
+import msgspec
+import numpy as np
+
+from holdfast.errors import ResultError
+from holdfast.model import checks
+from holdfast.model.grasp import Friction, Grasp, WrenchLimits
+from holdfast.simulation.adaptive import Proposal
+from holdfast.simulation.ledger import Ledger
+from holdfast.simulation.memory import packed, unpacked
+from holdfast.simulation.occurrence import Occurrence
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+from holdfast.state import State
+
+
+@dataclass(frozen=True, eq=False)
+class Origin:
+    """What an accepted instant was made from; evaluated again, it is that instant again.
+
+    Attributes:
+        t: time [s].
+        state: positions and velocities.
+        memory: what the controller was given (not what it returned).
+    """
+
+    t: float
+    state: State
+    memory: Any
+
+
+@dataclass(frozen=True, eq=False)
+class Checkpoint:
+    """A run at one of its samples.
+
+    Attributes:
+        now: the sample's time, state and the memory given to the controller.
+        previous: the same of the accepted instant before, from which a minimum of a margin about
+            `now` is refined to the left; None where `now` begins a smooth stretch.
+        tail_time: the last time before `now` at which margins were looked at [s].
+        tail: the margins then; empty without `previous`.
+        stop: how many of the times that steps must end at lie behind.
+        event: how many events have happened.
+        grasps: the grasps that are on the chain.
+        generic_rank: of the chain with these grasps.
+        work: (4,) done since the start, see `balance.WORK_TERMS` [J].
+        impact: energy that impulses have added [J].
+        base_impulse: (6,) of all impulses of the bases, about the world's origin [N m s, N s].
+        occurrences: what has happened so far.
+        proposal: what the step size control goes on with; None for steps of fixed size.
+        ledger: margins so far.
+    """
+
+    now: Origin
+    previous: Origin | None
+    tail_time: float
+    tail: Array
+    stop: int
+    event: int
+    grasps: Mapping[str, Grasp]
+    generic_rank: int
+    work: Array
+    impact: float
+    base_impulse: Array
+    occurrences: tuple[Occurrence, ...]
+    proposal: Proposal | None
+    ledger: Ledger = field(repr=False)
+
+    def to_data(self) -> tuple[dict[str, Array], dict[str, Any]]:
+        """Return arrays by name, and plain data that JSON can hold.
+
+        Raises:
+            ResultError: the controller remembers something that cannot be written; it is named.
+        """
+        arrays = {
+            "tail_time": np.array(self.tail_time),
+            "tail": self.tail,
+            "work": self.work,
+            "impact": np.array(self.impact),
+            "base_impulse": self.base_impulse,
+            "proposal": np.array([] if self.proposal is None else [self.proposal.step, self.proposal.last_error]),
+            **{f"ledger.{f.name}": getattr(self.ledger, f.name) for f in fields(Ledger)},
+        }
+        data: dict[str, Any] = {
+            "stop": self.stop,
+            "event": self.event,
+            "generic_rank": self.generic_rank,
+            "occurrences": [asdict(one) for one in self.occurrences],
+            "grasps": [_grasp_data(name, grasp, arrays) for name, grasp in self.grasps.items()],
+            "now": _origin_data("now", self.now, arrays),
+            "previous": None if self.previous is None else _origin_data("previous", self.previous, arrays),
+        }
+        return arrays, data
+
+    @classmethod
+    def from_data(cls, arrays: Mapping[str, Array], data: Mapping[str, Any]) -> Self:
+        """Return the checkpoint of `to_data`.
+
+        Raises:
+            ResultError: something is missing or has another form.
+        """
+        try:
+            previous = data["previous"]
+            return cls(
+                now=_origin("now", data["now"], arrays),
+                previous=None if previous is None else _origin("previous", previous, arrays),
+                tail_time=float(arrays["tail_time"]),
+                tail=np.array(arrays["tail"]),
+                stop=int(data["stop"]),
+                event=int(data["event"]),
+                grasps=dict(_grasp(given, arrays) for given in data["grasps"]),
+                generic_rank=int(data["generic_rank"]),
+                work=np.array(arrays["work"]),
+                impact=float(arrays["impact"]),
+                base_impulse=np.array(arrays["base_impulse"]),
+                occurrences=msgspec.convert(data["occurrences"], tuple[Occurrence, ...]),
+                proposal=Proposal(*arrays["proposal"].tolist()) if len(arrays["proposal"]) else None,
+                ledger=Ledger(*(np.array(arrays[f"ledger.{f.name}"]) for f in fields(Ledger))),
+            )
+        except (KeyError, TypeError, ValueError, AttributeError, msgspec.ValidationError) as cause:
+            raise ResultError(f"checkpoint: cannot be read: {cause!r}; try starting the run anew") from cause
+
+
+_STATE = tuple(f.name for f in fields(State))
+
+
+def _origin_data(name: str, origin: Origin, arrays: dict[str, Array]) -> Any:
+    arrays |= {f"{name}.{part}": getattr(origin.state, part) for part in _STATE}
+    arrays[f"{name}.t"] = np.array(origin.t)
+    return packed(origin.memory, f"{name}.memory", arrays)
+
+
+def _origin(name: str, memory: Any, arrays: Mapping[str, Array]) -> Origin:
+    saved = {part: checks.read_only(np.array(arrays[f"{name}.{part}"])) for part in _STATE}
+    state = State(**saved)
+    # dividing a unit quaternion by its length once more can change its last bit
+    object.__setattr__(state, "object_pose", saved["object_pose"])
+    return Origin(float(arrays[f"{name}.t"]), state, unpacked(memory, arrays))
+
+
+def _grasp_data(name: str, grasp: Grasp, arrays: dict[str, Array]) -> dict[str, Any]:
+    arrays |= {f"grasps.{name}.R": grasp.frame.R, f"grasps.{name}.p": grasp.frame.p}
+    parts = {
+        part: None if of is None else {f.name: getattr(of, f.name) for f in fields(of)}
+        for part, of in (("contact", grasp.contact), ("wrench_limits", grasp.wrench_limits))
+    }
+    return {
+        "arm": name,
+        "kind": grasp.kind,
+        **{part: packed(parts[part], f"grasps.{name}.{part}", arrays) for part in parts},
+    }
+
+
+def _grasp(given: Mapping[str, Any], arrays: Mapping[str, Array]) -> tuple[str, Grasp]:
+    name = given["arm"]
+    frame = Pose(np.array(arrays[f"grasps.{name}.R"]), np.array(arrays[f"grasps.{name}.p"]))
+    contact, limits = (unpacked(given[part], arrays) for part in ("contact", "wrench_limits"))
+    return name, Grasp(
+        given["kind"],
+        frame,
+        None if contact is None else Friction(**contact),
+        None if limits is None else WrenchLimits(**limits),
+    )

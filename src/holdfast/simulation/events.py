@@ -1,0 +1,109 @@
+"""Events at given times: arms that grip and let go."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from holdfast.dynamics.impulse import Attachment, attach
+from holdfast.errors import ModelError
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp import Grasp
+from holdfast.simulation.occurrence import Occurrence
+from holdfast.state import Inputs, State
+
+
+@dataclass(frozen=True, eq=False)
+class Attach:
+    """An arm grips the object: what still moves against each other stops at once, by an impulse.
+
+    Attributes:
+        t: when [s].
+        arm: its name; it must have no grasp then.
+        grasp: the grasp to close.
+        here: grip where the tip is (`dynamics.impulse.grasp_here`); otherwise the tip must be at the grasp.
+    """
+
+    t: float
+    arm: str
+    grasp: Grasp
+    here: bool = False
+
+
+@dataclass(frozen=True)
+class Release:
+    """An arm lets go; no velocity changes.
+
+    Attributes:
+        t: when [s].
+        arm: its name.
+    """
+
+    t: float
+    arm: str
+
+
+Event = Attach | Release
+
+
+def in_order(events: Sequence[Event], chain: ClosedChain, duration: float) -> list[Event]:
+    """Return the events by time, those at one time as given.
+
+    Raises:
+        ModelError: an event outside the run, of an arm that is not there, or one that no arm can follow: to
+            grip with a grasp, or to let go without one.
+    """
+    holding = set(chain.grasps)
+    ordered = sorted(events, key=lambda event: event.t)
+    for event in ordered:
+        what = f"{type(event).__name__.lower()} of '{event.arm}' at t = {event.t} s"
+        t = checks.number(event.t, f"{what}: t", above=0.0)
+        if t > duration:
+            raise ModelError(f"{what}: expected a time within the run of {duration:g} s")
+        if event.arm not in chain.arms:
+            raise ModelError(f"{what}: no such arm.{checks.did_you_mean(event.arm, chain.arms)}")
+        if isinstance(event, Attach) == (event.arm in holding):
+            state = "has a grasp already; try a release before it" if event.arm in holding else "has no grasp then"
+            raise ModelError(f"{what}: the arm {state}")
+        holding ^= {event.arm}
+    return ordered
+
+
+def happen(event: Event, chain: ClosedChain, state: State, inputs: Inputs) -> tuple[ClosedChain, State, Occurrence]:
+    """Return the chain and state just after an event, and the log's line.
+
+    A release of a grasp that has opened before (it slipped) changes nothing, and says so.
+
+    Args:
+        event: what happens.
+        chain: the chain, its bases where they are at the time.
+        state: just before.
+        inputs: base motion at the time.
+
+    Raises:
+        ClosureError: an attach whose tip is not at the grasp, with the gap.
+        ModelError: an attach of an arm that holds already.
+    """
+    if isinstance(event, Attach):
+        made = attach(chain, state, event.arm, event.grasp, here=event.here, inputs=inputs)
+        return made.chain, made.state, _attached(event, made)
+    if event.arm not in chain.grasps:
+        return chain, state, Occurrence(event.t, "release", event.arm, f"'{event.arm}' had let go before")
+    return (
+        chain.without_grasp(event.arm),
+        state,
+        Occurrence(event.t, "release", event.arm, f"'{event.arm}' lets go"),
+    )
+
+
+def _attached(event: Attach, made: Attachment) -> Occurrence:
+    return Occurrence(
+        event.t,
+        "attach",
+        event.arm,
+        f"'{event.arm}' grips ({event.grasp.kind}); kinetic energy changes by {made.energy_change:.3g} J",
+        impulses=tuple(map(tuple, made.impulses.tolist())),
+        base_impulses=tuple(map(tuple, made.base_impulses.tolist())),
+        energy_change=made.energy_change,
+    )

@@ -1,0 +1,120 @@
+"""A leg of a run: from one change of the grasps to the next, the chain is one and the same."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from holdfast.model.grasp import Grasp
+from holdfast.simulation.checkpoint import Origin
+from holdfast.simulation.events import Event
+from holdfast.simulation.instant import Controller, Instant, evaluate
+from holdfast.simulation.limits import Signals
+from holdfast.simulation.policy import Policy
+from holdfast.simulation.runge_kutta import Tableau
+from holdfast.simulation.stepper import Stepper
+from holdfast.simulation.stops import Stops
+from holdfast.simulation.tolerance import Tolerance
+from holdfast.simulation.world import World
+from holdfast.spatial.scalar import Array
+
+MakeStepper = Callable[[World, Controller, int, Tableau, Tolerance], Stepper]
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What stays the same through a run.
+
+    Attributes:
+        world: the chain as it is at the start, and what acts on it.
+        controller: torques, as it is at the start.
+        make_stepper: (world, controller, generic rank, scheme, tolerance) -> what takes the steps.
+        scheme: Runge-Kutta scheme.
+        tolerance: of a scheme that estimates its error.
+        policy: what is done about violations.
+        events: in order of time.
+        stops: times that steps end at.
+    """
+
+    world: World
+    controller: Controller
+    make_stepper: MakeStepper
+    scheme: Tableau
+    tolerance: Tolerance
+    policy: Policy
+    events: list[Event]
+    stops: Stops
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """What stays the same while the same arms hold the object.
+
+    Attributes:
+        plan: of the run.
+        world: the chain with its grasps now, and what acts on it.
+        controller: torques.
+        generic_rank: of the constraint away from singular configurations.
+    """
+
+    plan: Plan
+    world: World
+    controller: Controller
+    generic_rank: int
+
+    @cached_property
+    def stepper(self) -> Stepper:
+        """What takes the steps."""
+        plan = self.plan
+        return plan.make_stepper(self.world, self.controller, self.generic_rank, plan.scheme, plan.tolerance)
+
+    @cached_property
+    def signals(self) -> Signals:
+        """The margins that there are."""
+        return Signals(self.world.chain)
+
+    @cached_property
+    def acting(self) -> Array:
+        """Indices of the signals that end a step where they become negative."""
+        return self.plan.policy.acting(self.signals)
+
+    def at(self, origin: Origin) -> Instant:
+        """Return the instant that an accepted time, state and memory make; nothing is projected."""
+        return self.stepper.evaluate(origin.t, origin.state, origin.memory)
+
+
+def first_leg(plan: Plan, start: Origin) -> Leg:
+    """Return the leg that a run begins with.
+
+    Raises:
+        StateError: the state breaks a grasp, or the controller's torques do not fit.
+        SingularChainError: the configuration is singular.
+    """
+    # judged with its neighbours; later a rank below its rank is a singularity
+    first = evaluate(plan.world, plan.controller, start.t, start.state, start.memory, check=True)
+    return Leg(plan, plan.world, plan.controller, first.result.rank)
+
+
+def leg_with(leg: Leg, grasps: Mapping[str, Grasp], start: Origin) -> Leg:
+    """Return the leg that begins where grasps close or open.
+
+    A controller that has a `for_chain(chain)` is replaced by what that returns; another goes on as it is.
+
+    Raises:
+        SingularChainError: the configuration is singular with these grasps.
+    """
+    world, controller = _for_grasps(leg.plan, grasps)
+    first = evaluate(world, controller, start.t, start.state, start.memory)
+    return Leg(leg.plan, world, controller, first.result.rank)
+
+
+def resumed_leg(plan: Plan, grasps: Mapping[str, Grasp], generic_rank: int) -> Leg:
+    """Return the leg with the grasps and the generic rank of a checkpoint."""
+    return Leg(plan, *_for_grasps(plan, grasps), generic_rank)
+
+
+def _for_grasps(plan: Plan, grasps: Mapping[str, Grasp]) -> tuple[World, Controller]:
+    chain = replace(plan.world.chain, grasps=grasps)
+    for_chain = getattr(plan.controller, "for_chain", None)
+    return replace(plan.world, chain=chain), plan.controller if for_chain is None else for_chain(chain)

@@ -1,0 +1,150 @@
+"""Explicit Runge-Kutta schemes as data, and one step for all, on rotation vectors where there is a rotation.
+
+An attitude is written R = exp(u) R_0 about the attitude R_0 at the step's start, so the
+step adds plain vectors and never leaves the rotation group (Munthe-Kaas).
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from holdfast.errors import ModelError
+from holdfast.model import checks
+from holdfast.spatial.scalar import Array, Scalar, cos, sin, sqrt, where
+from holdfast.spatial.vector import cross
+
+SCHEMES = ("rk4", "midpoint", "dop853")
+
+
+@dataclass(frozen=True, eq=False)
+class Tableau:
+    """An explicit Runge-Kutta scheme of s stages, k_i = f(t + c_i h, y + h sum_j<i a_ij k_j).
+
+    Attributes:
+        name: as in `SCHEMES`.
+        order: of y(t + h) = y + h sum_i b_i k_i; the error of one step is O(h^(order + 1)).
+        c: (s,) stage times in steps, c_0 = 0.
+        a: (s, s) strictly lower triangular.
+        b: (s,).
+        error: (estimates, s) weights e of the error estimates h sum_i e_i k_i; (0, s) for a
+            scheme that estimates none.
+    """
+
+    name: str
+    order: int
+    c: Array
+    a: Array
+    b: Array
+    error: Array
+
+    def __post_init__(self) -> None:
+        for part in (self.c, self.a, self.b, self.error):
+            checks.read_only(part)
+
+    @property
+    def adaptive(self) -> bool:
+        """Whether a step comes with an estimate of its error."""
+        return len(self.error) > 0
+
+
+RK4 = Tableau(
+    "rk4",
+    4,
+    np.array([0.0, 0.5, 0.5, 1.0]),
+    np.array([[0.0, 0.0, 0.0, 0.0], [0.5, 0.0, 0.0, 0.0], [0.0, 0.5, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]),
+    np.array([1 / 6, 1 / 3, 1 / 3, 1 / 6]),
+    np.zeros((0, 4)),
+)
+
+# The cheap scheme. Simulators often take semi-implicit Euler, which keeps energy well where the
+# inertia does not depend on the posture; here it does. On two Pandas that fall for 0.4 s the
+# midpoint rule drifts by 2e-6 of the peak kinetic energy with 2 evaluations a ms, semi-implicit
+# Euler with as many by 5e-4; and projection, which costs as much as both, is needed half as often.
+MIDPOINT = Tableau(
+    "midpoint",
+    2,
+    np.array([0.0, 0.5]),
+    np.array([[0.0, 0.0], [0.5, 0.0]]),
+    np.array([0.0, 1.0]),
+    np.zeros((0, 2)),
+)
+
+
+@functools.cache
+def dop853() -> Tableau:
+    """Return the pair of Dormand and Prince of order 8, twelve stages, with Hairer's two error estimates.
+
+    The estimates are of orders 5 and 3; `Tolerance.ratio` puts them together. The numbers are SciPy's.
+    """
+    from scipy.integrate import DOP853  # slow to import
+
+    s = DOP853.n_stages
+    # SciPy's last weight belongs to the next step's first stage, and is zero
+    error = np.array([DOP853.E5[:s], DOP853.E3[:s]])
+    return Tableau("dop853", 8, DOP853.C[:s].copy(), DOP853.A[:s, :s].copy(), DOP853.B.copy(), error)
+
+
+def scheme(name: str) -> Tableau:
+    """Return the scheme of a name.
+
+    Raises:
+        ModelError: no scheme has that name.
+    """
+    for tableau in (RK4, MIDPOINT):
+        if name == tableau.name:
+            return tableau
+    if name == "dop853":
+        return dop853()
+    raise ModelError(f"simulation: scheme: no '{name}'.{checks.did_you_mean(name, SCHEMES)}")
+
+
+def runge_kutta_step(
+    derivative: Callable[[Scalar, Array], Array],
+    t: Scalar,
+    y: Array,
+    step: Scalar,
+    tableau: Tableau,
+    first: Array | None = None,
+) -> tuple[Array, list[Array]]:
+    """Return y(t + step) for y' = derivative(t, y), and the estimates of its error.
+
+    Args:
+        derivative: (t, y) -> y'.
+        t: time [s].
+        y: (m,) at time t.
+        step: h [s].
+        tableau: the scheme.
+        first: derivative(t, y), where it is known already.
+
+    Returns:
+        (m,) at time t + step, and per row of `tableau.error` an estimate (m,).
+    """
+    slopes = [derivative(t, y) if first is None else first]
+    for c, row in zip(tableau.c[1:], tableau.a[1:], strict=True):
+        slopes.append(derivative(t + c * step, y + step * weighted(row, slopes)))
+    return y + step * weighted(tableau.b, slopes), [step * weighted(e, slopes) for e in tableau.error]
+
+
+def weighted(weights: Array, slopes: Sequence[Array]) -> Array:
+    """Return sum_i w_i k_i over the weights that are not zero; there is one."""
+    first, *others = [float(w) * k for w, k in zip(weights, slopes, strict=False) if w != 0.0]
+    return sum(others, first)
+
+
+def rotation_vector_rate(u: Array, w: Array) -> Array:
+    """Return u' for R = exp(u) R_0 that turns at w [rad/s], world axes.
+
+    u' = w - u x w / 2 + c u x (u x w), c = (1 - (a/2) cot(a/2)) / a^2, a = |u| < 2 pi.
+    """
+    square = u @ u
+    small = square < 1e-6
+    series = 1 / 12 + square / 720  # exact to the last digit there
+    safe = where(small, 1.0, square)  # both branches are evaluated: neither may divide by zero
+    half = 0.5 * sqrt(safe)
+    c = where(small, series, (1.0 - half * cos(half) / sin(half)) / safe)
+    turned = cross(u, w)
+    return w - 0.5 * turned + c * cross(u, turned)

@@ -1,0 +1,138 @@
+"""One sample of a run: the books that are kept at an instant."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.energy import kinetic_energy, momentum, potential_energy
+from holdfast.dynamics.margin_range import margin_range
+from holdfast.dynamics.margins import grasp_margins
+from holdfast.dynamics.momentum_balance import momentum_rate
+from holdfast.dynamics.split import split
+from holdfast.dynamics.wrist import wrist_wrenches
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.instant import Instant
+from holdfast.simulation.limits import JOINT_QUANTITIES
+from holdfast.simulation.occurrence import Occurrence
+from holdfast.simulation.step import Gaps
+from holdfast.simulation.trajectory import Trajectory
+from holdfast.spatial import rotation
+from holdfast.spatial.scalar import Array
+from holdfast.state import State
+
+
+class Sums(NamedTuple):
+    """What has gone into the chain since the start.
+
+    Attributes:
+        work: (4,) see `balance.WORK_TERMS` [J].
+        impact: energy, by impulses [J].
+        base_impulse: (6,) by impulses of the bases, about the world's origin [N m s, N s].
+    """
+
+    work: Array
+    impact: float
+    base_impulse: Array
+
+
+def sample(
+    at: Instant,
+    gaps: Gaps,
+    sums: Sums,
+    times: Array,
+    margins: Array,
+    occurrences: tuple[Occurrence, ...] = (),
+) -> Trajectory:
+    """Return one sample: the fields of a trajectory without the sample axis.
+
+    Args:
+        at: the instant.
+        gaps: what projection found and left.
+        sums: since the run's start.
+        times: (looks,) at which margins were looked at since the sample before, this one's last.
+        margins: (looks, signals) then, see `limits.Signals`.
+        occurrences: what happened since the sample before.
+    """
+    chain, state, found = at.chain, at.state, at.result
+    parts = split(chain, state, found.grasp_wrench)
+    allowed = margin_range(chain, state, found)
+    given = grasp_margins(chain, state, found.grasp_wrench)
+    now, best, worst = (_by_arm(chain, m) for m in (given, allowed.best, allowed.worst))
+    lowest, when = _lowest(times, margins)
+    l = len(chain.arms)
+    joint, joint_lowest, joint_when = _lowest_joints(lowest[l:], when[l:])
+    return Trajectory(
+        t=np.array(at.t),
+        q=state.q,
+        qd=state.qd,
+        qdd=found.qdd,
+        tau=at.tau,
+        object_pose=state.object_pose,
+        object_twist=state.object_twist,
+        object_acceleration=found.object_acceleration,
+        grasp_wrench=found.grasp_wrench,
+        internal_wrench=parts.internal,
+        load_share=np.zeros(l) if parts.load_share is None else parts.load_share,
+        wrist_wrench=wrist_wrenches(chain, state, found),
+        base_wrench=found.base_wrench,
+        holding=np.array([name in chain.grasps for name in chain.names]),
+        spin=spins(chain, state),
+        margin=now,
+        best_margin=best,
+        worst_margin=worst,
+        lowest_margin=lowest[:l],
+        lowest_margin_time=when[:l],
+        lowest_joint_margin=joint_lowest,
+        lowest_joint_margin_time=joint_when,
+        lowest_joint=joint,
+        position_gap=gaps.position,
+        velocity_gap=gaps.velocity,
+        kinetic=np.array(kinetic_energy(chain, state, at.inputs)),
+        potential=np.array(potential_energy(chain, state)),
+        work=sums.work,
+        impact=np.array(sums.impact),
+        momentum=momentum(chain, state, inputs=at.inputs),
+        momentum_rate=momentum_rate(chain, state, found, inputs=at.inputs),
+        base_impulse=sums.base_impulse,
+        condition=np.array(found.condition),
+        occurrences=occurrences,
+    )
+
+
+def spins(chain: ClosedChain, state: State) -> Array:
+    """Return how far each soft finger's contact is turned about its normal, (arms,) [rad]; 0 for other grasps.
+
+    The part about z of the turn from tip frame to contact frame, within -pi .. pi. No spin rate is transmitted,
+    and yet rolling turns it (Appendix A): it is reported, not corrected.
+    """
+    turned = np.zeros(len(chain.arms))
+    for name, grasp in chain.grasps.items():
+        if grasp.kind == "softfinger":
+            tip = posture(chain.arms[name], state.q[chain.joints[name]]).tip.R
+            q = rotation.to_quaternion(tip.T @ state.object_frame.R @ grasp.frame.R)
+            turned[chain.names.index(name)] = 2.0 * math.atan2(q[3], q[0])
+    return turned
+
+
+def _by_arm(chain: ClosedChain, margins: Array) -> Array:
+    found = np.full(len(chain.arms), np.inf)
+    found[[chain.names.index(name) for name in chain.grasps]] = margins
+    return found
+
+
+def _lowest(times: Array, margins: Array) -> tuple[Array, Array]:
+    """Return the lowest margin of every signal, and when it was."""
+    k = np.argmin(margins, axis=0)
+    return margins[k, np.arange(margins.shape[1])], times[k]
+
+
+def _lowest_joints(lowest: Array, when: Array) -> tuple[Array, Array, Array]:
+    """Return per quantity the joint whose margin was lowest, that margin, and when it was, (3,) each."""
+    lowest, when = (array.reshape(len(JOINT_QUANTITIES), -1) for array in (lowest, when))
+    k = np.argmin(lowest, axis=1)
+    rows = np.arange(len(k))
+    return k, lowest[rows, k], when[rows, k]

@@ -1,0 +1,101 @@
+"""Open-loop torques: polynomials of time, piece by piece."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from holdfast.errors import ModelError
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.instant import Controller
+from holdfast.spatial.scalar import Array
+from holdfast.state import State
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueSchedule:
+    """tau_j(t) = sum_k c_jk (t - knot)^k from each knot to the next, and what another controller adds.
+
+    Zero before the first knot; the last piece goes on. Simulation ends steps at the `breakpoints`: the knots,
+    so that no step sees two pieces, and where a torque turns, so that within a step every torque rises or falls
+    all the way.
+
+    Attributes:
+        knots: (pieces,) where pieces begin, increasing [s].
+        coefficients: per piece (n, degree + 1), the constant first [N m / s^k or N / s^k].
+        beside: another controller, whose torques are added.
+    """
+
+    knots: Array
+    coefficients: Sequence[Array]
+    beside: Controller | None = None
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "knots", checks.numbers(self.knots, (np.size(self.knots),), "schedule: knots"))
+        if not len(self.knots) or (np.diff(self.knots) <= 0).any():
+            raise ModelError(f"schedule: knots: expected increasing times, got {self.knots.tolist()}")
+        if len(self.coefficients) != len(self.knots):
+            raise ModelError(
+                f"schedule: expected one table of coefficients per knot, got {len(self.coefficients)} for"
+                f" {len(self.knots)}"
+            )
+        shaped = [np.atleast_2d(np.array(c, dtype=float)) for c in self.coefficients]
+        joints = {c.shape[:-1] for c in shaped}
+        if len(joints) != 1 or len(*joints) != 1 or not all(c.size for c in shaped):
+            raise ModelError(f"schedule: expected tables of (n, degree + 1), got {[c.shape for c in shaped]}")
+        put(self, "coefficients", tuple(checks.numbers(c, c.shape, "schedule: coefficients") for c in shaped))
+
+    @classmethod
+    def linear(cls, times: Any, torques: Any, beside: Controller | None = None) -> TorqueSchedule:
+        """Return the schedule that joins torques at given times by straight lines, and holds the last.
+
+        Args:
+            times: (k,) increasing [s].
+            torques: (k, n) [N m or N].
+            beside: as for the class.
+        """
+        t, tau = np.array(times, dtype=float), np.array(torques, dtype=float)
+        if t.ndim != 1 or tau.ndim != 2 or len(t) != len(tau) or not len(t):
+            raise ModelError(f"schedule: expected times (k,) and torques (k, n), got {t.shape} and {tau.shape}")
+        slopes = np.diff(tau, axis=0) / np.diff(t)[:, None]
+        slopes = np.vstack([slopes, np.zeros((1, tau.shape[1]))])
+        return cls(t, [np.column_stack([value, slope]) for value, slope in zip(tau, slopes, strict=True)], beside)
+
+    def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
+        """Return the torques (n,) [N m or N]; the memory is the other controller's."""
+        others, memory = (0.0, memory) if self.beside is None else self.beside(t, state, memory)
+        piece = int(np.searchsorted(self.knots, t, side="right")) - 1
+        if piece < 0:
+            return others + np.zeros(len(self.coefficients[0])), memory
+        table = self.coefficients[piece]
+        return others + table @ (t - self.knots[piece]) ** np.arange(table.shape[1]), memory
+
+    @cached_property
+    def breakpoints(self) -> Array:
+        """Knots and turning points of every torque, and the other controller's, increasing [s]."""
+        ends = np.append(self.knots[1:], np.inf)
+        found = [*self.knots, *getattr(self.beside, "breakpoints", ())]
+        for begin, end, table in zip(self.knots, ends, self.coefficients, strict=True):
+            for row in table:
+                found += [begin + x for x in _turning_points(row) if 0.0 < x < end - begin]
+        return np.unique(found)
+
+    def for_chain(self, chain: ClosedChain) -> TorqueSchedule:
+        """Return the schedule for other grasps: the same torques, and what the other controller makes of them."""
+        other = getattr(self.beside, "for_chain", None)
+        return self if other is None else replace(self, beside=other(chain))
+
+
+def _turning_points(coefficients: Array) -> list[float]:
+    """Return where the polynomial's slope vanishes; of a complex pair, which rounding may make of two, both."""
+    slope = np.polynomial.Polynomial(coefficients).deriv().trim()
+    if not np.isfinite(slope.coef).all() or slope.degree() < 1:
+        return []
+    roots = slope.roots()
+    return [float(x.real) for x in roots if abs(x.imag) <= 1e-6 * max(1.0, abs(x))]

@@ -1,0 +1,78 @@
+"""The times that steps must end at: the grid of a fixed step, breakpoints, events, the run's end.
+
+At a breakpoint (torques or inputs may jump) and at an event the run has two samples: one at the last
+float64 before its time, reached by a step that sees nothing of what comes, and one at the time itself,
+reached by no step. So times of samples always increase, and each side of a jump is seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.errors import ModelError
+from holdfast.model import checks
+from holdfast.spatial.scalar import Array
+
+MOST_STEPS = 1_000_000
+ALIKE = 1e-9  # of a step: grid times nearer than this to a breakpoint give way to it
+
+
+class Stops(NamedTuple):
+    """Where steps end, in order.
+
+    Attributes:
+        times: (stops,) [s].
+        jumps: (stops,) whether a stop is a jump from the one just before it, not a step.
+    """
+
+    times: Array
+    jumps: Array
+
+
+def step_times(duration: float, step: float) -> Array:
+    """Return the times of a grid of fixed steps [s]; the last is the duration.
+
+    Raises:
+        ModelError: a duration or step that is not positive, or too many steps.
+    """
+    duration = checks.number(duration, "simulation: duration", above=0.0)
+    step = checks.number(step, "simulation: step", above=0.0)
+    if step > duration:
+        raise ModelError(f"simulation: step: expected <= the duration {duration:g} s, got {step:g}")
+    if duration / step > MOST_STEPS:
+        raise ModelError(
+            f"simulation: step: expected at most {MOST_STEPS} steps, got {duration / step:.3g}; try a larger step"
+        )
+    whole = int(np.floor(duration / step * (1 + 1e-12)))
+    times = step * np.arange(whole + 1)
+    if duration - times[-1] > 1e-9 * step:
+        return np.append(times, duration)
+    times[-1] = duration
+    return times
+
+
+def stops(grid: Array, breakpoints: Sequence[float], events: Sequence[float], apart: float) -> Stops:
+    """Return the stops of a run from 0 to the grid's last time.
+
+    Args:
+        grid: (k,) times that steps end at, from 0 on [s].
+        breakpoints: times at which something jumps [s]; those outside the run, and its end, do not matter.
+        events: times of events, within the run [s].
+        apart: grid times nearer than this to a jump are left out [s].
+
+    Raises:
+        ModelError: breakpoints that are not finite.
+    """
+    given = checks.numbers(list(breakpoints), (len(breakpoints),), "simulation: breakpoints")
+    at = np.unique([*given[(given > 0.0) & (given < grid[-1])], *events])
+    steps = grid[1:]
+    if len(at):
+        nearest = np.abs(steps[:, None] - at[np.clip(np.searchsorted(at, steps)[:, None] - [1, 0], 0, len(at) - 1)])
+        steps = steps[(nearest.min(axis=1) > apart) | ((steps == grid[-1]) & (at[-1] != grid[-1]))]
+    times = np.concatenate([steps, np.nextafter(at, -np.inf), at])
+    jumps = np.concatenate([np.zeros(len(steps) + len(at), dtype=bool), np.ones(len(at), dtype=bool)])
+    order = np.lexsort([jumps, times])
+    return Stops(times[order], jumps[order])

@@ -1,0 +1,208 @@
+"""Margins inside a step: every dip below zero is found, its beginning to 1e-12 s, its depth to rounding.
+
+The margins are known at the step's start. They are looked at after every eighth of the step and at the
+scheme's stage times, each point reached by one shorter step from the start (never an interpolant).
+
+What is found for certain: *every dip below zero that lasts a quarter of a step*. Looks are at most h/8
+apart, from step to step too, so any interval of h/4 holds at least two of them: the dip shows as a
+negative margin, whatever its shape. With steps that end where a torque schedule has its knots and turning
+points, or at declared breakpoints, a margin within a step is smooth, and *shorter dips* show as a minimum
+between the looks:
+
+* Three looks of which the middle one is lowest bracket a minimum. It is refined if it could be negative,
+  or lower than any before in the run. The last look of the step before is the left neighbour of the start.
+* Where a margin comes down to the step's end, or goes up from its start, steeply enough to have been
+  negative in between, the eighth there is looked at in eighths.
+
+Where a smooth stretch begins or ends (at a knot, an event) there is no look beyond, and only the second
+rule holds for the outermost eighth. Could be: 2 drops below the lower look, a drop being the rise to its higher neighbour. For a parabola the
+minimum is at most 1/8 of a drop below, for two straight lines at most one drop. A margin is the least of
+several (conditions of a contact, ends of a range), and a difference to an absolute value: where another one
+takes over, it has a kink that points up, so minima are where one of them is smooth. Searches do not rely on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.errors import ClosureError, HoldfastError, SingularChainError, StateError
+from holdfast.simulation.bracket import crossing, lowest_between
+from holdfast.simulation.instant import Instant
+from holdfast.simulation.stepper import Advance
+from holdfast.spatial.scalar import Array
+
+LOOKS = 8  # a step
+DROPS = 2.0
+FLAT = 1e-9  # relative, or absolute below 1: a smaller drop is rounding
+PLACE = 1e-7  # of a step: precision of where a minimum is
+CROSSING = 1e-13  # [s]: precision of a zero
+
+Reach = Callable[[Sequence[float]], list[Advance]]
+REFUSALS = (SingularChainError, ClosureError, StateError)
+
+
+class Found(NamedTuple):
+    """What a step's looks tell.
+
+    Attributes:
+        times: (looks,) in order; the first is the last look of the step before, if there is one.
+        margins: (looks, signals).
+        start: which of the looks is the step's start.
+        end: where the step ends: as asked, or where the first acting margin becomes negative.
+        acting: the signal that ended it, or None.
+    """
+
+    times: Array
+    margins: Array
+    start: int
+    end: Advance
+    acting: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Margins as a function of time, about an accepted instant; what was looked at is remembered.
+
+    Attributes:
+        reach: single steps to given times.
+        of: all margins at an instant, (signals,).
+        margins: by time, as far as looked at.
+        advances: by time, those of this step.
+    """
+
+    reach: Reach
+    of: Callable[[Instant], Array]
+    margins: dict[float, Array]
+    advances: dict[float, Advance]
+
+    def look(self, times: Sequence[float]) -> HoldfastError | None:
+        """Look at several times at once; return why the first of them cannot be reached that cannot."""
+        for reached in self.reach([t for t in times if t not in self.margins]):
+            if reached.instant is None:
+                return reached.failure
+            self.margins[reached.t] = self.of(reached.instant)
+            self.advances[reached.t] = reached
+        return None
+
+    def signal(self, i: int) -> Callable[[float], float]:
+        """Return one margin as a function of time; it raises what a step there is refused for."""
+
+        def margin(t: float) -> float:
+            failure = self.look([t])
+            if failure is not None:
+                raise failure
+            return float(self.margins[t][i])
+
+        return margin
+
+    def table(self) -> tuple[Array, Array]:
+        """Return times in order and the margins then, (looks, signals)."""
+        times = np.array(sorted(self.margins))
+        return times, np.array([self.margins[t] for t in times])
+
+
+def look_times(begin: float, end: float, nodes: Sequence[float]) -> list[float]:
+    """Return the times after `begin` at which a step's margins are looked at; the last is the end.
+
+    Args:
+        begin: of the step [s].
+        end: of the step [s].
+        nodes: the scheme's stage times, parts of a step.
+    """
+    parts = {k / LOOKS for k in range(1, LOOKS)} | {float(c) for c in nodes if 0.0 < c < 1.0}
+    inside = {begin + part * (end - begin) for part in parts}
+    return [*sorted(t for t in inside if begin < t < end), end]
+
+
+def verify(course: Course, begin: float, times: list[float], watched: Array, acting: Array, lowest: Array) -> Found:
+    """Return the margins of a step, refined, and where it has to end.
+
+    Args:
+        course: with the margins at the step's start, and those of the last look before it if the margins
+            are smooth there.
+        begin: the step's start [s].
+        times: from `look_times`.
+        watched: indices of the signals that something limits.
+        acting: those of them that end the step where they become negative.
+        lowest: (signals,) the lowest margins of the run so far.
+    """
+    failure = course.look(times)
+    try:
+        if failure is None:
+            _look_closer(course, begin, watched)
+            _refine_minima(course, watched, lowest, PLACE * (times[-1] - begin))
+        zero = _first_zero(course, begin, acting)
+    except REFUSALS as cause:
+        failure, zero = cause, None
+    end, signal = times[-1], None
+    if zero is not None:
+        end, signal = zero
+    elif failure is not None:
+        course.advances[end] = _refused(end, failure)
+    found, margins = course.table()
+    kept = found <= end
+    return Found(found[kept], margins[kept], int(np.searchsorted(found, begin)), course.advances[end], signal)
+
+
+def _refused(t: float, failure: HoldfastError) -> Advance:
+    from holdfast.simulation.stepper import NO_GAPS
+
+    return Advance(t, None, NO_GAPS, np.zeros(4), failure=failure)
+
+
+def _look_closer(course: Course, begin: float, watched: Array) -> None:
+    """Look at the eighths of a step's first and last eighth where a margin may be negative in between."""
+    times, margins = course.table()
+    first = int(np.searchsorted(times, begin))
+    m = margins[first:, watched]
+    if len(m) < 3:
+        return
+    more = []
+    for (a, b, c), (s, t) in (((0, 1, 2), (first, first + 1)), ((-1, -2, -3), (-2, -1))):
+        drop = m[b] - m[a]
+        steepest = np.maximum(drop, m[c] - m[b])
+        if ((drop > 0.0) & (m[a] >= 0.0) & (m[a] < DROPS * steepest)).any():
+            more += [times[s] + k / LOOKS * (times[t] - times[s]) for k in range(1, LOOKS)]
+    failure = course.look(sorted({float(t) for t in more} - {float(t) for t in times})) if more else None
+    if failure is not None:
+        raise failure
+
+
+def _refine_minima(course: Course, watched: Array, lowest: Array, precision: float) -> None:
+    """Search every bracketed minimum that may be negative, or lower than any before."""
+    times, margins = course.table()
+    m = margins[:, watched]
+    drop = np.maximum(m[:-2], m[2:]) - m[1:-1]
+    sizes = np.maximum(1.0, np.abs(m[1:-1]))
+    bracket = (m[1:-1] <= m[:-2]) & (m[1:-1] <= m[2:]) & (drop > FLAT * sizes)
+    least = np.minimum(lowest[watched], m.min(axis=0))
+    possible = m[1:-1] - DROPS * drop
+    worthwhile = possible < least - FLAT * sizes
+    worthwhile |= (m[1:-1] >= 0.0) & (possible < 0.0)
+    for k, i in np.argwhere(bracket & worthwhile):
+        a, b, c = times[k : k + 3].tolist()
+        lowest_between(course.signal(int(watched[i])), a, b, c, precision)
+
+
+def _first_zero(course: Course, begin: float, acting: Array) -> tuple[float, int] | None:
+    """Return when the first acting margin becomes negative, and which; it is negative then.
+
+    A dip before the step's start, found only now, counts at the start.
+    """
+    times, margins = course.table()
+    if not len(acting) or not (margins[:, acting] < 0.0).any():
+        return None
+    rows = (margins[:, acting] < 0.0).any(axis=1)
+    k = int(np.argmax(rows))
+    below = [int(i) for i in acting[margins[k, acting] < 0.0]]
+    if times[k] <= begin:
+        return begin, below[0]
+    t, b = float(times[k - 1]), float(times[k])
+    zeros = [
+        (crossing(course.signal(i), t, float(margins[k - 1, i]), b, float(margins[k, i]), CROSSING), i) for i in below
+    ]
+    return min(zeros)

@@ -1,0 +1,213 @@
+"""A closed chain in 3D: arms, object, contact frames, friction cones, and arrows for the wrenches."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.arm.posture import joint_placement
+from holdfast.dynamics.split import length_scale
+from holdfast.model.arm import Arm
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.robots.looks import arm_length
+from holdfast.spatial import rotation
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+from holdfast.view import figure_style, meshes
+from holdfast.view.cameras import cameras, upward
+from holdfast.view.film import Film
+from holdfast.view.meshes import Mesh
+from holdfast.view.object_body import box_lines, equivalent_box, struts
+from holdfast.view.pieces import pieces_of_arm
+from holdfast.view.scene_writer import Colour, SceneWriter
+
+OBJECT_GREY, LINE_GREY = (150, 150, 158), (70, 70, 78)
+UP = np.array([0.0, 0.0, 1.0])
+OBJECT_OPACITY, CONE_OPACITY = 0.28, 0.35
+# a cone's colour at a share of the pressing force's hold that is left
+RESERVES = (0.05, 0.25, 0.5)
+CONE_COLOURS = tuple(figure_style.rgb(c) for c in (figure_style.DANGER, figure_style.ORANGE, figure_style.GREEN))
+
+
+class ArrowScale(NamedTuple):
+    """How long arrows are.
+
+    Attributes:
+        force: [m per N].
+        moment: [m per N m].
+    """
+
+    force: float
+    moment: float
+
+
+class ChainScene:
+    """A film's chain, drawn into a scene.
+
+    Attributes:
+        film: what is shown.
+        scale: of the arrows; may be changed between two moments.
+    """
+
+    def __init__(self, writer: SceneWriter, film: Film) -> None:
+        """Draw everything that does not change; `show` does the rest."""
+        self.film, self.scale = film, arrow_scale(film)
+        self._writer = writer
+        chain = film.chain
+        self._size = max(arm_length(arm) for arm in chain.arms.values())
+        self._joints = {name: self._draw_arm(i, name, arm) for i, (name, arm) in enumerate(chain.arms.items())}
+        self._cones = self._draw_object()
+        self._draw_ground()
+        self._reserves = {name: film.reserve(name) for name in self._cones}
+        for name in film.holding:
+            colour, node, shaft = arm_colour(chain.names.index(name)), _node(name), 0.006 * self._size
+            writer.arrows(f"/forces/{node}", 1, colour, shaft)
+            writer.arrows(f"/moments/{node}", 2, colour, 0.7 * shaft)
+            writer.arrows(f"/squeeze/{node}", 1, figure_style.rgb(figure_style.INTERNAL), 0.8 * shaft)
+        writer.look_from(cameras(film)[0], upward(chain))
+        self.show(0)
+
+    def show(self, k: int) -> None:
+        """Move everything to where it is at moment k."""
+        film, chain = self.film, self.film.chain
+        pose = film.object_pose[k]
+        with self._writer.at_once():
+            for i, (name, arm) in enumerate(chain.arms.items()):
+                base = film.base_pose[k, i]
+                self._writer.place(f"/arms/{_node(name)}", base[:4], base[4:])
+                for node, joint, q in zip(self._joints[name], arm.joints, film.q[k, chain.joints[name]], strict=True):
+                    E, l = joint_placement(joint, q)
+                    self._writer.place(node, rotation.to_quaternion(E), l)
+            self._writer.place("/object", pose[:4], pose[4:])
+            for name in film.holding:
+                self._point(name, k)
+            for name, reserve in self._reserves.items():
+                self._writer.paint(f"/object/cones/{_node(name)}", cone_colour(float(reserve[k])))
+
+    def _point(self, name: str, k: int) -> None:
+        """Let the arrows of one arm go out from its tip; the squeeze beside the force, not inside it."""
+        film, node, writer = self.film, _node(name), self._writer
+        i = film.chain.names.index(name)
+        tip, wrench, internal = film.tip[k, i], film.wrench[k, i], film.internal[k, i, 3:]
+        force, moment = self.scale.force * wrench[3:], self.scale.moment * wrench[:3]
+        writer.point(f"/forces/{node}", np.array([[tip, tip + force]]))
+        # a moment's arrow has two heads
+        writer.point(f"/moments/{node}", np.array([[tip, tip + share * moment] for share in (1.0, 0.8)]))
+        beside = tip + 0.03 * self._size * _across(internal, -upward(film.chain))
+        writer.point(f"/squeeze/{node}", np.array([[beside, beside + self.scale.force * internal]]))
+
+    def _draw_arm(self, index: int, name: str, arm: Arm) -> list[str]:
+        """Draw an arm and return the names of its joints' nodes, base to tip."""
+        node = f"/arms/{_node(name)}"
+        nodes = [node]
+        self._writer.frame(node, arm.base)
+        for k, joint in enumerate(arm.joints):
+            nodes.append(f"{nodes[-1]}/{_node(joint.name or f'joint{k + 1}')}")
+            self._writer.frame(nodes[-1], Pose.identity())
+        for node, pieces in zip(nodes, pieces_of_arm(arm), strict=True):
+            for j, colour in enumerate(dict.fromkeys(piece.colour for piece in pieces)):
+                whole = meshes.joined(piece.mesh for piece in pieces if piece.colour == colour)
+                self._writer.mesh(f"{node}/({j})", whole, arm_colour(index) if colour is None else colour)
+        for node, mesh in ((nodes[0], self._foot(arm)), (nodes[-1], self._hand(arm))):
+            self._writer.mesh(f"{node}/(own)", mesh, arm_colour(index))
+        below = arm.base.R.T @ (-0.12 * self._size * upward(self.film.chain))
+        self._writer.label(f"{nodes[0]}/(name)", name, below)
+        return nodes[1:]
+
+    def _foot(self, arm: Arm) -> Mesh:
+        """Return a flat plate that the base stands on, in base axes."""
+        up = arm.base.R.T @ upward(self.film.chain)
+        plate = Pose(rotation.exp(rotation.align(UP, up)), -0.004 * self._size * up)
+        return meshes.cylinder(0.1 * self._size, 0.008 * self._size).at(plate)
+
+    def _hand(self, arm: Arm) -> Mesh:
+        """Return a thin tool from the last link's origin to a disc at the tip, in the last link's axes."""
+        thin, length = 0.012 * self._size, float(np.linalg.norm(arm.tip.p))
+        disc = Pose(arm.tip.R, arm.tip.p - 0.5 * thin * arm.tip.R[:, 2])
+        parts = [meshes.cylinder(0.03 * self._size, thin).at(disc)]
+        if length > thin:
+            middle = Pose(rotation.exp(rotation.align(UP, arm.tip.p / length)), arm.tip.p / 2)
+            parts.append(meshes.cylinder(thin, length - 2 * thin).at(middle))
+        return meshes.joined(parts)
+
+    def _draw_object(self) -> list[str]:
+        """Draw object, contact frames and friction cones, which move with it; return whose cones there are."""
+        chain, writer = self.film.chain, self._writer
+        edges, box = equivalent_box(chain.held_object)
+        thin = 0.0025 * self._size
+        writer.frame("/object", Pose.identity())
+        writer.mesh("/object/body", meshes.box(edges).at(box), OBJECT_GREY, OBJECT_OPACITY)
+        lines = np.concatenate([box_lines(edges) @ box.R.T + box.p, struts(chain, edges, box)])
+        writer.lines("/object/edges", lines, LINE_GREY, thin)
+        for name, grasp in chain.grasps.items():
+            writer.frame(f"/object/contacts/{_node(name)}", grasp.frame, 0.05 * self._size)
+            if grasp.contact is not None:
+                height = 0.09 * self._size
+                cone = meshes.cone(grasp.contact.mu * height, height).at(grasp.frame)
+                writer.mesh(f"/object/cones/{_node(name)}", cone, CONE_COLOURS[-1], CONE_OPACITY)
+        return [name for name, grasp in chain.grasps.items() if grasp.contact is not None]
+
+    def _draw_ground(self) -> None:
+        """Draw a grid under the lowest base."""
+        up = upward(self.film.chain)
+        bases = np.array([arm.base.p for arm in self.film.chain.arms.values()])
+        middle = bases.mean(axis=0)
+        middle = middle + ((bases @ up).min() - middle @ up) * up
+        turn = rotation.exp(rotation.align(UP, up))
+        span = 2.0 * float(np.linalg.norm(bases - middle, axis=1).max()) + 2.0 * self._size
+        cell = _one_two_five(span / 25)
+        self._writer.grid("/ground", Pose(turn, middle), float(np.ceil(span / (10 * cell)) * 10 * cell), cell)
+
+
+def arm_colour(index: int) -> Colour:
+    """Return the colour of the arm at an index of the chain's order, 0 to 255."""
+    return figure_style.rgb(figure_style.arm_look(index)[0])
+
+
+def cone_colour(reserve: float) -> Colour:
+    """Return a friction cone's colour, vermillion at the edge of slipping, green far from it.
+
+    Args:
+        reserve: share of what the pressing force could hold that is left, 0 to 1.
+    """
+    step = round(32 * reserve) / 32  # so that a recording need not change it at every moment
+    red, green, blue = (round(float(np.interp(step, RESERVES, channel))) for channel in zip(*CONE_COLOURS, strict=True))
+    return red, green, blue
+
+
+def arrow_scale(film: Film) -> ArrowScale:
+    """Return the scale that makes the film's largest wrench a handy arrow, rounded to 1, 2 or 5.
+
+    A moment is as long as the force that makes it at the contacts' distance from their middle.
+    """
+    size = max(arm_length(arm) for arm in film.chain.arms.values())
+    lever = length_scale([grasp.frame.p for grasp in film.chain.grasps.values()])
+    largest = max(
+        float(np.linalg.norm(film.wrench[..., 3:], axis=-1).max(initial=0.0)),
+        float(np.linalg.norm(film.wrench[..., :3], axis=-1).max(initial=0.0)) / lever,
+    )
+    force = _one_two_five(0.25 * size / largest) if largest > 0 else 1.0
+    return ArrowScale(force, force / lever)
+
+
+def _across(vector: Array, wanted: Array) -> Array:
+    """Return the unit vector square to a vector that is nearest to a wanted one."""
+    size = float(np.linalg.norm(vector))
+    along = vector / size if size > 0 else np.zeros(3)
+    for direction in (wanted, *np.eye(3)):
+        square = direction - (direction @ along) * along
+        if (length := float(np.linalg.norm(square))) > 0.1:
+            return square / length
+    return wanted
+
+
+def _one_two_five(x: float) -> float:
+    """Return the largest of 1, 2 and 5 times a power of ten that is not above x > 0."""
+    power = 10.0 ** np.floor(np.log10(x) + 1e-9)
+    return float(power * max(step for step in (1.0, 2.0, 5.0) if step <= x / power + 1e-9))
+
+
+def _node(name: str) -> str:
+    """Return a name that is one step of a path."""
+    return name.replace("/", "_")

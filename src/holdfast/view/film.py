@@ -1,0 +1,133 @@
+"""What is shown of a run: a few moments a second, with everything that the pictures need at each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.margins import grasp_margins
+from holdfast.dynamics.result import ForwardResult
+from holdfast.dynamics.split import split
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.trajectory import Trajectory
+from holdfast.simulation.world import BaseMotion, World
+from holdfast.spatial import rotation
+from holdfast.spatial.scalar import Array
+from holdfast.state import State
+
+RATE = 30.0  # moments a second
+SMALLEST_HOLD = 1e-9  # N
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """The moments that are shown; the first axis of every array is the moment.
+
+    Attributes:
+        chain: the chain.
+        title: what it is called.
+        t: (moments,) [s].
+        q: (moments, n) [rad or m].
+        base_pose: (moments, arms, 7) wxyz_xyz.
+        object_pose: (moments, 7) wxyz_xyz.
+        tip: (moments, arms, 3) tip points, world axes: where an arm that holds touches the object [m].
+        wrench: (moments, arms, 6) of each arm on the object about its tip, world axes [N m, N].
+        internal: (moments, arms, 6) the part of it that moves nothing.
+        margin: (moments, arms) how far each grasp is from giving way [N]; infinite where nothing limits.
+        condition: (moments,) of the grasp constraint.
+        tau: (moments, n) [N m or N].
+    """
+
+    chain: ClosedChain
+    title: str
+    t: Array
+    q: Array
+    base_pose: Array
+    object_pose: Array
+    tip: Array
+    wrench: Array
+    internal: Array
+    margin: Array
+    condition: Array
+    tau: Array
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def holding(self) -> list[str]:
+        """The arms that hold the object at some moment."""
+        return [n for i, n in enumerate(self.chain.names) if n in self.chain.grasps or self.wrench[:, i].any()]
+
+    def reserve(self, name: str) -> Array:
+        """Return the margin of an arm's friction cone as a share of mu f_n, 0 to 1, (moments,)."""
+        i, grasp = self.chain.names.index(name), self.chain.grasps[name]
+        if grasp.contact is None:
+            return np.ones(len(self))
+        normals = np.array([rotation.from_quaternion(pose[:4]) @ grasp.frame.R[:, 2] for pose in self.object_pose])
+        hold = grasp.contact.mu * np.sum(normals * self.wrench[:, i, 3:], axis=1)
+        reserve = np.clip(self.margin[:, i] / np.maximum(hold, SMALLEST_HOLD), 0.0, 1.0)
+        return np.where(self.wrench[:, i].any(axis=1), reserve, 1.0)  # an arm that has let go cannot slip
+
+    def torque_use(self, name: str) -> Array | None:
+        """Return the largest |tau| over its limit of an arm's joints, (moments,); None without limits."""
+        limits = np.array([joint.effort_limit for joint in self.chain.arms[name].joints])
+        return np.abs(self.tau[:, self.chain.joints[name]] / limits).max(axis=1) if np.isfinite(limits).any() else None
+
+
+def film_of_run(
+    chain: ClosedChain,
+    run: Trajectory,
+    title: str,
+    rate: float = RATE,
+    base_motion: Mapping[str, BaseMotion] | None = None,
+) -> Film:
+    """Return the samples of a run nearest to `rate` moments a second; nothing is interpolated.
+
+    Args:
+        chain: the chain that was simulated.
+        run: its run.
+        title: what it is called.
+        rate: moments a second of the run's time.
+        base_motion: as for `simulate`.
+
+    Raises:
+        ModelError: a rate that is not positive, or a moving base of no arm.
+    """
+    k = samples_at(run.t, checks.number(rate, "rate", above=0.0))
+    world = World(chain, base_motion or {})
+    arms = [world.at(float(t))[0].arms for t in run.t[k]]
+    bases = np.array([[arm.base.wxyz_xyz for arm in at.values()] for at in arms])
+    tips = [
+        [posture(arm, run.q[j, chain.joints[name]]).tip.p for name, arm in at.items()]
+        for j, at in zip(k, arms, strict=True)
+    ]
+    return Film(
+        chain, title, run.t[k], run.q[k], bases, run.object_pose[k], np.array(tips), run.grasp_wrench[k],
+        run.internal_wrench[k], run.margin[k], run.condition[k], run.tau[k],
+    )  # fmt: skip
+
+
+def film_of_state(chain: ClosedChain, state: State, tau: Array, found: ForwardResult, title: str) -> Film:
+    """Return the one moment of a state under torques tau (n,), with what forward dynamics found."""
+    margin = np.full(len(chain.arms), np.inf)
+    margin[[chain.names.index(name) for name in chain.grasps]] = grasp_margins(chain, state, found.grasp_wrench)
+    bases = [arm.base.wxyz_xyz for arm in chain.arms.values()]
+    tips = [posture(arm, state.q[chain.joints[name]]).tip.p for name, arm in chain.arms.items()]
+    internal = split(chain, state, found.grasp_wrench).internal
+    moment = (
+        state.q, bases, state.object_pose, tips, found.grasp_wrench, internal, margin, found.condition, tau
+    )  # fmt: skip
+    return Film(chain, title, np.zeros(1), *(np.array([part]) for part in moment))
+
+
+def samples_at(t: Array, rate: float) -> Array:
+    """Return the indices of the samples nearest to `rate` a second; the first and the last are among them."""
+    wanted = np.append(np.arange(t[0], t[-1], 1 / rate), t[-1])
+    after = np.clip(np.searchsorted(t, wanted), 1, max(len(t) - 1, 1))
+    nearest = np.where(wanted - t[after - 1] <= t[np.minimum(after, len(t) - 1)] - wanted, after - 1, after)
+    return np.unique(np.minimum(nearest, len(t) - 1))

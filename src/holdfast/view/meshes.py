@@ -1,0 +1,116 @@
+"""Triangle meshes of simple bodies. Faces turn counter-clockwise seen from outside; edges are sharp."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+
+SEGMENTS = 24  # of a circle
+
+
+class Mesh(NamedTuple):
+    """A surface of triangles.
+
+    Attributes:
+        vertices: (V, 3) [m]; a sharp edge has its vertices twice, so that shading stops there.
+        faces: (F, 3) indices of vertices.
+    """
+
+    vertices: Array
+    faces: Array
+
+    def at(self, pose: Pose) -> Mesh:
+        """Return the mesh moved from its own frame to where `pose` is."""
+        return Mesh(self.vertices @ pose.R.T + pose.p, self.faces)
+
+
+def joined(meshes: Iterable[Mesh]) -> Mesh:
+    """Return several meshes as one; at least one is needed."""
+    parts = list(meshes)
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    faces = [part.faces + start for part, start in zip(parts, starts, strict=False)]
+    return Mesh(np.concatenate([part.vertices for part in parts]), np.concatenate(faces))
+
+
+def box(edges: Array | tuple[float, float, float]) -> Mesh:
+    """Return a box about the origin with edges (x, y, z) [m]."""
+    corners = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+    vertices, faces = [], []
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            square = np.insert(corners, axis, side, axis=1)
+            # (y, z), (x, z), (x, y) seen along +axis: the middle one is left-handed
+            outward = side if axis != 1 else -side
+            start = 4 * len(vertices)
+            order = (0, 1, 2, 3) if outward > 0 else (3, 2, 1, 0)
+            faces += [[start + order[i] for i in triangle] for triangle in ((0, 1, 2), (0, 2, 3))]
+            vertices.append(square)
+    return Mesh(np.concatenate(vertices) * np.asarray(edges, dtype=float) / 2, np.array(faces))
+
+
+def cylinder(radius: float, length: float) -> Mesh:
+    """Return a cylinder about the z axis, its middle in the origin [m]."""
+    h = length / 2
+    return revolved([(0.0, -h), (radius, -h), (radius, h), (0.0, h)])
+
+
+def cone(radius: float, height: float) -> Mesh:
+    """Return the side of a cone with its apex in the origin and its mouth at z = height [m]."""
+    return revolved([(0.0, 0.0), (radius, height)])
+
+
+def sphere(radius: float) -> Mesh:
+    """Return a sphere about the origin [m]."""
+    return capsule(radius, 0.0)
+
+
+def capsule(radius: float, length: float) -> Mesh:
+    """Return a cylinder about the z axis with round ends that stand out by the radius [m].
+
+    Args:
+        radius: of cylinder and ends.
+        length: between the centres of the ends.
+    """
+    angles = np.linspace(-np.pi / 2, np.pi / 2, SEGMENTS // 2 + 2)
+    height = np.where(angles < 0, -length / 2, length / 2)
+    return revolved(list(zip(radius * np.cos(angles), radius * np.sin(angles) + height, strict=True)), smooth=True)
+
+
+def revolved(profile: list[tuple[float, float]], smooth: bool = False) -> Mesh:
+    """Return the surface of a profile turned about the z axis.
+
+    Args:
+        profile: points (radius, z) [m], upward along the outside.
+        smooth: whether the profile's corners are round; sharp otherwise.
+    """
+    angles = np.linspace(0.0, 2 * np.pi, SEGMENTS, endpoint=False)
+    circle = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(SEGMENTS)])
+
+    def ring(point: tuple[float, float]) -> Array:
+        return point[0] * circle + [0.0, 0.0, point[1]]
+
+    bands = list(zip(profile, profile[1:], strict=False))
+    if smooth:
+        vertices = np.concatenate([ring(point) for point in profile])
+        starts = [k * SEGMENTS for k in range(len(bands))]
+    else:
+        vertices = np.concatenate([ring(point) for band in bands for point in band])
+        starts = [2 * k * SEGMENTS for k in range(len(bands))]
+    here, there = np.arange(SEGMENTS), np.roll(np.arange(SEGMENTS), -1)
+    faces = [
+        start + np.concatenate([np.stack(t, axis=1) for t in _triangles(here, there, band)])
+        for start, band in zip(starts, bands, strict=True)
+    ]
+    return Mesh(vertices, np.concatenate(faces))
+
+
+def _triangles(here: Array, there: Array, band: tuple[tuple[float, float], tuple[float, float]]) -> list[list[Array]]:
+    """Return the triangles between two rings; where a ring is a point, those with no area are left out."""
+    lower = [[here, there, there + SEGMENTS]] if band[0][0] > 0 else []
+    upper = [[here, there + SEGMENTS, here + SEGMENTS]] if band[1][0] > 0 else []
+    return lower + upper

@@ -1,0 +1,46 @@
+"""One HTML file that plays a film: opens from disk, without network, without this program."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from holdfast.io.atomic import write_atomically
+from holdfast.view.chain_scene import ChainScene
+from holdfast.view.film import Film
+from holdfast.view.page_panel import with_panel
+from holdfast.view.scene_writer import SceneWriter, viewer_server
+
+PAUSE = 0.8  # the last moment stays so long before the player begins again [s]
+
+
+def export_page(film: Film, path: Path) -> None:
+    """Write a film as one HTML file, whole or not at all.
+
+    The player begins at once and repeats; space pauses it. A film of one moment stands still.
+
+    Args:
+        film: what to show.
+        path: the file.
+
+    Raises:
+        MissingExtra: viser is not installed.
+        ResultError: the file cannot be written.
+    """
+    write_atomically(path, page(film).encode("utf-8"))
+
+
+def page(film: Film) -> str:
+    """Return the text of the HTML file; the same film gives the same text.
+
+    Raises:
+        MissingExtra: viser is not installed.
+    """
+    with viewer_server() as server:
+        scene = ChainScene(SceneWriter(server), film)
+        recording = server.get_scene_serializer()
+        for k in range(1, len(film)):
+            recording.insert_sleep(float(film.t[k] - film.t[k - 1]))
+            scene.show(k)
+        if len(film) > 1:
+            recording.insert_sleep(PAUSE)
+        return with_panel(recording.as_html(), film, scene.scale)

@@ -1,0 +1,139 @@
+// The panel beside the player: values and curves at the player's time, cameras, the singularity meter.
+// The player offers no interface for this. What is used of it: the slider's aria-valuenow (its time), the time
+// field (to go to a time), and window.__viserMutable (the camera). Without them the panel stays at the first moment.
+(() => {
+  "use strict";
+  const data = JSON.parse(document.getElementById("holdfast-data").textContent);
+  const panel = document.getElementById("holdfast");
+  const last = data.times.length - 1, end = data.times[last];
+  const WIDTH = 276, HEIGHT = 62, LEFT = 34, TOP = 5, BOTTOM = 4;
+
+  function add(parent, tag, attributes = {}, text = "") {
+    const svg = parent.namespaceURI.endsWith("svg") || tag === "svg";
+    const node = svg ? document.createElementNS("http://www.w3.org/2000/svg", tag) : document.createElement(tag);
+    for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
+    node.textContent = text;
+    return parent.appendChild(node);
+  }
+
+  // a number in few digits; what is nothing beside the largest one is 0
+  function short(x, largest) {
+    if (x === null) return "–";
+    const size = Math.abs(x);
+    if (size <= 1e-6 * largest) return "0";
+    if (size >= 1e5 || size < 1e-3) return x.toExponential(1);
+    return size >= 100 ? x.toFixed(0) : size >= 10 ? x.toFixed(1) : size >= 1 ? x.toFixed(2) : x.toPrecision(2);
+  }
+
+  // the last moment that is not later than t
+  function momentAt(t) {
+    let low = 0, high = last;
+    while (low < high) {
+      const middle = (low + high + 1) >> 1;
+      if (data.times[middle] <= t + 1e-6) low = middle; else high = middle - 1;
+    }
+    return low;
+  }
+
+  const slider = () => document.querySelector("#root [role=slider]");
+  const playerTime = () => Number(slider()?.getAttribute("aria-valuenow") ?? 0);
+
+  function goTo(t) {
+    const field = document.querySelector("#root .mantine-NumberInput-input");
+    if (!field) return;
+    Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set.call(field, t.toFixed(4));
+    field.dispatchEvent(new Event("input", { bubbles: true }));
+  }
+
+  function lookFrom(camera) {
+    const viewer = window.__viserMutable, root = viewer?.nodePoseData?.[""]?.wxyz;
+    if (!viewer?.cameraControl || !root) return;
+    const [w, x, y, z] = root;
+    const turned = ([a, b, c]) => [  // the player's own axes have y up
+      (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - w * z) * b + 2 * (x * z + w * y) * c,
+      2 * (x * y + w * z) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z - w * x) * c,
+      2 * (x * z - w * y) * a + 2 * (y * z + w * x) * b + (1 - 2 * (x * x + y * y)) * c,
+    ];
+    viewer.cameraControl.setLookAt(...turned(camera.position), ...turned(camera.target), true);
+  }
+
+  function plot(of) {
+    const figure = add(panel, "figure");
+    add(figure, "figcaption", {}, of.title);
+    const row = add(figure, "div", { class: "values" });
+    const values = of.curves.map((curve) => {
+      const style = `--colour:${curve.colour};--line:${curve.dashed ? "dashed" : "solid"}`;
+      return add(row, "span", { style });
+    });
+    const all = [...of.curves.flatMap((curve) => curve.values), ...of.lines].filter((v) => v !== null);
+    const largest = of.log ? 0 : all.reduce((a, b) => Math.max(a, Math.abs(b)), 0);
+    let cursor = null;
+    if (last > 0) {
+      const scale = of.log ? Math.log10 : (v) => v;
+      let low = all.map(scale).reduce((a, b) => Math.min(a, b), of.log ? Infinity : 0);
+      let high = all.map(scale).reduce((a, b) => Math.max(a, b), of.log ? -Infinity : 0);
+      if (of.log) { low = Math.floor(low); high = Math.max(Math.ceil(high), low + 1); }
+      if (high <= low) high = low + 1;
+      const X = (t) => LEFT + (WIDTH - LEFT - 2) * t / end;
+      const Y = (v) => TOP + (HEIGHT - TOP - BOTTOM) * (high - scale(v)) / (high - low);
+      const svg = add(figure, "svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img" });
+      add(svg, "title", {}, of.title);
+      for (const [v, y] of [[high, TOP], [low, HEIGHT - BOTTOM]]) {
+        add(svg, "line", { x1: LEFT, x2: WIDTH, y1: y, y2: y, stroke: "#ddd" });
+        add(svg, "text", { x: LEFT - 4, y: y + 3, "text-anchor": "end" }, short(of.log ? 10 ** v : v, largest));
+      }
+      for (const v of of.lines)
+        add(svg, "line", { x1: LEFT, x2: WIDTH, y1: Y(v), y2: Y(v), stroke: "#d55e00", "stroke-dasharray": "2 2" });
+      for (const curve of of.curves) {
+        const points = curve.values.map((v, k) => v === null ? "" : `${X(data.times[k]).toFixed(1)},${Y(v).toFixed(1)}`);
+        const dashes = curve.dashed ? "4 3" : "none";
+        add(svg, "polyline", { points: points.join(" "), fill: "none", stroke: curve.colour, "stroke-width": 1.4,
+          "stroke-dasharray": dashes });
+      }
+      cursor = add(svg, "line", { y1: 0, y2: HEIGHT, stroke: "#000", "stroke-width": 0.8, class: "cursor" });
+      cursor.moveTo = (t) => { cursor.setAttribute("x1", X(t)); cursor.setAttribute("x2", X(t)); };
+      const follow = (event) => {
+        if (!(event.buttons & 1)) return;
+        const frame = svg.getBoundingClientRect();
+        const x = (event.clientX - frame.left) / frame.width * WIDTH;
+        goTo(Math.min(Math.max((x - LEFT) / (WIDTH - LEFT - 2), 0), 1) * end);
+      };
+      svg.addEventListener("pointerdown", follow);
+      svg.addEventListener("pointermove", follow);
+    }
+    return (k, t) => {
+      of.curves.forEach((curve, i) => { values[i].textContent = `${curve.label} ${short(curve.values[k], largest)}`; });
+      cursor?.moveTo(t);
+    };
+  }
+
+  function meter(of) {
+    const figure = add(panel, "figure");
+    add(figure, "figcaption", {}, of.title);
+    const needle = add(add(figure, "div", { class: "meter" }), "i");
+    const ends = add(figure, "div", { class: "ends" });
+    for (const label of of.ends) add(ends, "span", {}, label);
+    return (k) => { needle.style.left = `${100 * Math.min(Math.max(of.values[k], 0), 1)}%`; };
+  }
+
+  const title = add(panel, "h1", {}, data.title);
+  const clock = add(title, "output");
+  const views = add(panel, "nav");
+  for (const camera of data.cameras)
+    add(views, "button", { type: "button", title: "look from here" }, camera.name).onclick = () => lookFrom(camera);
+  for (const note of data.notes) add(panel, "p", {}, note);
+  const shown = [...data.plots.map(plot), ...data.meters.map(meter)];
+
+  let before = null;
+  function follow() {
+    const t = Math.min(playerTime(), end);
+    if (t !== before) {
+      before = t;
+      const k = momentAt(t);
+      clock.textContent = `t = ${(data.start + data.times[k]).toFixed(2)} s`;
+      for (const show of shown) show(k, t);
+    }
+    requestAnimationFrame(follow);
+  }
+  follow();
+})();

@@ -1,0 +1,103 @@
+"""What arms are drawn with: a surface and a colour for each piece of a link."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.model.arm import Arm
+from holdfast.robots.looks import looks_of
+from holdfast.robots.primitive import COLOURS, Primitive
+from holdfast.robots.urdf.visuals import Box, Capsule, Cylinder, Sphere, Visual
+from holdfast.robots.urdf.visuals import Mesh as MeshFile
+from holdfast.view import meshes
+from holdfast.view.meshes import Mesh
+
+UNCOLOURED = (200, 200, 205)
+
+
+class Piece(NamedTuple):
+    """Something rigid to draw.
+
+    Attributes:
+        mesh: in the axes of what it is fixed to.
+        colour: red, green, blue, 0 to 255; None for the arm's own.
+    """
+
+    mesh: Mesh
+    colour: tuple[int, int, int] | None
+
+
+def pieces_of_arm(arm: Arm) -> list[list[Piece]]:
+    """Return what to draw on the base and on each link of an arm, N + 1 lists, base to tip."""
+    return [[_of_primitive(solid) for solid in solids] for solids in looks_of(arm)]
+
+
+def pieces_of_urdf(visuals: Sequence[Sequence[Visual]], folder: Path) -> list[list[Piece]] | None:
+    """Return what a URDF says its base and links look like, N + 1 lists; None if a mesh file is not to be had.
+
+    Args:
+        visuals: of `urdf_visuals`.
+        folder: that relative file names start from; a `package://` name is looked for in it and above it.
+    """
+    found = [[_of_visual(visual, folder) for visual in link] for link in visuals]
+    whole = [[piece for piece in link if piece is not None] for link in found]
+    return whole if sum(map(len, whole)) and sum(map(len, whole)) == sum(map(len, found)) else None
+
+
+def _of_primitive(solid: Primitive) -> Piece:
+    make = {"box": _box, "cylinder": meshes.cylinder, "capsule": meshes.capsule, "sphere": meshes.sphere}[solid.kind]
+    return Piece(make(*solid.size).at(solid.pose), None if solid.colour == "accent" else COLOURS[solid.colour])
+
+
+def _of_visual(visual: Visual, folder: Path) -> Piece | None:
+    shape = visual.shape
+    match shape:
+        case Box():
+            mesh = meshes.box(shape.size)
+        case Cylinder():
+            mesh = meshes.cylinder(shape.radius, shape.length)
+        case Capsule():
+            mesh = meshes.capsule(shape.radius, shape.length)
+        case Sphere():
+            mesh = meshes.sphere(shape.radius)
+        case MeshFile():
+            mesh = _from_file(shape, folder)
+    if mesh is None:
+        return None
+    colour = UNCOLOURED if visual.rgba is None else tuple(round(255 * min(max(c, 0.0), 1.0)) for c in visual.rgba[:3])
+    return Piece(mesh.at(visual.pose), colour)
+
+
+def _from_file(shape: MeshFile, folder: Path) -> Mesh | None:
+    """Return the surface in a mesh file, or None if there is no such file or it cannot be read."""
+    path = _found(shape.filename, folder)
+    if path is None:
+        return None
+    import trimesh  # viser brings it
+
+    try:
+        solid = trimesh.load(path, force="mesh")
+    except (ValueError, TypeError, OSError, ImportError, NotImplementedError):
+        return None
+    vertices = np.asarray(solid.vertices, dtype=float) * shape.scale
+    return Mesh(vertices, np.asarray(solid.faces)) if len(vertices) else None
+
+
+def _found(filename: str, folder: Path) -> Path | None:
+    """Return where a mesh file is, or None."""
+    _, scheme, rest = filename.rpartition("://")
+    if not scheme:
+        candidates = [folder / filename]
+    elif filename.startswith("package://"):
+        candidates = [above / part for above in (folder, *folder.parents) for part in (rest, rest.partition("/")[2])]
+    else:
+        candidates = [Path(rest)]
+    return next((path for path in candidates if path.is_file()), None)
+
+
+def _box(x: float, y: float, z: float) -> Mesh:
+    return meshes.box((x, y, z))

@@ -1,0 +1,166 @@
+"""The little that drawing needs of a 3D viewer: nodes, poses, arrows, labels. Behind it stands viser.
+
+Names are paths: a node moves with the node it is named under.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from holdfast.errors import HoldfastError, MissingExtra
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+from holdfast.view.meshes import Mesh
+
+Colour = tuple[int, int, int]
+FIELD_OF_VIEW = np.radians(35.0)  # from the picture's upper to its lower edge
+
+
+class Camera(NamedTuple):
+    """A place to look from.
+
+    Attributes:
+        name: what the view is called.
+        position: (3,) of the eye, world axes [m].
+        target: (3,) what it looks at [m].
+    """
+
+    name: str
+    position: Array
+    target: Array
+
+
+class _Arrows(NamedTuple):
+    node: Any
+    shaft: float
+    head: float
+
+
+class SceneWriter:
+    """Draws into a viser server.
+
+    Attributes:
+        server: the viser server, for what only it can do (recording, controls).
+    """
+
+    def __init__(self, server: Any) -> None:
+        """Start an empty scene.
+
+        Args:
+            server: of `viewer_server`.
+        """
+        self.server = server
+        self._nodes: dict[str, Any] = {}
+        self._arrows: dict[str, _Arrows] = {}
+
+    def look_from(self, camera: Camera, up: Array) -> None:
+        """Set where a viewer begins, and which way is up (3,)."""
+        scene, begin = self.server.scene, self.server.initial_camera
+        scene.set_up_direction(up)
+        scene.configure_default_lights(True, cast_shadow=False)  # half of the time without a graphics card
+        begin.position, begin.look_at, begin.fov = camera.position, camera.target, float(FIELD_OF_VIEW)
+
+    def frame(self, name: str, at: Pose, axes: float = 0.0) -> None:
+        """Add a frame, its axes drawn so long [m] or, at 0, invisible."""
+        self._nodes[name] = self.server.scene.add_frame(
+            name, show_axes=axes > 0, axes_length=axes, axes_radius=0.04 * axes, origin_radius=0.06 * axes, **_pose(at)
+        )
+
+    def mesh(self, name: str, mesh: Mesh, colour: Colour, opacity: float | None = None) -> None:
+        """Add a surface, opaque unless told; a translucent one is seen from both sides."""
+        self._nodes[name] = self.server.scene.add_mesh_simple(
+            name, mesh.vertices, mesh.faces, color=colour, opacity=opacity,
+            side="front" if opacity is None else "double",
+        )  # fmt: skip
+
+    def lines(self, name: str, segments: Array, colour: Colour, thickness: float) -> None:
+        """Add straight lines (N, 2, 3) so thick [m]."""
+        self.server.scene.add_line_segments(name, segments, colour, thickness=thickness)
+
+    def grid(self, name: str, at: Pose, width: float, cell: float) -> None:
+        """Add a square grid in the x-y plane of a pose [m]."""
+        self.server.scene.add_grid(
+            name, width=width, height=width, cell_size=cell, section_size=5 * cell, cell_color=(225, 225, 225),
+            section_color=(195, 195, 195), **_pose(at),
+        )  # fmt: skip
+
+    def label(self, name: str, text: str, position: Array) -> None:
+        """Add a text that always faces the viewer."""
+        self.server.scene.add_label(name, text, position=position, anchor="bottom-center")
+
+    def arrows(self, name: str, count: int, colour: Colour, shaft: float) -> None:
+        """Add arrows of no length yet; `point` says where they go.
+
+        Args:
+            name: of them all.
+            count: how many.
+            colour: of them all.
+            shaft: radius of their shafts [m]; short arrows are made thinner.
+        """
+        none = np.zeros((count, 2, 3), dtype=np.float32)
+        # viser shows the colours of arrows lighter than it is told: it takes them for linear light
+        dark = tuple(round(255 * (channel / 255) ** 2.2) for channel in colour)
+        node = self.server.scene.add_arrows(name, none, dark, shaft_radius=0.0, head_radius=0.0, head_length=0.0)
+        self._arrows[name] = _Arrows(node, shaft, 6.0 * shaft)
+
+    def point(self, name: str, segments: Array) -> None:
+        """Let arrows go from tail to tip, (count, 2, 3) world axes [m]."""
+        node, shaft, head = self._arrows[name]
+        longest = float(np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).max())
+        # a head that is longer than its arrow would stand out at the tail
+        size = round(min(1.0, 0.5 * longest / head), 3)
+        node.shaft_radius, node.head_radius, node.head_length = size * shaft, 2.4 * size * shaft, size * head
+        node.points = segments.astype(np.float32)
+
+    def place(self, name: str, wxyz: Array, position: Array) -> None:
+        """Move a node to a pose in the frame it is named under."""
+        node = self._nodes[name]
+        # float32 halves what a recording compresses to; a viewer draws no finer
+        node.wxyz, node.position = wxyz.astype(np.float32), position.astype(np.float32)
+
+    def paint(self, name: str, colour: Colour) -> None:
+        """Give a surface another colour."""
+        self._nodes[name].color = colour
+
+    @contextmanager
+    def at_once(self) -> Iterator[None]:
+        """Let a viewer see everything that is done inside at the same time."""
+        with self.server.atomic():
+            yield
+
+
+@contextmanager
+def viewer_server(port: int = 0) -> Iterator[Any]:
+    """Run a viser server that only this machine can reach, and stop it in the end.
+
+    Args:
+        port: to listen at; 0 for any that is free.
+
+    Raises:
+        MissingExtra: viser is not installed.
+        HoldfastError: the port is not free.
+    """
+    try:
+        import viser
+    except ImportError as cause:
+        raise MissingExtra("the viewer needs viser; try pip install 'holdfast[view]'") from cause
+    with contextlib.redirect_stdout(io.StringIO()):  # its banner
+        server = viser.ViserServer(host="127.0.0.1", port=port, verbose=False)
+    try:
+        if port not in (0, server.get_port()):  # viser takes the next free one silently
+            raise HoldfastError(f"port {port} is in use; try another --port, or none")
+        yield server
+    finally:
+        with contextlib.redirect_stdout(io.StringIO()):
+            server.stop()
+
+
+def _pose(at: Pose) -> dict[str, Array]:
+    wxyz_xyz = at.wxyz_xyz
+    return {"wxyz": wxyz_xyz[:4], "position": wxyz_xyz[4:]}

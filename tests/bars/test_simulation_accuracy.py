@@ -1,0 +1,121 @@
+"""Simulation keeps its laws and its digits: closure, energy, order, 30 digits, SUNDIALS.
+
+Whatever takes steps stands in STEPPERS. The reference takes 20 ms for a step of RK4 on two
+Pandas, so it goes through less of the longest bars; the figures say how far.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from holdfast.simulation.runge_kutta import scheme
+from holdfast.simulation.stepper import ReferenceStepper
+from tests.oracles import sundials
+from tests.oracles.planar_linkage import Motion
+from tests.simulation.problems import PROBLEMS
+from tests.simulation.runs import MakeStepper, adaptive, differences, fixed, kept, numbers, stepper_of
+from tests.systems.as_case import as_case
+from tests.systems.five_bar import FiveBar, five_bar_chain, five_bar_state
+
+STEPPERS: dict[str, MakeStepper] = {"reference": ReferenceStepper}
+SLOW = ("reference",)
+ANGLES, RATES = (1.9, 0.2), (0.5, -1.0)  # of the five-bar linkage
+
+pytestmark = pytest.mark.long
+steppers = pytest.mark.parametrize("name", STEPPERS)
+
+
+def times(duration: float, step: float) -> np.ndarray:
+    """Return the times of equal steps [s]."""
+    return np.linspace(0.0, duration, round(duration / step) + 1)
+
+
+@steppers
+@pytest.mark.parametrize(
+    ("scheme_name", "step", "shortened", "drift"),
+    [("rk4", 1e-3, 2.0, 5e-6), ("rk4", 2.5e-4, 0.6, 1e-7), ("dop853", 1e-3, 0.6, 1e-7)],
+)
+def test_two_pandas_fall(name, scheme_name, step, shortened, drift):
+    """Two limp Pandas and their box fall for 2 s: closed to 1e-12, velocities to 1e-11.
+
+    They whip through outstretched wrists, at up to 80 rad/s for some milliseconds; that is
+    where a fixed step of order 4 loses energy, 3e-6 of the peak kinetic energy at 1 ms and a
+    sixteenth for every halving. 1e-7 asks for 0.25 ms, or for order 8.
+    """
+    duration = shortened if name in SLOW else 2.0
+    stepper, now = stepper_of(*PROBLEMS["pandas"](), scheme(scheme_name), make=STEPPERS[name])
+    books = kept(fixed(stepper, now, times(duration, step)))
+    print(f"\n{name}, {scheme_name} at {step:g} s for {duration:g} s: {books}", end="")
+    assert books.peak_rate > 40
+    assert books.position <= 1e-12
+    assert books.velocity <= 1e-11
+    assert books.drift <= drift * books.peak_kinetic
+
+
+@steppers
+def test_order_of_the_fall(name):
+    """Halving RK4's step divides the error of the whole state after 0.4 s by 2^3.8 or more."""
+    chain, state = PROBLEMS["pandas"]()
+    exact = kept(adaptive(*stepper_of(chain, state, scheme("dop853"), 1e-12, STEPPERS[name]), 0.4)).end
+    steps = (4e-3, 2e-3, 1e-3)
+    ends = [kept(fixed(*stepper_of(chain, state, make=STEPPERS[name]), times(0.4, h))).end for h in steps]
+    errors = np.array([np.abs(end - exact).max() for end in ends])
+    orders = np.log2(errors[:-1] / errors[1:])
+    print(f"\n{name}: errors {errors} at {steps} s, orders {orders}", end="")
+    assert orders.min() >= 3.8
+
+
+@steppers
+def test_adaptive_fall(name):
+    """At rtol 1e-12 the same fall keeps its energy to 1e-10 of the peak kinetic energy, closed all the while."""
+    stepper, now = stepper_of(*PROBLEMS["pandas"](), scheme("dop853"), 1e-12, STEPPERS[name])
+    books = kept(adaptive(stepper, now, 2.0))
+    print(f"\n{name}, rtol 1e-12 for 2 s: {books}", end="")
+    assert books.peak_rate > 40
+    assert books.position <= 1e-12
+    assert books.velocity <= 1e-11
+    assert books.drift <= 1e-10 * books.peak_kinetic
+
+
+@steppers
+@pytest.mark.parametrize("problem", [problem for problem in PROBLEMS if problem != "pandas"])
+def test_every_grasp(name, problem):
+    """Hinges, balls, soft fingers, mixtures, a Stewart platform, a parallelogram: closed to 1e-12 and 1e-11."""
+    duration = 0.2 if name in SLOW else 1.0
+    books = kept(fixed(*stepper_of(*PROBLEMS[problem](), make=STEPPERS[name]), times(duration, 1e-3)))
+    print(f"\n{name}, {problem}, 1 ms for {duration:g} s: {books}", end="")
+    assert books.position <= 1e-12
+    assert books.velocity <= 1e-11
+    assert books.drift <= 1e-7 * books.peak_kinetic
+
+
+@steppers
+def test_thirty_digits(name):
+    """A five-bar linkage after 1 s agrees to 1e-9 with two coordinates integrated in 30 digits."""
+    bar = FiveBar()
+    motion = Motion(bar, ANGLES, RATES)
+    exact, coarse = motion.after(1.0, 50), motion.after(1.0, 40)
+    own = float(max(abs(x - y) for x, y in zip(exact, coarse, strict=True)))
+    state = five_bar_state(bar, *motion.links(motion.start))
+    books = kept(adaptive(*stepper_of(five_bar_chain(bar), state, scheme("dop853"), 1e-12, STEPPERS[name]), 1.0))
+    assert books.last is not None
+    off = differences(books.last.state, five_bar_state(bar, *motion.links(exact)))
+    print(
+        f"\n{name}: off by {off[0]:.1e} rad or m, {off[1]:.1e} rad/s or m/s; the oracle by {own:.0e}; {books}", end=""
+    )
+    assert own < 1e-20
+    assert off.max() <= 1e-9
+
+
+@steppers
+def test_sundials(name):
+    """Two Pandas falling for 0.5 s agree to 1e-7 with IDA on the dense equations of motion."""
+    chain, state = PROBLEMS["pandas"]()
+    theirs = sundials.integrated(as_case(chain, state), state.object_pose, 0.5, 1e-10)
+    books = kept(adaptive(*stepper_of(chain, state, scheme("dop853"), 1e-12, STEPPERS[name]), 0.5))
+    assert books.last is not None
+    off = {key: float(np.abs(x - getattr(books.last.state, key)).max()) for key, x in theirs.items()}
+    print(f"\n{name}: off by " + ", ".join(f"{key} {x:.1e}" for key, x in off.items()) + f"; {books}", end="")
+    assert max(off.values()) <= 1e-7
+    assert np.abs(numbers(state) - books.end).max() > 1.0  # they did fall

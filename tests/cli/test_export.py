@@ -1,0 +1,51 @@
+"""`holdfast export` from the command line."""
+
+import pytest
+
+from holdfast.cli import main
+from tests.io.recorded import filled
+
+
+@pytest.fixture
+def folder(tmp_path):
+    w, _ = filled(tmp_path / "run", 4, 3)
+    w.finish(None)
+    return tmp_path / "run"
+
+
+def test_csv_into_the_folder(folder, capsys):
+    """Without options: CSV beside the chunks; not twice unless told to."""
+    assert main(["export", str(folder)]) == 0
+    said = capsys.readouterr()
+    table, log = folder / "trajectory.csv", folder / "trajectory_occurrences.csv"
+    assert said.out == f"{table}: 7 samples\n{log}: what happened at single instants\n"
+    assert said.err == ""
+    assert len((folder / "trajectory.csv").read_text().splitlines()) == 8
+    assert main(["export", str(folder)]) == 2
+    assert "trajectory.csv: is there already; try --overwrite" in capsys.readouterr().err
+    assert main(["export", str(folder), "--overwrite"]) == 0
+
+
+def test_parquet_elsewhere(folder, tmp_path, capsys):
+    """The format and the place can be chosen."""
+    pytest.importorskip("pyarrow")
+    assert main(["export", str(folder), "--format", "parquet", "--out", str(tmp_path / "a.parquet")]) == 0
+    assert (tmp_path / "a.parquet").read_bytes()[:4] == b"PAR1"
+    assert "7 samples" in capsys.readouterr().out
+
+
+def test_incomplete(tmp_path, capsys):
+    """What is there is exported, and stderr says that it is not all."""
+    filled(tmp_path / "run", 3)
+    assert main(["export", str(tmp_path / "run"), "--out", str(tmp_path / "a.csv")]) == 0
+    said = capsys.readouterr()
+    assert "incomplete, up to t = 0.2 s of 30.0 s" in said.err
+    assert "3 samples" in said.out
+
+
+def test_refused(tmp_path, capsys):
+    """No result there, or no such format: exit 2 and one line."""
+    assert main(["export", str(tmp_path / "none")]) == 2
+    assert "no such folder" in capsys.readouterr().err
+    assert main(["export", str(tmp_path), "--format", "xlsx"]) == 2
+    assert "xlsx" in capsys.readouterr().err

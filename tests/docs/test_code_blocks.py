@@ -1,0 +1,91 @@
+"""Every code block of the documentation and the README runs.
+
+A page is one test: its blocks run in order, in one namespace and one folder of their own. `python` runs, its
+`>>>` compared with what stands below; in `console` the lines `$ holdfast ...` run, and what stands below a
+command is compared with what it prints; `toml` and `xml` whose first line is a comment with a file's name are
+written to that file, for the blocks after them. A block that is not run says why: `<!--- skip: next "..." -->`.
+"""
+
+import contextlib
+import doctest
+import io
+import re
+import shlex
+from pathlib import Path
+from unittest import SkipTest
+
+import pytest
+from sybil import Sybil
+from sybil.example import Example
+from sybil.parsers.myst import CodeBlockParser, PythonCodeBlockParser, SkipParser
+
+from holdfast.cli import main
+from tests.docs.pages import PAGES, fences, name
+
+FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+RUN = {"python", "console", "toml", "xml"}
+SHOWN = {"text", "bibtex"}  # output, listings: nothing that could run
+FILE_NAME = re.compile(r"(?:#|<!--)\s*([\w/.-]+\.\w+)\b")
+UNREASONED = re.compile(r"skip: (?:next|start)(?! (?:if\(.*)?\"[^\"]{8,}\")")
+COMMAND = re.compile(r"^\$ (.*)\n", re.MULTILINE)
+
+
+def run_commands(example: Example) -> None:
+    """Run the commands of a `console` block and compare what they print with what stands below each."""
+    _, *parts = COMMAND.split(example.parsed)
+    for command, expected in zip(parts[::2], parts[1::2], strict=True):
+        program, *arguments = shlex.split(command, comments=True)
+        assert program == "holdfast", f"{command}: a command that does not run; mark the block with a skip"
+        said = io.StringIO()
+        with contextlib.redirect_stdout(said):
+            assert main(arguments) == 0, f"{command}: refused"
+        if expected.strip():
+            assert doctest.OutputChecker().check_output(expected, said.getvalue(), FLAGS), said.getvalue()
+
+
+def write_file(example: Example) -> None:
+    """Write a block that begins with a file's name to that file."""
+    named = FILE_NAME.match(example.parsed)
+    if named:
+        path = Path(named[1])
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(example.parsed, encoding="utf-8")
+
+
+BLOCKS = Sybil(
+    parsers=[
+        PythonCodeBlockParser(doctest_optionflags=FLAGS),
+        CodeBlockParser("console", run_commands),
+        CodeBlockParser("toml", write_file),
+        CodeBlockParser("xml", write_file),
+        SkipParser(),
+    ],
+    patterns=["*.md"],
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def own_cache(tmp_path_factory):
+    """The tests leave the user's cache of machine code alone."""
+    folder = tmp_path_factory.mktemp("machine-code")
+    folder.chmod(0o700)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HOLDFAST_CACHE", str(folder))
+        yield
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if any(language in RUN for language, _ in fences(page))], ids=name)
+def test_blocks_run(page, tmp_path, monkeypatch):
+    """What a reader copies works, and prints what the page says."""
+    monkeypatch.chdir(tmp_path)
+    for example in BLOCKS.parse(page).examples():
+        with contextlib.suppress(SkipTest):  # of one block, not of the page
+            example.evaluate()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_blocks_are_known(page):
+    """Every block has a language that is run, or one that cannot be; every skipped one says why."""
+    for language, _ in fences(page):
+        assert language in RUN | SHOWN or language.startswith("{"), f"{language!r} would never run"
+    assert not UNREASONED.findall(page.read_text(encoding="utf-8"))

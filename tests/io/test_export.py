@@ -1,0 +1,169 @@
+"""A table holds every number of a run, under names and units that other programs can show."""
+
+import builtins
+import csv
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from holdfast import MissingExtra, ResultError
+from holdfast.io.columns import columns, rows
+from holdfast.io.export import export_csv, export_parquet
+from holdfast.io.result_reader import load_result
+from holdfast.simulation.trajectory import UNITS, array_names, stacked
+from tests.io.recorded import filled
+
+
+@pytest.fixture
+def saved(tmp_path):
+    """Return a result of two chunks, and its samples."""
+    w, given = filled(tmp_path / "run", 4, 3)
+    w.finish(None)
+    return load_result(tmp_path / "run"), stacked(given)
+
+
+def read_csv(path):
+    """Return header and numbers."""
+    with path.open(newline="", encoding="utf-8") as file:
+        head, *lines = csv.reader(file)
+    return head, np.array([[float(entry) for entry in line] for line in lines])
+
+
+def test_csv_brings_back_every_bit(saved, tmp_path):
+    """One header line, a row a sample, and the same float64 in every place."""
+    result, run = saved
+    export_csv(result, tmp_path / "run.csv")
+    head, table = read_csv(tmp_path / "run.csv")
+    assert table.shape == (7, len(head))
+    assert table.tobytes() == rows(run).tobytes()
+    at = {title: table[:, i] for i, title in enumerate(head)}
+    assert len(at) == len(head)
+    for title, values in {
+        "t [s]": run.t,
+        "q left/joint1 [rad]": run.q[:, 0],
+        "tau right/joint7 [N m]": run.tau[:, 13],
+        "object_pose qw": run.object_pose[:, 0],
+        "object_pose z [m]": run.object_pose[:, 6],
+        "object_twist omega_y [rad/s]": run.object_twist[:, 1],
+        "object_acceleration v_dot_x [m/s^2]": run.object_acceleration[:, 3],
+        "grasp_wrench right moment_x [N m]": run.grasp_wrench[:, 1, 0],
+        "grasp_wrench left force_z [N]": run.grasp_wrench[:, 0, 5],
+        "work damping [J]": run.work[:, 1],
+        "position_gap after [m or rad]": run.position_gap[:, 1],
+        "condition": run.condition,
+    }.items():
+        assert np.array_equal(at[title], values), title
+
+
+def test_what_happened(saved, tmp_path):
+    """A second table, a row an occurrence; entries that one does not have are empty."""
+    result, run = saved
+    assert export_csv(result, tmp_path / "run.csv") == [tmp_path / "run.csv", tmp_path / "run_occurrences.csv"]
+    with (tmp_path / "run_occurrences.csv").open(newline="", encoding="utf-8") as file:
+        lines = list(csv.DictReader(file))
+    assert [line["kind"] for line in lines] == ["attach", "violation", "recovery"]
+    for line, one in zip(lines, run.occurrences, strict=True):
+        assert (float(line["t [s]"]), line["name"], line["text"]) == (one.t, one.name, one.text)
+        assert line["quantity"] == (one.quantity or "")
+        assert line["lowest [SI]"] == ("" if one.lowest is None else repr(one.lowest))
+    assert float(lines[0]["impulses right linear_z [N s]"]) == run.occurrences[0].impulses[1][5]
+    assert lines[1]["impulses right linear_z [N s]"] == ""
+
+
+def test_a_quiet_run_has_one_table(tmp_path):
+    """The second table of an earlier export does not stay beside one of a run in which nothing happened."""
+    filled(tmp_path / "run", 1)
+    (tmp_path / "run_occurrences.csv").write_text("earlier")
+    assert export_csv(load_result(tmp_path / "run"), tmp_path / "run.csv") == [tmp_path / "run.csv"]
+    assert not (tmp_path / "run_occurrences.csv").exists()
+
+
+def test_every_column_is_named(saved):
+    """No array is left with numbers for names, and none with a whole sentence for a unit."""
+    result, run = saved
+    for column in columns(result.meta, run):
+        assert not column.name.split()[-1].isdigit(), column
+        assert "," not in column.unit, column
+    assert set(UNITS) == set(array_names())
+
+
+def test_units_of_prismatic_joints(saved):
+    """A joint that slides has metres and newtons."""
+    result, run = saved
+    result.meta.joint_kinds[0] = "prismatic"
+    titles = [column.title for column in columns(result.meta, run)]
+    for title in ("q left/joint1 [m]", "qd left/joint1 [m/s]", "qdd left/joint1 [m/s^2]", "tau left/joint1 [N]"):
+        assert title in titles
+
+
+def test_pandas_reads_it(saved, tmp_path):
+    """As users do, without options."""
+    pandas = pytest.importorskip("pandas")
+    result, run = saved
+    export_csv(result, tmp_path / "run.csv")
+    frame = pandas.read_csv(tmp_path / "run.csv")
+    forces = frame.filter(like="grasp_wrench left force").to_numpy()
+    assert np.allclose(frame["t [s]"], run.t, rtol=1e-15, atol=0)  # its own parser may round the last bit
+    assert np.allclose(forces, run.grasp_wrench[:, 0, 3:], rtol=1e-15, atol=0)
+
+
+def test_parquet(saved, tmp_path):
+    """The same columns, bit for bit, with units in the metadata and a row group for each chunk."""
+    parquet = pytest.importorskip("pyarrow.parquet")
+    result, run = saved
+    export_csv(result, tmp_path / "run.csv")
+    export_parquet(result, tmp_path / "run.parquet")
+    file = parquet.ParquetFile(tmp_path / "run.parquet")
+    table = file.read()
+    head, _ = read_csv(tmp_path / "run.csv")
+    assert table.column_names == head
+    assert np.column_stack([column.to_numpy() for column in table.columns]).tobytes() == rows(run).tobytes()
+    assert table.schema.field("q left/joint1 [rad]").metadata == {b"unit": b"rad"}
+    assert table.schema.metadata[b"scene"] == b"test"
+    assert file.num_row_groups == 2
+    log = parquet.read_table(tmp_path / "run_occurrences.parquet").to_pylist()
+    assert [line["kind"] for line in log] == [one.kind for one in run.occurrences]
+    assert log[0]["base_impulses left angular_x [N m s]"] == 0.0
+    assert log[1]["lowest [SI]"] is None
+
+
+def test_without_pyarrow(saved, tmp_path, monkeypatch):
+    """The extra that brings it is named, and nothing is written."""
+    real = builtins.__import__
+
+    def without(name, *rest):
+        if name.startswith("pyarrow"):
+            raise ImportError(name)
+        return real(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(MissingExtra, match=r"pip install 'holdfast\[parquet\]'"):
+        export_parquet(saved[0], tmp_path / "run.parquet")
+    assert not list(tmp_path.glob("*.parquet*"))
+
+
+def test_a_broken_export_leaves_what_was_there(saved, tmp_path):
+    """A result that is torn meanwhile: refused, the earlier table untouched, no half of a new one."""
+    result, _ = saved
+    path = tmp_path / "run.csv"
+    path.write_text("earlier")
+    (result.folder / "chunk_0001.npz").write_bytes(b"torn")
+    with pytest.raises(ResultError, match=r"chunk_0001.npz is damaged"):
+        export_csv(result, path)
+    assert path.read_text() == "earlier"
+    assert [p.name for p in tmp_path.iterdir() if p.is_file()] == ["run.csv"]
+    with pytest.raises(ResultError, match="cannot be written"):
+        export_csv(result, tmp_path / "nowhere" / "run.csv")
+
+
+def test_a_long_run_is_not_held_in_memory(tmp_path):
+    """Six times the chunks take no more memory."""
+    peaks = []
+    for flushes in (2, 12):
+        filled(tmp_path / str(flushes), *[100] * flushes)
+        tracemalloc.start()
+        export_csv(load_result(tmp_path / str(flushes)), tmp_path / "table")
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.2 * peaks[0], peaks

@@ -1,0 +1,1 @@
+"""Steps and rollouts in machine code."""

@@ -1,0 +1,125 @@
+"""Chains to step, laws that move them, and what came of it as plain numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from holdfast import ClosedChain, ControlLaw, Inputs, Rollout, RolloutSystems, State, compile_rollout
+from holdfast.simulation.instant import Instant, evaluate
+from holdfast.simulation.world import World
+from tests.systems import well_conditioned_system
+from tests.systems.as_chain import as_chain
+
+# Joint count and grasp of each arm: every kind, legs, arms that hold nothing, one arm to five.
+CHAINS: dict[str, tuple[tuple[int, str | None], ...]] = {
+    "one": ((6, "rigid"),),
+    "legs": ((3, "ball"), (3, "ball"), (5, "rigid"), (2, None)),
+    "five": ((6, "rigid"), (5, "hinge"), (4, "softfinger"), (3, "ball"), (2, None)),
+    "nobody holds": ((3, None), (2, None)),
+}
+
+
+@cache
+def problem(name: str) -> tuple[ClosedChain, State]:
+    """Return one of `CHAINS`: prismatic joints, armature, damping, Coulomb friction; and a state in motion."""
+    arms = CHAINS[name]
+    options = {"joints": [n for n, _ in arms], "grasps": [kind for _, kind in arms]}
+    p = as_chain(well_conditioned_system(7, **options, moving_base=False, joint_speed=0.7))
+    random = np.random.default_rng(len(name))
+    rough = {
+        name: replace(arm, joints=[replace(j, friction=float(random.uniform(0.2, 1.0))) for j in arm.joints])
+        for name, arm in p.chain.arms.items()
+    }
+    return replace(p.chain, arms=rough), p.state
+
+
+def swinging_law(joint_count: int) -> ControlLaw:
+    """Return torques that depend on time, state and memory; the memory counts the steps."""
+    size = np.random.default_rng(1).normal(size=joint_count)
+
+    def torque(t: Any, state: State, memory: Any, given: Any) -> tuple[Any, Any]:
+        drive = (2.0 + memory[0]) * size - 3.0 * (1.0 + t) * state.qd - state.object_twist[3] * size
+        return drive, memory + np.array([0.5, t])
+
+    return ControlLaw(torque, memory=np.array([0.3, 0.0]), key="tests: swinging")
+
+
+@cache
+def swinging(name: str, scheme: str = "rk4") -> Rollout:
+    """Return the rollout of a chain under `swinging_law`."""
+    chain, _ = problem(name)
+    return compile_rollout(chain, swinging_law(chain.joint_count), scheme=scheme)
+
+
+@cache
+def told_torques(name: str) -> Rollout:
+    """Return the rollout of a chain under given torques."""
+    return compile_rollout(problem(name)[0])
+
+
+def started(rollout: Rollout, state: State, count: int, seed: int = 0, **given: Any) -> RolloutSystems:
+    """Return systems near a state, each a little elsewhere; the first one at it."""
+    return rollout.start(**elsewhere(rollout.chain, state, count, seed), **given)
+
+
+def elsewhere(chain: ClosedChain, state: State, count: int, seed: int = 0) -> dict[str, np.ndarray]:
+    """Return states near one, (count, ...) by name; grasps are open by less than a millimetre."""
+    random = np.random.default_rng(seed)
+    found = {name: np.tile(x, (count, 1)) for name, x in arrays(state).items()}
+    for name in ("q", "qd"):
+        found[name][1:] += 3e-4 * random.normal(size=found[name][1:].shape)
+    return found
+
+
+def arrays(state: State) -> dict[str, np.ndarray]:
+    """Return a state's arrays by the names of a rollout's arguments."""
+    return {name: getattr(state, name) for name in ("q", "qd", "object_pose", "object_twist")}
+
+
+def state_of(systems: RolloutSystems, row: int) -> State:
+    """Return the state of one system."""
+    return State(systems.q[row], systems.qd[row], systems.object_pose[row], systems.object_twist[row])
+
+
+def numbers(at: Instant) -> dict[str, np.ndarray]:
+    """Return everything that an instant tells, by name."""
+    found = at.result
+    return arrays(at.state) | {
+        "t": np.array(at.t),
+        "tau": at.tau,
+        "memory": np.ravel(np.zeros(0) if at.memory is None else at.memory),
+        "power": at.power,
+        "qdd": found.qdd,
+        "grasp_wrench": found.grasp_wrench,
+        "object_acceleration": found.object_acceleration,
+        "contact_acceleration": found.contact_acceleration,
+        "base_wrench": found.base_wrench,
+        "rank": np.array(float(found.rank)),
+        "condition": np.array(found.condition),
+    }
+
+
+def difference(found: Mapping[str, np.ndarray], expected: Mapping[str, np.ndarray]) -> float:
+    """Return the largest difference of any array, relative to its size or to 1."""
+    assert found.keys() == expected.keys()
+    worst = 0.0
+    for name, x in expected.items():
+        assert found[name].shape == x.shape, name
+        size = max(1.0, float(np.abs(x).max(initial=0.0)))
+        worst = max(worst, float(np.abs(found[name] - x).max(initial=0.0)) / size)
+    return worst
+
+
+def generic_rank(chain: ClosedChain, state: State) -> int:
+    """Return the rank at a regular state."""
+    return evaluate(World(chain), lambda t, x, m: (np.zeros(len(x.q)), m), 0.0, state, None).result.rank
+
+
+def pushed(chain: ClosedChain) -> World:
+    """Return the chain with a constant wrench on its object."""
+    return World(chain, inputs=Inputs(object_wrench=np.array([0.3, -0.2, 0.1, 1.0, 2.0, -1.5])))

@@ -1,0 +1,127 @@
+"""A step in machine code is the reference's step, to rounding: all kinds of grasps and arms, every scheme."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from holdfast import Inputs, MethodNotApplicable, Pose, State, StateError
+from holdfast.simulation.rollout.fused import FusedStepper
+from holdfast.simulation.rollout.stagewise import StagewiseStepper
+from holdfast.simulation.runge_kutta import scheme
+from holdfast.simulation.stepper import ReferenceStepper, Stepper
+from holdfast.simulation.tolerance import Tolerance
+from holdfast.simulation.world import World
+from holdfast.spatial import rotation
+from tests.simulation.rollout.problems import CHAINS, difference, generic_rank, numbers, problem, pushed, swinging_law
+
+ROUNDING = 1e-12
+BEGIN = 0.25
+
+
+def agree(stepper: Stepper, reference: Stepper, state: State, memory: Any = None) -> None:
+    """Take one step to several ends with both, and compare all that is known there."""
+    starts = [each.start(BEGIN, state, memory) for each in (stepper, reference)]
+    assert difference(numbers(starts[0][0]), numbers(starts[1][0])) <= ROUNDING
+    ends = [BEGIN + 0.004, BEGIN + 0.01]
+    found, expected = (each.advance(now, ends) for each, (now, _) in zip((stepper, reference), starts, strict=True))
+    for a, b, end in zip(found, expected, ends, strict=True):
+        assert a.failure is None and b.failure is None and a.instant and b.instant
+        assert a.t == b.t == end
+        assert difference(numbers(a.instant), numbers(b.instant)) <= ROUNDING
+        assert difference({"work": a.work}, {"work": b.work}) <= ROUNDING
+        # the estimates are differences of numbers 1e8 times their size
+        assert a.error == pytest.approx(b.error, rel=1e-3, abs=1e-12)
+        for mine, theirs in ((a.gaps.position, b.gaps.position), (a.gaps.velocity, b.gaps.velocity)):
+            assert mine[0] == pytest.approx(theirs[0], abs=1e-12)
+            assert mine[1] <= 1e-13
+
+
+@pytest.mark.parametrize(("name", "by"), [*((name, "rk4") for name in CHAINS), ("one", "midpoint")])
+def test_fused(name, by):
+    """Torques of time, state and memory; a wrench on the object."""
+    chain, state = problem(name)
+    world, law, rank = pushed(chain), swinging_law(chain.joint_count), generic_rank(chain, state)
+
+    def controller(t, state, memory):
+        return law.torque(t, state, memory, {})
+
+    reference = ReferenceStepper(world, controller, rank, scheme(by))
+    agree(FusedStepper.of(world, law, scheme(by), rank), reference, state, law.memory)
+
+
+def stubborn(t: float, state: State, memory: Any) -> tuple[np.ndarray, Any]:
+    """A controller that cannot be traced: it branches, and remembers in a list."""
+    count = [] if memory is None else memory
+    tau = 2.0 * np.cos(np.arange(len(state.q)) + 40.0 * t) - state.qd
+    if state.object_twist[3] > 0.0 or len(count) > 1:
+        tau = tau + 1.0
+    return tau, [*count, t]
+
+
+def wind(t: float) -> Inputs:
+    """A wrench on the object that changes with time."""
+    return Inputs(object_wrench=np.array([0.1, 0.0, -0.2, 3.0 * np.sin(30.0 * t), 1.0, t]))
+
+
+def shaken(base: Pose, seed: int) -> Any:
+    """A base that turns and shifts about where it stands at t = BEGIN."""
+    random = np.random.default_rng(seed)
+    turning, shift, rate = random.normal(size=3), 0.1 * random.normal(size=3), 5.0
+
+    def motion(t: float) -> tuple[Pose, np.ndarray, np.ndarray]:
+        s = t - BEGIN
+        place = Pose(rotation.exp(turning * s) @ base.R, base.p + shift * np.sin(rate * s))
+        twist = np.concatenate([turning, rate * shift * np.cos(rate * s)])
+        return place, twist, np.concatenate([np.zeros(3), -(rate**2) * shift * np.sin(rate * s)])
+
+    return motion
+
+
+@pytest.mark.parametrize("by", ["rk4", "midpoint", "dop853"])
+@pytest.mark.parametrize(("name", "moving"), [("one", False), ("five", True)])
+def test_stagewise(name, moving, by):
+    """Any controller, wrenches as functions of time, bases that move, schemes that estimate their error."""
+    chain, state = problem(name)
+    rank = generic_rank(chain, state)
+    bases = {arm: shaken(chain.arms[arm].base, k) for k, arm in enumerate(chain.names) if k % 2 == 0}
+    world = World(chain, bases, wind) if moving else pushed(chain)
+    reference = ReferenceStepper(world, stubborn, rank, scheme(by), Tolerance(1e-9))
+    agree(StagewiseStepper.of(world, stubborn, rank, scheme(by), Tolerance(1e-9)), reference, state)
+
+
+def test_failures_are_each_ends_own():
+    """One end too far away does not spoil the others; the reason is the reference's."""
+    chain, state = problem("one")
+    rank, law = generic_rank(chain, state), swinging_law(chain.joint_count)
+    world = pushed(chain)
+    for stepper in (
+        FusedStepper.of(world, law, scheme("rk4"), rank),
+        StagewiseStepper.of(world, stubborn, rank, scheme("rk4"), Tolerance()),
+    ):
+        now, _ = stepper.start(BEGIN, state, None)
+        near, far = stepper.advance(now, [BEGIN + 1e-3, BEGIN + 5.0])
+        (alone,) = stepper.advance(now, [BEGIN + 1e-3])
+        assert near.instant is not None and alone.instant is not None
+        assert difference(numbers(near.instant), numbers(alone.instant)) == 0.0
+        assert far.instant is None and far.failure is not None
+        assert "try a smaller time step" in str(far.failure)
+
+
+def test_what_stagewise_cannot_is_refused():
+    """A wrench on a link that begins later, torques of a wrong shape: errors, never other physics."""
+    chain, state = problem("five")
+    rank, n = generic_rank(chain, state), chain.joint_count
+
+    def late(t: float) -> Inputs:
+        return Inputs(link_wrenches=np.full((n, 6), 1.0)) if t > BEGIN else Inputs()
+
+    stepper = StagewiseStepper.of(World(chain, inputs=late), stubborn, rank, scheme("rk4"), Tolerance())
+    now, _ = stepper.start(BEGIN, state, None)
+    (reached,) = stepper.advance(now, [BEGIN + 1e-3])
+    assert isinstance(reached.failure, MethodNotApplicable) and "wrenches on links" in str(reached.failure)
+    short = StagewiseStepper.of(World(chain), lambda t, x, m: (np.zeros(3), m), rank, scheme("rk4"), Tolerance())
+    with pytest.raises(StateError, match="controller: torques"):
+        short.start(BEGIN, state, None)

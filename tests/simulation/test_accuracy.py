@@ -1,0 +1,41 @@
+"""The bars of `tests/bars/test_simulation_accuracy.py`, over as much time as every run can afford."""
+
+import numpy as np
+import pytest
+
+from holdfast.simulation.runge_kutta import dop853
+from tests.oracles.planar_linkage import Motion
+from tests.simulation.problems import PROBLEMS
+from tests.simulation.runs import adaptive, differences, fixed, kept, stepper_of
+from tests.systems.five_bar import FiveBar, five_bar_chain, five_bar_state
+
+
+@pytest.mark.parametrize("problem", PROBLEMS)
+def test_every_grasp(problem):
+    """Closed to 1e-12 and 1e-11 after every step, by the run's own books and by `closure`."""
+    books = kept(fixed(*stepper_of(*PROBLEMS[problem]()), np.linspace(0.0, 0.008, 5)))
+    assert books.position <= 1e-12
+    assert books.velocity <= 1e-11
+    assert books.drift <= 1e-7 * books.peak_kinetic
+
+
+@pytest.mark.parametrize(("rtol", "steps", "drift"), [(1e-6, 10, 1e-5), (1e-12, 40, 1e-11)])
+def test_tolerance_buys_energy(rtol, steps, drift):
+    """Two Pandas fall for 0.2 s: energy is kept as the tolerance asks, and steps are as long as it allows."""
+    books = kept(adaptive(*stepper_of(*PROBLEMS["pandas"](), dop853(), rtol), 0.2))
+    assert books.position <= 1e-12
+    assert books.velocity <= 1e-11
+    assert books.drift <= drift * books.peak_kinetic
+    assert books.steps <= steps
+
+
+def test_thirty_digits():
+    """A five-bar linkage after 0.05 s agrees to 1e-11 with two coordinates integrated in 30 digits."""
+    bar = FiveBar()
+    motion = Motion(bar, (1.9, 0.2), (0.5, -1.0))
+    state = five_bar_state(bar, *motion.links(motion.start))
+    books = kept(adaptive(*stepper_of(five_bar_chain(bar), state, dop853(), 1e-12), 0.05))
+    assert books.last is not None
+    exact = five_bar_state(bar, *motion.links(motion.after(0.05, 2)))
+    assert differences(books.last.state, exact).max() <= 1e-11
+    assert differences(books.last.state, state).max() > 0.05

@@ -1,0 +1,201 @@
+"""Step-size control: what is accepted, how steps grow and shrink, what is hit and what is refused."""
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from holdfast import ClosureError, HoldfastError, ModelError, SingularChainError, StateError
+from holdfast.simulation.adaptive import Proposal, controlled, first_proposal, next_step, smallest_step
+from holdfast.simulation.runge_kutta import RK4, Tableau, dop853
+from holdfast.simulation.stepper import NO_GAPS, Advance
+from tests.simulation.runs import adaptive, stepper_of
+from tests.systems import well_conditioned_system
+from tests.systems.as_chain import as_chain
+
+ORDER = 8
+
+
+def at(t) -> Any:
+    """Return what the control looks at of an instant: its time."""
+    return SimpleNamespace(t=t)
+
+
+@dataclass
+class Model:
+    """A stepper whose error is (h / fitting)^8, or whose steps fail when they are longer than `sound`."""
+
+    fitting: float = np.inf
+    sound: float = np.inf
+    failure: HoldfastError = field(default_factory=lambda: ClosureError("the grasps are open"))
+    scheme: Tableau = field(default_factory=dop853)
+    tried: list[tuple[float, float]] = field(default_factory=list)
+
+    def start(self, t, state, memory):
+        """Return nothing: no test asks for it."""
+        raise NotImplementedError
+
+    def advance(self, now, ends):
+        """Return what the model says of each step."""
+        self.tried += [(now.t, end) for end in ends]
+        return [self._to(end, end - now.t) for end in ends]
+
+    def _to(self, end, step):
+        if step > self.sound:
+            return Advance(end, None, NO_GAPS, np.zeros(4), failure=self.failure)
+        return Advance(end, at(end), NO_GAPS, np.zeros(4), (step / self.fitting) ** ORDER)
+
+
+def run(stepper, knots, proposal, now=0.0):
+    """Return the times of the accepted steps through all knots."""
+    times = [now]
+    for knot in knots:
+        while times[-1] < knot:
+            reached, proposal = next_step(stepper, at(times[-1]), proposal, knot)
+            times.append(reached.t)
+    return times
+
+
+@pytest.mark.parametrize("error", [0.0, 1e-300, 1e-9, 0.3, 1.0, 1.0000001, 7.0, 1e30, np.inf, np.nan])
+@pytest.mark.parametrize("last", [1e-4, 1.0])
+def test_controlled(error, last):
+    """Accepted up to the tolerance; from a fifth to five times as long; shorter after a rejection."""
+    accepted, longer = controlled(0.01, error, ORDER, last)
+    assert accepted == (error <= 1.0)
+    assert 0.002 <= longer <= 0.05
+    if not accepted:
+        assert longer <= 0.009
+
+
+def test_larger_errors_never_lengthen():
+    """The next step falls with the error, and with what the error has just risen from."""
+    for last in (1e-4, 1.0):
+        steps = [controlled(1.0, e, ORDER, last)[1] for e in np.geomspace(1e-12, 1.0, 50)]
+        assert (np.diff(steps) <= 0).all()
+    assert controlled(1.0, 0.5, ORDER, 1e-3)[1] < controlled(1.0, 0.5, ORDER, 0.5)[1]
+
+
+@pytest.mark.parametrize("first", [1e-6, 1.0])
+def test_settles(first):
+    """From steps far too short or too long the control finds those that fit, and then rejects none."""
+    stepper = Model(fitting=0.01)
+    times = np.array(run(stepper, [1.0], Proposal(first)))
+    assert times[-1] == 1.0
+    late = np.diff(times)[25:-3]
+    assert ((late > 0.65 * 0.01) & (late < 0.75 * 0.01)).all()
+    assert len(stepper.tried) - len(times) + 1 <= 5
+
+
+def test_knots_are_hit_and_cost_little():
+    """Every knot is an end, exactly; a knot cuts the steps before it, not those after."""
+    knots = [0.1, 0.1 + 1e-9, 1 / 3, 0.7, 1.0]
+    times = run(Model(fitting=0.02), knots, Proposal(0.01))
+    assert set(knots) <= set(times)
+    assert (np.diff(times) > 0).all()
+    free = run(Model(fitting=0.02), [1.0], Proposal(0.01))
+    assert len(times) <= len(free) + 2 * len(knots)
+
+
+def test_last_steps_share_what_is_left():
+    """No sliver of a step is left before a knot."""
+    times = run(Model(), [1.0], Proposal(0.99))
+    assert times == [0.0, 0.5, 1.0]
+    assert run(Model(), [1.0], Proposal(1.0 - 1e-12)) == [0.0, 1.0]
+
+
+def test_failing_steps_are_shortened():
+    """A step that cannot be closed is tried again, a fifth as long; then steps do not jump back at once."""
+    stepper = Model(sound=0.01)
+    reached, proposal = next_step(stepper, at(2.0), Proposal(0.3), 9.0)
+    assert [end - t for t, end in stepper.tried] == pytest.approx([0.3, 0.06, 0.012, 0.0024])
+    assert reached.t == pytest.approx(2.0024)
+    assert proposal.step == pytest.approx(0.0024)
+
+
+@pytest.mark.parametrize("failure", [SingularChainError("rank 8 of 12"), ClosureError("open"), StateError("nan")])
+def test_no_way_on(failure):
+    """Where every step fails, the failure is raised as what it is, with the time."""
+    stepper = Model(sound=0.0, failure=failure)
+    with pytest.raises(type(failure), match=f"no step leads on from t = 1.25 s, however short: {failure}"):
+        next_step(stepper, at(1.25), Proposal(0.1), 2.0)
+    assert len(stepper.tried) < 40
+    assert min(end - t for t, end in stepper.tried) >= 0.9 * smallest_step(1.25)
+
+
+def test_underflow():
+    """An error that no step brings down is refused, naming the time and what it comes to."""
+    stepper = Model(fitting=1e-15)
+    with pytest.raises(
+        StateError, match=r"from t = 0\.5 s: at \S+e-1[12] s the error is still \S+ times the tolerance"
+    ):
+        next_step(stepper, at(0.5), Proposal(0.1), 2.0)
+
+
+def test_smallest_step():
+    """Steps end where float64 can no longer tell the times apart."""
+    assert smallest_step(0.0) == 1e-12
+    assert 1e6 + smallest_step(1e6) > 1e6
+    assert smallest_step(1e6) == 16 * np.spacing(1e6)
+
+
+@pytest.mark.parametrize(
+    ("stepper", "latest", "message"),
+    [
+        (Model(scheme=RK4), 1.0, "scheme 'rk4' estimates no error; try 'dop853'"),
+        (Model(), 0.0, "latest: expected a time after t = 0 s, got 0 s"),
+        (Model(), np.nan, "latest: expected a time after"),
+        (Model(), np.inf, "latest: expected a time after"),
+    ],
+)
+def test_refused(stepper, latest, message):
+    """A scheme without estimates and a time that is not ahead are refused."""
+    with pytest.raises(ModelError, match=message.replace("(", r"\(")):
+        next_step(stepper, at(0.0), Proposal(0.1), latest)
+
+
+def swing(rtol, controller, knots=(0.12,)):
+    """Return the instants of one arm that carries the object, through the knots."""
+    p = as_chain(well_conditioned_system(3, arms=1, joints=3, grasps="rigid", moving_base=False, extras=False))
+    stepper, now = stepper_of(p.chain, p.state, dop853(), rtol, controller=controller)
+    found = [now]
+    for knot in knots:
+        found += list(adaptive(stepper, found[-1], knot))[1:]
+    return found
+
+
+def test_tolerance_is_met():
+    """A thousandth of the tolerance: a thousandth of the error, about, for few more steps."""
+    runs = [swing(rtol, lambda t, s, m: (np.cos(9 * t) * np.ones(3), m)) for rtol in (1e-6, 1e-9, 1e-12)]
+    exact = runs[-1][-1].state
+    errors = [np.abs(r[-1].state.q - exact.q).max() for r in runs[:-1]]
+    assert errors[0] < 1e-5 and errors[1] < 1e-8
+    assert errors[1] < 0.02 * errors[0]
+    assert len(runs[1]) < 4 * len(runs[0])
+
+
+def test_jumps():
+    """A torque that jumps inside a step is found by the error; where the jump is a knot, nothing is tried twice."""
+
+    def jumping(t, state, memory):
+        return np.full(3, 8.0 if t > 0.0534 else -8.0), memory
+
+    blind, warned = swing(1e-8, jumping), swing(1e-8, jumping, (0.0534, np.nextafter(0.0534, 1), 0.12))
+    np.testing.assert_allclose(blind[-1].state.q, warned[-1].state.q, atol=1e-7)
+    assert len(warned) < 0.6 * len(blind)
+    assert min(b.t - a.t for a, b in pairwise(blind)) < 1e-3
+
+
+def test_first_proposal():
+    """The first step is short beside what moves, and bounded where nothing does."""
+    p = as_chain(well_conditioned_system(3, arms=1, joints=3, grasps="rigid", moving_base=False, extras=False))
+    now = stepper_of(p.chain, p.state)[1]
+    fastest = max(np.abs(now.state.qd).max(), np.sqrt(np.abs(now.result.qdd).max()))
+    assert 0.1 * 0.01 / fastest < first_proposal(now).step <= 0.01 / fastest
+    still: Any = SimpleNamespace(
+        state=SimpleNamespace(qd=np.zeros(2), object_twist=np.zeros(6)),
+        result=SimpleNamespace(qdd=np.zeros(2), object_acceleration=np.zeros(6)),
+    )
+    assert first_proposal(still).step == 1.0

@@ -1,0 +1,54 @@
+"""Searches in a bracket: minima and zeros of functions known in closed form."""
+
+import math
+
+import numpy as np
+import pytest
+
+from holdfast.simulation.bracket import crossing, lowest_between
+
+
+def counted(f):
+    """Return the function, and the list of places it was asked at."""
+    asked = []
+
+    def g(x):
+        asked.append(x)
+        return f(x)
+
+    return g, asked
+
+
+SHAPES = {  # (f of the distance from its lowest point, most evaluations)
+    "cosine": (lambda d: 0.7 - math.cos(3 * d), 25),
+    "skew": (lambda d: math.exp(8 * d) - 8 * d, 25),
+    "kink": (lambda d: max(3 * d, -0.5 * d), 60),
+    "step and slope": (lambda d: -d if d < 0 else 1 + d, 60),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_lowest(shape):
+    """The minimum is where it is, to the precision asked for, kinks included, in few evaluations."""
+    f, most = SHAPES[shape]
+    rng = np.random.default_rng(1)
+    for place in rng.uniform(0.1, 0.9, 50):
+        g, asked = counted(lambda x, place=place: f(x - place))
+        inside = place + rng.uniform(-0.05, 0.0)
+        x, value = lowest_between(g, 0.0, inside, 1.0, 1e-7)
+        assert x == pytest.approx(place, abs=3e-7)
+        assert value == f(x - place)
+        assert len(asked) <= most
+
+
+@pytest.mark.parametrize("f", [lambda d: d, math.sinh, lambda d: d**3, lambda d: 1.0 if d > 0 else -1.0, math.atan])
+@pytest.mark.parametrize("down", [1.0, -1.0])
+def test_crossing(f, down):
+    """The zero is found to 1e-13 from either end, and the place returned lies on the far side of it."""
+    for place in np.random.default_rng(2).uniform(0.05, 0.95, 50):
+        g, asked = counted(lambda x, place=place: down * f(x - place))
+        for a, b in ((0.0, 1.0), (1.0, 0.0)):
+            x = crossing(g, a, g(a), b, g(b), 1e-13)
+            assert x == pytest.approx(place, abs=1.1e-13)
+            assert (g(x) < 0) == (g(b) < 0)
+        assert len(asked) < 150

@@ -1,0 +1,135 @@
+"""Runs that are left and go on: every bit the same as if they had not been."""
+
+import io
+import json
+
+import numpy as np
+import pytest
+
+from holdfast import Friction, Grasp, ResultError
+from holdfast.simulation.checkpoint import Checkpoint
+from holdfast.simulation.events import Attach, Release
+from holdfast.simulation.memory import packed, unpacked
+from holdfast.simulation.schedule import TorqueSchedule
+from holdfast.simulation.simulate import simulate
+from holdfast.simulation.trajectory import array_names
+from tests.simulation.gantries import contact_frame, squeezed
+
+
+def on_disk(checkpoint):
+    """Return the checkpoint after its way through an .npz file and a JSON text."""
+    arrays, data = checkpoint.to_data()
+    file = io.BytesIO()
+    np.savez(file, **arrays)
+    file.seek(0)
+    with np.load(file, allow_pickle=False) as saved:
+        return Checkpoint.from_data(dict(saved), json.loads(json.dumps(data)))
+
+
+def swaying(t):
+    """A base that moves."""
+    x = np.array([1e-3 * t**3, 0.0, 0.0])
+    base = contact_frame(-1.0).p
+    return (
+        np.r_[1.0, 0, 0, 0, base + x],
+        np.r_[np.zeros(3), 3e-3 * t**2, 0, 0],
+        np.r_[np.zeros(3), 6e-3 * t, 0, 0],
+    )
+
+
+def eventful():
+    """A run in which everything happens: knots, memory, a moving base, gripping, letting go, a dip, a slip."""
+    contact = Friction(0.5, torsion_radius=0.02), Friction(0.5)
+    chain, state = squeezed(("softfinger", "ball"), contact, ("x", ""), effort_limit=33.0)
+    inner = TorqueSchedule.linear(
+        [0.0, 0.02, 0.047, 0.09], [[N, 0, 0, 0.01, -N, 0, 0.1] for N in (30.0, 35.0, 20.0, -5.0)]
+    )
+
+    class Remembering:
+        breakpoints = inner.breakpoints
+
+        def __call__(self, t, state, memory):
+            count, filtered = memory or (0, np.zeros(len(state.qd)))
+            filtered = 0.9 * filtered + 0.1 * state.qd
+            return inner(t, state, None)[0] - 0.5 * filtered, (count + 1, filtered)
+
+    options = {
+        "events": [Release(0.033, "right"), Attach(0.041, "right", Grasp("ball", contact_frame(1.0), contact[1]),
+                                                   here=True)],
+        "base_motion": {"left": swaying},
+        "on_slip": "release",
+    }  # fmt: skip
+    return (chain, state, Remembering(), 0.09, 0.01), options
+
+
+@pytest.mark.parametrize("scheme", ["rk4", "dop853"])
+def test_going_on_changes_no_bit(scheme):
+    """From any checkpoint, through disk, the rest of the run is bit for bit what it was."""
+    given, options = eventful()
+    checkpoints = []
+    whole = simulate(*given, **options, scheme=scheme, on_checkpoint=checkpoints.append)
+    assert whole.stopped is None
+    assert {one.kind for one in whole.occurrences} == {"attach", "release", "violation", "recovery"}
+    assert len(checkpoints) == len(whole)
+    for k in range(0, len(whole), 3):
+        rest = simulate(*given, **options, scheme=scheme, start=on_disk(checkpoints[k]))
+        for name in array_names():
+            mine, theirs = getattr(rest, name), getattr(whole, name)[k + 1 :]
+            assert mine.dtype == theirs.dtype
+            assert mine.tobytes() == theirs.tobytes(), (k, name)
+        assert checkpoints[k].occurrences + rest.occurrences == whole.occurrences
+
+
+def test_going_on_from_the_end():
+    """There is nothing left: no samples, of the right shapes."""
+    given, options = eventful()
+    last = []
+    run = simulate(*given[:3], 0.02, 0.01, on_checkpoint=last.append)
+    rest = simulate(*given[:3], 0.02, 0.01, start=on_disk(last[-1]))
+    assert len(rest) == 0
+    assert rest.q.shape == (0, *run.q.shape[1:])
+
+
+def test_memories():
+    """Everything a memory may hold comes back as it was, types and bits."""
+    value = {
+        "a.b": (None, True, -3, 0.1 + 0.2, np.inf, "text", [np.float64(0.3), np.arange(3), ()]),
+        "a": {"b": np.array([[np.nan, -0.0]]), "c": np.bool_(False)},
+    }
+    arrays = {}
+    data = json.loads(json.dumps(packed(value, "memory", arrays)))
+    back = unpacked(data, arrays)
+    assert repr(back) == repr(value)
+    assert [type(x) for x in back["a.b"]] == [type(x) for x in value["a.b"]]
+
+
+@pytest.mark.parametrize(
+    ("memory", "message"),
+    [
+        (object(), "now.memory: expected None, numbers"),
+        ((1.0, {2: 3}), "now.memory[1]: expected"),
+        ([{"inner": {1, 2}}], "now.memory[0].inner: expected"),
+        (np.array([object()]), "got ndarray"),
+        (2**70, "numbers (of 64 bits)"),
+    ],
+)
+def test_memories_that_cannot_be_saved(memory, message):
+    """Such a run goes on; only its checkpoint cannot be written, and says where the fault is."""
+    chain, state = squeezed(("ball", "ball"))
+    checkpoints = []
+    simulate(chain, state, lambda t, s, m: (np.zeros(6), memory), 0.02, 0.01, on_checkpoint=checkpoints.append)
+    with pytest.raises(ResultError) as caught:
+        checkpoints[-1].to_data()
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize("lacking", ["now.q", "ledger.lowest", "tail_time"])
+def test_damaged_checkpoints(lacking):
+    """Something missing is refused, not guessed."""
+    chain, state = squeezed(("ball", "ball"))
+    checkpoints = []
+    simulate(chain, state, lambda t, s, m: (np.zeros(6), m), 0.01, 0.01, on_checkpoint=checkpoints.append)
+    arrays, data = checkpoints[0].to_data()
+    del arrays[lacking]
+    with pytest.raises(ResultError, match="checkpoint: cannot be read"):
+        Checkpoint.from_data(arrays, data)
