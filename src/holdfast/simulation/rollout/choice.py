@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from holdfast.compiler.errors import CompileError
 from holdfast.errors import StateError
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.instant import Controller
+from holdfast.simulation.limits import Signals
 from holdfast.simulation.rollout.fused import FusedStepper
 from holdfast.simulation.rollout.law import ControlLaw
+from holdfast.simulation.rollout.stages import control
 from holdfast.simulation.rollout.stagewise import StagewiseStepper, moving
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.stepper import ReferenceStepper, Stepper
@@ -13,6 +17,7 @@ from holdfast.simulation.tolerance import Tolerance
 from holdfast.simulation.world import World
 
 WORTH_COMPILING = 30  # steps: fewer are taken by the readable texts in the time that compiling takes
+LOOKED_AT = 16  # steps that the looks inside one come to, where something is limited
 
 
 def stepper_for(
@@ -38,20 +43,23 @@ def stepper_for(
 
     Raises:
         StateError: a law that is told parameters, which a run has not.
-        CompileError: the law does what cannot be traced.
+        CompileError: a law does what cannot be traced.
     """
-    law = law_of(controller)
-    if law is not None and not isinstance(controller, ControlLaw) and steps < WORTH_COMPILING:
-        law = None
-    if law is not None and not scheme.adaptive and not moving(world) and not _acting_on_links(world):
+    law = law_of(controller, world.chain)
+    few = steps * (LOOKED_AT if len(Signals(world.chain).limited) else 1) < WORTH_COMPILING
+    if law is not None and not few and not scheme.adaptive and not moving(world) and not _acting_on_links(world):
         return FusedStepper.of(world, law, scheme, generic_rank)
-    if steps < WORTH_COMPILING or _acting_on_links(world):
+    if few or _acting_on_links(world):
         return ReferenceStepper(world, controller, generic_rank, scheme, tolerance)
     return StagewiseStepper.of(world, controller, generic_rank, scheme, tolerance)
 
 
-def law_of(controller: Controller | ControlLaw) -> ControlLaw | None:
-    """Return the law of a controller that can be traced, or None."""
+def law_of(controller: Controller | ControlLaw, chain: ClosedChain) -> ControlLaw | None:
+    """Return the law of a controller that can be traced, or None.
+
+    Raises:
+        StateError: a law that is told parameters.
+    """
     if isinstance(controller, ControlLaw):
         if controller.parameters:
             raise StateError(
@@ -61,7 +69,12 @@ def law_of(controller: Controller | ControlLaw) -> ControlLaw | None:
         return controller
     if not getattr(controller, "traceable", False):
         return None
-    return ControlLaw(lambda t, state, memory, given: (controller(t, state, None)[0], memory))
+    law = ControlLaw(lambda t, state, memory, given: (controller(t, state, None)[0], memory))
+    try:
+        control(law, chain)
+    except CompileError:  # a part of it is the user's own, such as a path
+        return None
+    return law
 
 
 def _acting_on_links(world: World) -> bool:
