@@ -53,7 +53,9 @@ if TYPE_CHECKING:
     from holdfast.interop.mjcf_writer import to_mjcf
     from holdfast.io.case_file import load_cases
     from holdfast.io.result_reader import load_result
+    from holdfast.robots.urdf import load_urdf, load_urdf_arms
     from holdfast.scenario.build import load_scene
+    from holdfast.simulation.events import Attach, Release
     from holdfast.simulation.rollout.law import ControlLaw
     from holdfast.simulation.rollout.rollout import Rollout, RolloutRecord, compile_rollout
     from holdfast.simulation.rollout.systems import Fate, RolloutSystems
@@ -67,6 +69,7 @@ _LATER = {
     "ArmResult": "holdfast.dynamics.result",
     "Assembly": "holdfast.assembly.assemble",
     "AssemblyReport": "holdfast.assembly.report",
+    "Attach": "holdfast.simulation.events",
     "Attachment": "holdfast.dynamics.impulse",
     "BoundDynamics": "holdfast.compiled.bound_dynamics",
     "CompiledChain": "holdfast.compiled.chain",
@@ -82,6 +85,7 @@ _LATER = {
     "MarginRange": "holdfast.dynamics.margin_range",
     "Method": "holdfast.dynamics.methods",
     "Power": "holdfast.dynamics.energy",
+    "Release": "holdfast.simulation.events",
     "Rollout": "holdfast.simulation.rollout.rollout",
     "RolloutRecord": "holdfast.simulation.rollout.rollout",
     "RolloutSystems": "holdfast.simulation.rollout.systems",
@@ -111,6 +115,8 @@ _LATER = {
     "load_mjcf": "holdfast.interop.mjcf_reader",
     "load_result": "holdfast.io.result_reader",
     "load_scene": "holdfast.scenario.build",
+    "load_urdf": "holdfast.robots.urdf",
+    "load_urdf_arms": "holdfast.robots.urdf",
     "margin_range": "holdfast.dynamics.margin_range",
     "momentum": "holdfast.dynamics.energy",
     "momentum_rate": "holdfast.dynamics.momentum_balance",
@@ -150,6 +156,7 @@ __all__ = [
     "ArmResult",
     "Assembly",
     "AssemblyReport",
+    "Attach",
     "Attachment",
     "BoundDynamics",
     "ClosedChain",
@@ -177,6 +184,7 @@ __all__ = [
     "ModelError",
     "Pose",
     "Power",
+    "Release",
     "ResultError",
     "Rollout",
     "RolloutRecord",
@@ -212,6 +220,8 @@ __all__ = [
     "load_mjcf",
     "load_result",
     "load_scene",
+    "load_urdf",
+    "load_urdf_arms",
     "margin_range",
     "momentum",
     "momentum_rate",
