@@ -47,7 +47,7 @@ def robot_description_path(name: str, *, xacro_args: Mapping[str, str] | None = 
         paths = import_module("robot_descriptions._xacro")
     except ImportError as cause:
         raise MissingExtra(
-            f"robot '{name}': needs robot_descriptions >= 2; try pip install 'holdfast[robots]'"
+            f"robot '{name}': needs robot_descriptions >= 3.3; try pip install 'holdfast[robots]'"
         ) from cause
     full = name if name in known else f"{name}_description"
     if full not in known or not known[full].has_urdf:

@@ -12,7 +12,7 @@ from holdfast.spatial.scalar import Array
 
 
 def with_right_angles(arm: Arm, tolerance: float = 1e-10) -> Arm:
-    """Return the arm with rotation entries near 0 and +-1 made exactly so. O(N).
+    """Return the arm with right angles between its links made exact. O(N).
 
     Many URDF files say `1.57079632679`, 5e-12 rad from pi/2. Compiled dynamics fold exact
     zeros and ones away, and not 5e-12: for Baxter's arm that is a tenth of the time. Motion
@@ -20,7 +20,7 @@ def with_right_angles(arm: Arm, tolerance: float = 1e-10) -> Arm:
 
     Args:
         arm: the arm.
-        tolerance: how near is near.
+        tolerance: how far from a right angle [rad].
     """
     return replace(
         arm,
@@ -30,6 +30,7 @@ def with_right_angles(arm: Arm, tolerance: float = 1e-10) -> Arm:
 
 
 def _rounded(pose: Pose, tolerance: float) -> Pose:
-    """Return the pose with its rotation's entries rounded where they are near 0 and +-1."""
-    whole: Array = np.round(pose.R)
-    return Pose(np.where(np.abs(pose.R - whole) <= tolerance, whole, pose.R) + 0.0, pose.p)
+    """Return the pose with small rotation entries 0, and what then stands alone in its row +-1."""
+    R: Array = np.where(np.abs(pose.R) <= tolerance, 0.0, pose.R)
+    alone = np.count_nonzero(R, axis=1) == 1
+    return Pose(np.where(alone[:, None], np.sign(R), R), pose.p)

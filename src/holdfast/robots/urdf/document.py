@@ -33,8 +33,8 @@ class Element:
     attributes: dict[str, str]
     source: str
     line: int
-    parent: Element | None
-    children: list[Element] = field(default_factory=list)
+    parent: Element | None = field(repr=False)
+    children: list[Element] = field(default_factory=list, repr=False)
     stray: list[str] = field(default_factory=list)
 
     @property
@@ -57,7 +57,7 @@ class Element:
 
     def said(self, text: str) -> str:
         """Return `file:line: element: text` on one line."""
-        return " ".join(f"{self.source}:{self.line}: {shortened(self.label, 200)}: {text}".split())
+        return f"{self.source}:{self.line}: " + " ".join(f"{shortened(self.label, 200)}: {text}".split())
 
     def refuse(self, problem: str) -> SceneError:
         """Return the error that names file, line and element."""

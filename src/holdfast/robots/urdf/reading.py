@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from os import PathLike
 from typing import TypeVar
 
+from holdfast.robots.urdf import attributes
 from holdfast.robots.urdf.document import parse_document
 from holdfast.robots.urdf.joints import read_joint
 from holdfast.robots.urdf.links import read_link
@@ -41,7 +42,8 @@ def read_urdf(path_or_text: str | PathLike[str], *, xacro_args: Mapping[str, str
     notes = (*source.notes, *read_words(root))
     links = _by_name([read_link(element) for element in root.children if element.tag == "link"])
     joints = _by_name([read_joint(element) for element in root.children if element.tag == "joint"])
-    return UrdfRobot(root.attributes.get("name", ""), links, joints, root_of(root, links, joints), root, notes)
+    name = attributes.name(root) if root.attributes.get("name", "").strip() else ""
+    return UrdfRobot(name, links, joints, root_of(root, links, joints), root, notes)
 
 
 def _by_name(members: list[Named]) -> dict[str, Named]:

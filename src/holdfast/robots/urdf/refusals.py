@@ -8,7 +8,7 @@ from holdfast.robots.urdf.document import quoted
 from holdfast.robots.urdf.folding import Fold, moving_branches
 from holdfast.robots.urdf.locking import Locks
 from holdfast.robots.urdf.robot import MOVING, UrdfJoint
-from holdfast.robots.urdf.tree import Step, listed
+from holdfast.robots.urdf.tree import Step
 
 
 def refuse_unsupported(locks: Locks, steps: list[Step]) -> None:
@@ -32,8 +32,6 @@ def refuse_moving_branches(locks: Locks, folded: Fold, steps: list[Step]) -> Non
     passed = {step.joint.name for step in steps}
     for body in folded.bodies:
         loose = moving_branches(body, passed, locks)
-        if others := [joint.name for joint in loose if joint.name in locks.on_the_way]:
-            raise loose[0].element.refuse(f"another arm hangs on this one by {listed(others)}")
         if odd := [joint for joint in loose if joint.kind not in MOVING]:
             raise odd[0].element.refuse(
                 f"type: expected a joint that can be held, since it hangs on the arm, got {quoted(odd[0].kind)}"

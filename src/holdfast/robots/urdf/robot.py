@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from holdfast.robots.urdf.document import Element
@@ -28,7 +28,7 @@ class UrdfInertial:
     mass: float
     com: Array
     inertia: Array
-    element: Element
+    element: Element = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class UrdfLink:
 
     name: str
     inertial: UrdfInertial | None
-    element: Element
+    element: Element = field(repr=False)
     notes: tuple[str, ...]
 
 
@@ -70,7 +70,8 @@ class UrdfJoint:
     Attributes:
         name: its name.
         kind: "revolute", "continuous", "prismatic", "fixed", or one that no arm can have.
-        parent, child: names of its links.
+        parent: name of the link it is on.
+        child: name of the link it moves.
         origin: pose of the child frame in the parent frame at q = 0.
         axis: (3,) unit vector in child axes.
         position_limits: lowest and highest q [rad or m]; infinite if the file gives none.
@@ -95,7 +96,7 @@ class UrdfJoint:
     damping: float
     friction: float
     mimic: Mimic | None
-    element: Element
+    element: Element = field(repr=False)
     notes: tuple[str, ...]
 
     @property
@@ -125,13 +126,8 @@ class UrdfRobot:
     links: Mapping[str, UrdfLink]
     joints: Mapping[str, UrdfJoint]
     root: str
-    element: Element
+    element: Element = field(repr=False)
     notes: tuple[str, ...]
-
-    @property
-    def source(self) -> str:
-        """The file's name."""
-        return self.element.source
 
     @cached_property
     def joint_above(self) -> Mapping[str, UrdfJoint]:

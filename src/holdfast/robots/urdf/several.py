@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from os import PathLike
 from typing import Unpack
 
@@ -37,10 +38,8 @@ def urdf_chains(
     locks = Locks(robot, held, bool(options.get("lock_others")), passed)
     refuse_shared(locks, ways)
     mount = mounted(options)
-    return {
-        name: chain_along(locks, base, ways[name], mount @ _standing(locks, name, base), options)
-        for name, (base, _) in ends_of.items()
-    }
+    mounts = {name: mount @ _standing(locks, name, base) for name, (base, _) in ends_of.items()}
+    return {name: chain_along(locks, base, ways[name], mounts[name], options) for name, (base, _) in ends_of.items()}
 
 
 def _ends_of_arms(robot: UrdfRobot, arms: Mapping[str, tuple[str, str]]) -> dict[str, tuple[str, str]]:
@@ -61,10 +60,10 @@ def _ends_of_arms(robot: UrdfRobot, arms: Mapping[str, tuple[str, str]]) -> dict
 
 
 def _standing(locks: Locks, name: str, base: str) -> Pose:
-    """Return the pose of an arm's base link in the root link's frame; joints between them must be held."""
-    at = Pose.identity()
+    """Return the pose of an arm's base link in the root link's frame; joints between them must be held by name."""
+    at, given = Pose.identity(), replace(locks, others=False)
     for joint, _ in way(locks.robot, locks.robot.root, base):
-        across = locks.pose(joint)
+        across = given.pose(joint)
         if across is None:
             raise joint.element.refuse(
                 f"moves the base {quoted(base)} of arm '{name}'; try locked={{{quoted(joint.name)}: 0.0}}"

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from contextlib import redirect_stderr
+from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
+from importlib import import_module
 from io import StringIO
 from os import PathLike, fspath
 from pathlib import Path
@@ -41,6 +42,8 @@ def read_source(path_or_text: str | PathLike[str], xacro_args: Mapping[str, str]
     given = fspath(path_or_text)
     if not isinstance(given, str):
         raise SceneError(f"URDF: expected a path of str, got {type(given).__name__}")
+    if not isinstance(xacro_args or {}, Mapping):
+        raise SceneError(f"URDF: xacro_args: expected values by name, got a {type(xacro_args).__name__}")
     name = shortened(given, 200)
     is_text = isinstance(path_or_text, str) and given.lstrip("\ufeff \t\r\n").startswith("<")
     if not is_text and given.endswith(".xacro"):
@@ -69,18 +72,25 @@ def _expanded(path: str, xacro_args: dict[str, str]) -> Source:
     name = shortened(path, 200)
     _read_bytes(path, name)
     try:
-        from xacrodoc import XacroDoc
+        xacro_document = import_module("xacrodoc").XacroDoc
     except ImportError as cause:
         raise MissingExtra(f"{name}: xacro files need xacrodoc; try pip install 'holdfast[robots]'") from cause
     said = StringIO()
     try:
-        with redirect_stderr(said), warnings.catch_warnings(record=True) as warned:
-            warnings.simplefilter("always")
-            document = XacroDoc.from_file(path, subargs=xacro_args, resolve_packages=False)
+        folder, file = Path(path).resolve().parent, Path(path).name
+        with (
+            chdir(folder),
+            redirect_stderr(said),
+            redirect_stdout(said),
+            warnings.catch_warnings(record=True) as warned,
+        ):
+            warnings.simplefilter("always")  # chdir: xacro looks for relative includes from where it stands
+            document = xacro_document.from_file(folder / file, subargs=xacro_args, resolve_packages=False)
             text = document.to_urdf_string()
     except Exception as cause:  # xacro evaluates expressions, which can raise anything
         reason = " ".join(f"{said.getvalue()} {type(cause).__name__}: {cause}".split())
-        raise SceneError(f"{name}: xacro cannot expand it: {shortened(reason, 400)}") from cause
+        advice = "; try xacrodoc.packages.update_package_cache({name: folder})" if "Package not found" in reason else ""
+        raise SceneError(f"{name}: xacro cannot expand it: {shortened(reason, 400)}{advice}") from cause
     lines = (*said.getvalue().splitlines(), *(str(warning.message) for warning in warned))
     notes = tuple(f"{name}: xacro says: {line}" for line in lines if line.strip())
     return Source(f"{name} (expanded)", text, notes)

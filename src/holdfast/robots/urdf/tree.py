@@ -95,7 +95,7 @@ def known_link(robot: UrdfRobot, link: str, what: str) -> str:
     Raises:
         SceneError: it has none of that name.
     """
-    if link not in robot.links:
+    if not isinstance(link, str) or link not in robot.links:
         shown = quoted(link) if isinstance(link, str) else f"a {type(link).__name__}"
         raise robot.element.refuse(f"{what}: no link {shown}.{hint(str(link), robot.links)}")
     return link

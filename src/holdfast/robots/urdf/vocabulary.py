@@ -41,7 +41,7 @@ WORDS = {
     ),
     "inertial": Words((), ("origin", "mass", "inertia")),
     "mass": Words(("value",)),
-    "inertia": Words(("ixx", "ixy", "ixz", "iyy", "iyz", "izz")),
+    "inertia": Words(("ixx", "ixy", "ixz", "iyy", "iyz", "izz", "iyx", "izx", "izy")),
     "origin": Words(("xyz", "rpy")),
     "joint": Words(
         ("name", "type"),
@@ -109,5 +109,5 @@ def _misspelt(word: str, known: tuple[str, ...]) -> str:
     """Return the known word that this one must be a slip of, or nothing."""
     if len(word) > 40:
         return ""
-    near = difflib.get_close_matches(word.lower(), known, n=1, cutoff=0.8)
+    near = difflib.get_close_matches(word.lower(), known, n=1, cutoff=0.8 if len(word) > 3 else 0.6)
     return near[0] if near else ""
