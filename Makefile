@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test bars lint counts bench pictures clean
+.PHONY: demo test bars lint counts bench pictures robots docs clean
 
 demo: $(VENV)/.plot
 	$(BIN)/holdfast simulate examples/two_pandas.toml --out results/two_pandas --overwrite
@@ -32,6 +32,10 @@ bench: $(VENV)/.bench
 	mkdir -p results
 	$(BIN)/holdfast bench --json > results/bench.json
 	$(BIN)/python benchmarks/write_benchmarks.py results/bench.json
+
+# Real robots for the long checks, from wheels on PyPI (some 500 MB pass through; only .urdf files stay).
+robots: $(VENV)/.dev
+	$(BIN)/python -m tests.robots.fetch_real_robots results/robots
 
 # The README's picture, from the demo.
 pictures: demo

@@ -53,7 +53,8 @@ if TYPE_CHECKING:
     from holdfast.interop.mjcf_writer import to_mjcf
     from holdfast.io.case_file import load_cases
     from holdfast.io.result_reader import load_result
-    from holdfast.robots.urdf import load_urdf, load_urdf_arms
+    from holdfast.robots.descriptions import load_robot_description
+    from holdfast.robots.urdf import load_urdf, load_urdf_arms, urdf_chain
     from holdfast.scenario.build import load_scene
     from holdfast.simulation.events import Attach, Release
     from holdfast.simulation.rollout.law import ControlLaw
@@ -114,6 +115,7 @@ _LATER = {
     "load_cases": "holdfast.io.case_file",
     "load_mjcf": "holdfast.interop.mjcf_reader",
     "load_result": "holdfast.io.result_reader",
+    "load_robot_description": "holdfast.robots.descriptions",
     "load_scene": "holdfast.scenario.build",
     "load_urdf": "holdfast.robots.urdf",
     "load_urdf_arms": "holdfast.robots.urdf",
@@ -133,6 +135,7 @@ _LATER = {
     "split": "holdfast.dynamics.split",
     "state_from_joints": "holdfast.dynamics.object_from_joints",
     "to_mjcf": "holdfast.interop.mjcf_writer",
+    "urdf_chain": "holdfast.robots.urdf",
     "wrist_wrenches": "holdfast.dynamics.wrist",
 }
 
@@ -219,6 +222,7 @@ __all__ = [
     "load_cases",
     "load_mjcf",
     "load_result",
+    "load_robot_description",
     "load_scene",
     "load_urdf",
     "load_urdf_arms",
@@ -238,5 +242,6 @@ __all__ = [
     "split",
     "state_from_joints",
     "to_mjcf",
+    "urdf_chain",
     "wrist_wrenches",
 ]

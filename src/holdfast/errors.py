@@ -26,7 +26,7 @@ class MethodNotApplicable(HoldfastError):
 
 
 class SceneError(HoldfastError, ValueError):
-    """A scene or case file is unreadable or says something impossible."""
+    """A scene, case or robot file is unreadable or says something impossible."""
 
 
 class ResultError(HoldfastError):
