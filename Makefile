@@ -41,6 +41,15 @@ robots: $(VENV)/.dev
 pictures: demo
 	cp results/two_pandas/grasp_wrenches.png docs/images/
 
+# The documentation site, into docs/_build/html; without network, without warnings.
+docs: $(VENV)/.docs
+	$(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html
+
+$(VENV)/.docs: pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable ".[docs]"
+	touch $@
+
 $(VENV)/.plot: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check --editable ".[plot]"

@@ -2,6 +2,7 @@
 
 import sys
 from importlib.metadata import version as installed_version
+from importlib.resources import files
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent / "_sphinx"))
@@ -22,7 +23,7 @@ myst_heading_anchors = 3
 
 html_theme = "furo"
 html_title = "holdfast"
-html_static_path = ["_static"]
+html_static_path = ["_static", str(files("ziamath") / "fonts" / "STIXTwoMath-Regular.ttf")]  # for equations
 html_css_files = ["site.css"]
 html_copy_source = False
 html_show_sphinx = False
@@ -33,10 +34,13 @@ copybutton_prompt_is_regexp = True
 
 autodoc_typehints = "signature"
 autodoc_member_order = "bysource"
-autodoc_default_options = {"members": True, "show-inheritance": False}
-autodoc_preserve_defaults = True
+autodoc_default_options = {"members": True}
+autodoc_type_aliases = {
+    name: name
+    for name in ("Array", "Scalar", "Controller", "FreeDynamics", "BaseMotion", "Torque", "MakeStepper", "GraspKind")
+}
 python_use_unqualified_type_names = True
 maximum_signature_line_length = 100
 napoleon_use_ivar = True
 napoleon_use_rtype = False
-napoleon_preprocess_types = False
+napoleon_attr_annotations = False

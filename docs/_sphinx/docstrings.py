@@ -2,7 +2,12 @@
 
 import re
 from collections.abc import Iterator
+from dataclasses import MISSING, Field, fields, is_dataclass
+from textwrap import dedent, indent
 from typing import Any
+
+from sphinx.domains.python import PyObject
+from sphinx.util.inspect import TypeAliasForwardRef
 
 SECTION = re.compile(r"(Args|Attributes|Raises|Reference|References|Returns|Yields|Example|Note):$")
 CODE = re.compile(r"`([^`]+)`")
@@ -13,7 +18,12 @@ MARKUP = re.compile(r"\\|\||(?<!^)\*|\*(?! )|(?<=\w)_(?!\w)", re.MULTILINE)
 def setup(app: Any) -> dict[str, Any]:
     """Put the translation before napoleon's, which makes fields of the sections."""
     app.connect("autodoc-process-docstring", translate, priority=400)
+    app.connect("autodoc-process-signature", plain_signature)
     app.connect("autodoc-skip-member", is_tuple_field)
+    TypeAliasForwardRef.__repr__ = lambda alias: alias.name  # `Array`, wherever it stands
+    for field in PyObject.doc_field_types:
+        if field.name == "variable":
+            field.label = "Attributes"  # as the docstrings call them
     return {"parallel_read_safe": True}
 
 
@@ -23,14 +33,14 @@ def translate(app: Any, what: str, name: str, obj: Any, options: Any, lines: lis
 
 
 def parts(lines: list[str]) -> Iterator[tuple[str, bool]]:
-    """Yield stretches of lines and whether each is displayed as it stands: indented, and in no section."""
+    """Yield stretches of lines and whether each is displayed as it stands: a table, or indented and in no section."""
     text: list[str] = []
     shown, in_section = False, False
     for line in lines:
         indented = line.startswith("    ")
         if line and not indented:
             in_section = SECTION.match(line) is not None
-        now = indented and not in_section if line else shown
+        now = line.startswith("| ") or (indented and not in_section) if line else shown
         if now != shown and text:
             yield "\n".join(text), shown
             text = []
@@ -43,9 +53,25 @@ def translated(part: tuple[str, bool]) -> str:
     """Return one stretch as reStructuredText."""
     text, shown = part
     if shown:
-        return f"::\n\n{text}\n"
+        return f"::\n\n{indent(dedent(text), '    ')}\n"
     pieces = CODE.split(text)  # text, code, text, ...
     return "".join(f"``{x}``" if i % 2 else MARKUP.sub(r"\\\g<0>", x) for i, x in enumerate(pieces))
+
+
+def plain_signature(app: Any, what: str, name: str, obj: Any, options: Any, given: str | None, returned: Any) -> Any:
+    """Return a data class's signature without types, which its text tells with shapes and units; of a result none."""
+    if what != "class" or not is_dataclass(obj) or "__init__" not in vars(obj):
+        return None
+    parameters = [field_default(field) for field in fields(obj)]
+    returned_only = len(parameters) > 4 and not any("=" in parameter for parameter in parameters)
+    return ("" if returned_only else f"({', '.join(parameters)})"), None
+
+
+def field_default(field: Field[Any]) -> str:
+    """Return a field as a parameter: `name`, `name=default`, or `name=...` where the default is made anew."""
+    if field.default is not MISSING:
+        return f"{field.name}={field.default!r}"
+    return field.name if field.default_factory is MISSING else f"{field.name}=..."
 
 
 def is_tuple_field(app: Any, what: str, name: str, obj: Any, skip: bool, options: Any) -> bool | None:

@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from holdfast.interop.mjcf_reader import load_mjcf
     from holdfast.interop.mjcf_writer import to_mjcf
     from holdfast.io.case_file import load_cases
+    from holdfast.io.export import export_csv, export_parquet
     from holdfast.io.result_reader import load_result
     from holdfast.robots.descriptions import load_robot_description
     from holdfast.robots.urdf import load_urdf, load_urdf_arms, urdf_chain
@@ -104,6 +105,8 @@ _LATER = {
     "compile_rollout": "holdfast.simulation.rollout.rollout",
     "contact_attitudes": "holdfast.dynamics.contact_attitude",
     "diagnose": "holdfast.dynamics.diagnose",
+    "export_csv": "holdfast.io.export",
+    "export_parquet": "holdfast.io.export",
     "forward_dynamics": "holdfast.dynamics.forward",
     "grasp_margins": "holdfast.dynamics.margins",
     "holding_torques": "holdfast.control.holding_torques",
@@ -211,6 +214,8 @@ __all__ = [
     "compile_rollout",
     "contact_attitudes",
     "diagnose",
+    "export_csv",
+    "export_parquet",
     "forward_dynamics",
     "grasp_margins",
     "holding_torques",

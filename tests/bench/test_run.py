@@ -10,11 +10,12 @@ from holdfast.bench.run import run
 from tests.bench.tiny import TINY, tiny_document
 
 SCHEMA = {
-    "document": "format mode accuracy rounds machine peers systems batches growth compile bars",
+    "document": "format mode accuracy rounds machine peers systems batches rollouts growth compile bars",
     "machine": "processor cores lanes features system python versions",
     "system": "name arms joints states operations entries skipped",
     "entry": "name library note floor microseconds lower_quartile upper_quartile error wrench_error accurate ratios",
     "batch": "size microseconds lower_quartile upper_quartile error ratios",
+    "stepping": "name library note microseconds lower_quartile upper_quartile steps_per_second gap ratios",
     "growth": "larger smaller ratio",
     "compile": "system cold cached",
     "bar": "what sense goal value met note",
@@ -30,6 +31,7 @@ def test_schema():
         "system": document["systems"],
         "entry": [entry for record in document["systems"] for entry in record["entries"]],
         "batch": document["batches"]["sizes"],
+        "stepping": document["rollouts"]["entries"],
         "growth": document["growth"],
         "compile": document["compile"],
         "bar": document["bars"],
@@ -55,6 +57,19 @@ def test_ours_is_accurate():
     assert all(row["error"] <= 1e-9 for row in document["batches"]["sizes"])
     agreement = document["bars"][-1]
     assert agreement["met"] is True
+
+
+def test_rollouts():
+    """Every scheme and rival; ours close their grasps, MuJoCo's are soft; the bars are read from the fastest."""
+    document = tiny_document()
+    rows = {row["name"]: row for row in document["rollouts"]["entries"]}
+    assert {"rk4, 4 systems", "midpoint, 4 systems", "mj_step, Euler, default welds"} <= rows.keys()
+    assert all((row["gap"] <= 1e-12) == (row["library"] == "holdfast") for row in rows.values())
+    assert rows["rk4, 4 systems"]["ratios"]["rk4, 4 systems"] == 1.0
+    found = {bar["what"]: bar for bar in document["bars"]}
+    bar = found["2 x 7, rollouts by RK4: steps a second, one thread"]
+    assert bar["value"] == rows["rk4, 4 systems"]["steps_per_second"]
+    assert "mj_step, Euler" in found["2 x 7, a step by RK4: fastest mj_step by Euler / ours"]["note"]
 
 
 def test_bars_not_measured():

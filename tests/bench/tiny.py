@@ -11,7 +11,7 @@ from holdfast.bench.plan import Plan
 from holdfast.bench.run import run
 
 EFFORT = Effort(turn=1e-4, rounds=3)
-TINY = Plan("tiny", ((2, 7), (3, 6)), (1, 5), (((3, 6), (2, 7)),), ((2, 7),), 1, EFFORT)
+TINY = Plan("tiny", ((2, 7), (3, 6)), (1, 5), (((3, 6), (2, 7)),), ((2, 7),), 1, EFFORT, rollout_sizes=(4,))
 
 
 @functools.cache

@@ -16,7 +16,7 @@ from tests.io.mutations import CASES, small_case
 from tests.systems import two_collinear_stretched_6r
 
 FILE = str(Path(__file__).parents[1] / "data" / "cases.json")
-COMMANDS = ("solve", "diagnose", "simulate", "bench", "methods", "doctor")
+COMMANDS = ("solve", "diagnose", "simulate", "view", "plot", "export", "bench", "methods", "doctor")
 
 
 def test_help(capsys):

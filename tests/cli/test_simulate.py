@@ -117,3 +117,41 @@ def test_without_matplotlib(scene, capsys, monkeypatch):
     said = capsys.readouterr()
     assert "pip install 'holdfast[plot]'" in said.err
     assert "look at results/short/summary.json" in said.out
+
+
+BALLS = TEXT.replace('kind = "rigid"', 'kind = "ball"\ncontact = { mu = 0.5 }')
+WEAK = BALLS.replace("squeeze = 20.0", "squeeze = 5.0").replace("duration = 2.0", "duration = 0.01")
+
+
+def test_slip_stops_the_run(scene, capsys):
+    """A squeeze that cannot carry the box: 3, the grasp and the time on stderr, the result kept."""
+    scene.write_text(WEAK)
+    assert main(["simulate", str(scene), "--no-plots"]) == 3
+    said = capsys.readouterr()
+    assert "slips at t = 0 s" in said.err
+    assert "lowest margin, left" in said.out
+    assert len(load_result("results/short").trajectory) == 1
+    summary = json.loads(Path("results/short/summary.json").read_text())
+    assert summary["occurrences"][0]["kind"] == "violation"
+    assert summary["lowest_margin"]["left"][0] < 0
+
+
+def test_slip_is_recorded_if_asked_for(scene, capsys):
+    """The run reaches its end; the table says what happened and when."""
+    scene.write_text(WEAK.replace("step = 0.002", 'step = 0.002\non_slip = "record"'))
+    assert main(["simulate", str(scene), "--no-plots"]) == 0
+    said = capsys.readouterr()
+    assert "grasp 'left' slips" in said.out
+    assert "t = 0 s" in said.out
+
+
+def test_events_of_a_scene(scene, capsys):
+    """An arm lets go and the table says so; without it the other carries on."""
+    release = '\n[[events]]\ntype = "release"\nt = 0.005\narm = "right"\n'
+    scene.write_text(TEXT.replace("duration = 2.0", "duration = 0.01") + release)
+    assert main(["simulate", str(scene), "--no-plots"]) == 0
+    assert "'right' lets go" in capsys.readouterr().out
+    run = load_result("results/short").trajectory
+    assert run.holding[-1].tolist() == [True, False]
+    assert [one.kind for one in run.occurrences] == ["release"]
+    assert (run.t[1:] > run.t[:-1]).all()

@@ -15,6 +15,7 @@ from pathlib import Path
 from unittest import SkipTest
 
 import pytest
+from markdown_it import MarkdownIt
 from sybil import Sybil
 from sybil.example import Example
 from sybil.parsers.myst import CodeBlockParser, PythonCodeBlockParser, SkipParser
@@ -25,6 +26,7 @@ from tests.docs.pages import PAGES, fences, name
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 RUN = {"python", "console", "toml", "xml"}
 SHOWN = {"text", "bibtex"}  # output, listings: nothing that could run
+INDENTED = {"docs/results.md"}  # the format's listings: tests/io runs what they show
 FILE_NAME = re.compile(r"(?:#|<!--)\s*([\w/.-]+\.\w+)\b")
 UNREASONED = re.compile(r"skip: (?:next|start)(?! (?:if\(.*)?\"[^\"]{8,}\")")
 COMMAND = re.compile(r"^\$ (.*)\n", re.MULTILINE)
@@ -74,7 +76,9 @@ def own_cache(tmp_path_factory):
         yield
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if any(language in RUN for language, _ in fences(page))], ids=name)
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if any(language in RUN for language, _ in fences(page))], ids=name
+)
 def test_blocks_run(page, tmp_path, monkeypatch):
     """What a reader copies works, and prints what the page says."""
     monkeypatch.chdir(tmp_path)
@@ -86,6 +90,10 @@ def test_blocks_run(page, tmp_path, monkeypatch):
 @pytest.mark.parametrize("page", PAGES, ids=name)
 def test_blocks_are_known(page):
     """Every block has a language that is run, or one that cannot be; every skipped one says why."""
+    text = page.read_text(encoding="utf-8")
     for language, _ in fences(page):
         assert language in RUN | SHOWN or language.startswith("{"), f"{language!r} would never run"
-    assert not UNREASONED.findall(page.read_text(encoding="utf-8"))
+    assert not UNREASONED.findall(text)
+    indented = [token.content for token in MarkdownIt("commonmark").parse(text) if token.type == "code_block"]
+    if name(page) not in INDENTED:
+        assert all(block.startswith("make ") for block in indented), "an indented block never runs; try a fence"

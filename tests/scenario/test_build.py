@@ -74,7 +74,134 @@ def test_one_sided_contacts_tips_and_tools(tmp_path):
     assert chain.arms["left"].tip.R[:2, 0] == pytest.approx([np.cos(1.5), np.sin(1.5)])
 
 
+MORE = """
+[[events]]
+type = "attach"
+t = 1.0
+arm = "right"
+kind = "ball"
+here = true
+position = [0.15, 0.0, 0.0]
+quaternion = [0.5, -0.5, -0.5, 0.5]
+contact = { mu = 0.4 }
+wrench_limits = { force = 80 }
+
+[[events]]
+type = "release"
+t = 0.5
+arm = "right"
+
+[[wrenches]]
+force = [0.0, 1.0, 0.0]
+begin = 0.3
+end = 0.4
+"""
+
+
+def test_everything_that_can_be_said(tmp_path):
+    """Events, moving bases, wrenches, policies, scheme and tolerances reach `simulate`'s options."""
+    text = TEXT.replace(
+        "step = 0.002", 'step = 0.002\nscheme = "dop853"\nrtol = 1e-6\non_slip = "release"\nbreakpoints = [0.7]'
+    )
+    sway = "base_motion = { shift = { amplitude = [0.01, 0, 0], frequency = [1, 0, 0] }, smooth_start = 0.2 }\n"
+    text = text.replace("[object]", sway + "\n[object]", 1) + MORE
+    path = tmp_path / "all.toml"
+    path.write_text(text)
+    options = load_scene(path).options
+    release, attach = options["events"]
+    assert (release.t, release.arm) == (0.5, "right")
+    assert (attach.t, attach.arm, attach.here, attach.grasp.kind) == (1.0, "right", True, "ball")
+    assert attach.grasp.wrench_limits.force == 80
+    assert attach.grasp.contact.mu == 0.4
+    assert options["breakpoints"] == [0.7, 0.3, 0.4, 0.2]
+    assert options["inputs"](0.35).object_wrench.tolist() == [0, 0, 0, 0, 1, 0]
+    assert list(options["base_motion"]) == ["right"]
+    assert options["base_motion"]["right"](0.45)[1][3] != 0
+    assert [options[k] for k in ("scheme", "rtol", "atol", "on_slip", "on_limit")] == [
+        "dop853", 1e-6, None, "release", "record"]  # fmt: skip
+
+
+SCHEDULE = """
+[controller]
+type = "torque_schedule"
+beside = { type = "gravity_compensation", squeeze = 20.0 }
+
+[[controller.pieces]]
+begin = 0.5
+torques = [[1.0, 2.0], [0.0], [0.0], [0.0], [0.0], [0.0], [0.0], [0.0], [0.0], [0.0], [0.0], [0.0], [0.0], [3.0]]
+"""
+
+
+def with_schedule(old="", new=""):
+    assert old in SCHEDULE, old
+    return TEXT[: TEXT.index("[controller]")] + SCHEDULE.replace(old, new, 1) + TEXT[TEXT.index("[simulation]") :]
+
+
+def test_schedule(tmp_path):
+    """A torque schedule, added to gravity compensation."""
+    path = tmp_path / "schedule.toml"
+    path.write_text(with_schedule())
+    scenario = load_scene(path)
+    before, after = (scenario.controller(t, scenario.state, None)[0] for t in (0.4, 0.6))
+    assert after - before == pytest.approx([1.2, *12 * [0.0], 3.0])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "[1.0, 2.0], [0.0], ",
+            "[1.0, 2.0], ",
+            "$.controller.pieces[0].torques: expected one list for each of 14 joints",
+        ),
+        ("[1.0, 2.0]", "[]", "$.controller.pieces[0].torques[0]: expected at least one coefficient"),
+        ("squeeze = 20.0", "squeeze = -1.0", "$.controller.beside.squeeze: expected >= 0"),
+        ("begin", "begins", "$.controller.pieces[0]: Object contains unknown field `begins`. Did you mean 'begin'?"),
+    ],
+)
+def test_bad_schedule(old, new, message, tmp_path):
+    """Faults in a schedule are named by their place."""
+    path = tmp_path / "bad.toml"
+    path.write_text(with_schedule(old, new))
+    with pytest.raises(SceneError) as caught:
+        load_scene(path)
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('type = "release"', 'type = "relase"', "Did you mean 'release'?"),
+        ('t = 0.5\narm = "right"', 't = 0.5\narm = "rigth"', "$.events[1]: no such arm. Did you mean 'right'?"),
+        ("t = 0.5", "t = 1.5", "$.events[0]: the arm has a grasp already; try a release before it"),
+        ("t = 1.0", "t = 3.0", "$.events[0]: expected a time within the run of 2 s"),
+        ("t = 0.5", "t = 0.0", "$.events[1].t: expected > 0"),
+        ("mu = 0.4", "mu = -0.4", "$.events[0].contact.mu: expected > 0"),
+        ("force = 80", "force = 0", "$.events[0].wrench_limits.force: expected > 0"),
+        ("end = 0.4", "end = 0.2", "$.wrenches[0].end: expected a time after the begin at 0.3 s, got 0.2"),
+        ("begin = 0.3", "beginn = 0.3", "$.wrenches[0]: Object contains unknown field `beginn`. Did you mean 'begin'?"),
+    ],
+)
+def test_bad_events_and_wrenches(old, new, message, tmp_path):
+    """Each fault is refused on one line that names the place in the file."""
+    assert old in MORE, old
+    path = tmp_path / "bad.toml"
+    path.write_text(TEXT + MORE.replace(old, new, 1))
+    with pytest.raises(SceneError) as caught:
+        load_scene(path)
+    text = str(caught.value)
+    assert text.startswith(f"{path}: ")
+    assert message in text
+    assert "\n" not in text
+
+
 BAD_SCENES = {
+    "unknown policy": ("step = 0.002", 'step = 0.002\non_slip = "relase"', "$.simulation.on_slip: Invalid enum value"
+                       " 'relase'. Did you mean 'release'?"),
+    "unknown scheme": ("step = 0.002", 'step = 0.002\nscheme = "rk5"', "Did you mean 'rk4'?"),
+    "negative tolerance": ("step = 0.002", "step = 0.002\nrtol = -1e-6", "$.simulation.rtol: expected > 0, got -1e-06"),
+    "base that jumps": ("[object]", "base_motion = { smooth_start = 0 }\n[object]",
+                        "$.arms[1].base_motion.smooth_start: expected > 0, got 0.0"),
     "not TOML": ("mass = 3.0", "mass = = 3.0", "not valid TOML: Invalid value"),
     "unknown key": ("squeeze = 20.0", "squeze = 20.0", "$.controller: Object contains unknown field `squeze`. Did you"
                     " mean 'squeeze'?"),

@@ -26,6 +26,7 @@ class FiveBar:
     """The linkage, in the complex plane; gravity along -y, angles from x.
 
     The left arm holds the object rigidly, in its outer link's attitude, the right one by a hinge.
+    The right arm is long enough never to be outstretched, whatever the left one does.
 
     Attributes:
         bars: left inner and outer, right inner and outer.
@@ -37,8 +38,8 @@ class FiveBar:
     bars: tuple[Bar, Bar, Bar, Bar] = (
         Bar(0.5, 2.0, 0.23 + 0.01j, 0.05),
         Bar(0.4, 1.2, 0.19 - 0.02j, 0.02),
-        Bar(0.55, 1.7, 0.25 + 0.03j, 0.05),
-        Bar(0.45, 1.1, 0.22 + 0.01j, 0.02),
+        Bar(1.1, 2.1, 0.45 + 0.03j, 0.21),
+        Bar(1.05, 1.3, 0.4 + 0.01j, 0.12),
     )
     span: float = 0.9
     object_mass: float = 3.0

@@ -1,102 +1,154 @@
-"""Figures render, every axis says its unit, and nothing but safe colours is used."""
+"""Figures render, every axis says its unit, nothing but safe colours is used, and curves are the run's numbers."""
 
 import builtins
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from holdfast import ClosedChain, MissingExtra
-from holdfast.dynamics.split import split
+from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.summary import summarise
-from holdfast.simulation.trajectory import Trajectory
-from holdfast.view import figure_style, plots
+from holdfast.simulation.trajectory import Trajectory, array_names
+from holdfast.view import closure_figure, figure_style
+from holdfast.view.margin_figure import slips
+from holdfast.view.plots import figures, save_plots
 from holdfast.view.summary_table import rows, summary_table
 from tests.control.two_pandas import two_pandas
+from tests.view.runs import lifted
 
 SAFE = {figure_style.BLUE, figure_style.VERMILLION, figure_style.GREEN, figure_style.ORANGE, figure_style.PURPLE,
-        figure_style.SKY, figure_style.BLACK}  # fmt: skip
+        figure_style.SKY, figure_style.BLACK, "#bbbbbb"}  # fmt: skip
+PER_ARM = ("load_share", "spin", "margin", "best_margin", "worst_margin", "lowest_margin", "lowest_margin_time",
+           "holding")  # fmt: skip
+SHAPES = {"object_pose": 7, "object_twist": 6, "object_acceleration": 6, "momentum": 6, "momentum_rate": 6,
+          "base_impulse": 6, "work": 4, "position_gap": 2, "velocity_gap": 2, "lowest_joint_margin": 3,
+          "lowest_joint_margin_time": 3, "lowest_joint": 3}  # fmt: skip
 
 
-def made_up_run(chain, state, samples=50):
+def made_up_run(chain, state, samples=50) -> Trajectory:
     """Return a run whose numbers mean nothing but have the right shapes."""
     rng, n, l = np.random.default_rng(1), chain.joint_count, len(chain.arms)
+    arrays = {}
+    for name in array_names():
+        shape = (l,) if name in PER_ARM else (n,) if name in ("q", "qd", "qdd", "tau") else (l, 6)
+        shape = () if name in ("t", "kinetic", "potential", "impact", "condition") else shape
+        arrays[name] = np.zeros((samples, *((SHAPES[name],) if name in SHAPES else shape)))
     wave = np.linspace(0, 1, samples)[:, None]
-    wrench = np.zeros((samples, l, 6))
-    for i, name in enumerate(chain.names):
-        if name in chain.grasps:
-            wrench[:, i] = wave * rng.normal(size=6)
-    return Trajectory(
-        t=wave[:, 0], q=np.tile(state.q, (samples, 1)), qd=0 * wave + np.zeros(n), qdd=0 * wave + np.zeros(n),
-        tau=wave * np.ones(n), object_pose=np.tile(state.object_pose, (samples, 1)),
-        object_twist=0 * wave + np.zeros(6),
-        object_acceleration=0 * wave + np.zeros(6), grasp_wrench=wrench, base_wrench=0 * wrench,
-        position_gap=np.abs(rng.normal(size=(samples, 2))) * [1e-12, 0], velocity_gap=1e-12 * wave + np.zeros(2),
-        kinetic=wave[:, 0], potential=-wave[:, 0], work=wave * [0.5, -0.5, 0, 0], condition=1 + wave[:, 0],
-    )  # fmt: skip
+    holds = np.array([name in chain.grasps for name in chain.names])
+    wrench = holds[:, None] * wave[..., None] * rng.normal(size=(l, 6))
+    return Trajectory(**arrays | {
+        "t": wave[:, 0], "q": np.tile(state.q, (samples, 1)), "tau": wave * np.ones(n),
+        "object_pose": np.tile(state.object_pose, (samples, 1)), "grasp_wrench": wrench,
+        "internal_wrench": 0.5 * wrench, "load_share": wave * holds / max(holds.sum(), 1),
+        "holding": np.tile(holds, (samples, 1)), "margin": np.where(holds, 1.0 - 2.0 * wave, np.inf),
+        "position_gap": np.abs(rng.normal(size=(samples, 2))) * [1e-12, 0],
+        "velocity_gap": 1e-12 * wave + np.zeros(2), "kinetic": wave[:, 0], "potential": -wave[:, 0],
+        "work": wave * [0.5, -0.5, 0, 0], "condition": 1 + wave[:, 0],
+    })  # fmt: skip
 
 
 def chains():
+    """Return two arms, six of which one holds nothing, and two that hold nothing."""
     chain, state = two_pandas("hinge", "ball")
     arms = {f"arm{k}": chain.arms["left"] for k in range(6)}
     many = ClosedChain(arms, chain.held_object, {f"arm{k}": chain.grasps["left"] for k in (0, 1, 2, 3, 5)})
     return {"two": chain, "six": many, "none": chain.without_grasp("left").without_grasp("right")}, state
 
 
-@pytest.mark.parametrize("which", ["two", "six", "none"])
-def test_grasp_wrench_figure(which, recwarn):
-    """One column of three panels per arm that holds, units on the outer axes, no warning."""
+@pytest.mark.parametrize(("which", "samples"), [("two", 1), ("two", 30), ("six", 30), ("none", 30)])
+def test_figures(which, samples, recwarn):
+    """What has something to show is drawn, with a unit on every outer axis and no warning."""
     every, state = chains()
     chain = every[which]
-    run = made_up_run(chain, type(state)(np.zeros(chain.joint_count), np.zeros(chain.joint_count), state.object_pose))
-    figure = plots.grasp_wrench_figure(chain, run)
-    drawn = [panel for panel in figure.axes if panel.lines]
-    assert len(drawn) == 3 * len(chain.grasps)
-    assert {panel.get_ylabel() for panel in drawn} <= {"force [N]", "moment [N m]", "|force| [N]", ""}
-    assert {line.get_color() for panel in drawn for line in panel.lines} <= SAFE
-    assert len(png(figure)) > 1000
+    q = np.zeros(chain.joint_count)
+    found = figures(chain, made_up_run(chain, type(state)(q, q, state.object_pose), samples))
+    held = ["grasp_wrenches", "friction_margins", "joint_torques", "load_share", "closure_and_energy"]
+    assert list(found) == (held if chain.grasps else ["joint_torques", "closure_and_energy"])
+    for name, figure in found.items():
+        drawn = [panel for panel in figure.axes if panel.lines and panel.axison]
+        labels = {label for panel in drawn for label in (panel.get_xlabel(), panel.get_ylabel()) if label}
+        assert labels, name
+        assert all(label.endswith("]") for label in labels), labels
+        assert drawn[0].get_ylabel(), name
+        assert any(panel.get_xlabel() == "time [s]" for panel in drawn), name
+        assert {line.get_color() for panel in drawn for line in panel.lines} <= SAFE, name
+        assert figure.get_figwidth() <= 2 * figure_style.COLUMN
+        assert len(png(figure)) > 1000
     assert not recwarn.list
 
 
-def test_motion_and_internal_parts_are_the_splits():
-    """The third row shows the norms of the split's forces."""
-    chain, state = two_pandas("hinge", "ball")
-    run = made_up_run(chain, state)
-    _, _, last = plots.grasp_wrench_figure(chain, run).axes[::2]
-    part = split(chain, state, run.grasp_wrench[-1])
-    shown = [line.get_ydata()[-1] for line in last.lines]
-    assert shown == pytest.approx([np.linalg.norm(part.motion[0, 3:]), np.linalg.norm(part.internal[0, 3:])])
+def test_wrenches_are_the_runs():
+    """A column of three panels per arm: force, moment, and the norms of the force's two parts."""
+    chain, run = lifted()
+    left_force, right_force, left_moment, _, left_parts, _ = figures(chain, run)["grasp_wrenches"].axes
+    assert [line.get_ydata()[-1] for line in left_force.lines] == pytest.approx(run.grasp_wrench[-1, 0, 3:])
+    assert [line.get_ydata()[-1] for line in right_force.lines] == pytest.approx(run.grasp_wrench[-1, 1, 3:])
+    assert [line.get_ydata()[-1] for line in left_moment.lines] == pytest.approx(run.grasp_wrench[-1, 0, :3])
+    motion = run.grasp_wrench - run.internal_wrench
+    assert [line.get_ydata()[-1] for line in left_parts.lines] == pytest.approx(
+        [np.linalg.norm(motion[-1, 0, 3:]), np.linalg.norm(run.internal_wrench[-1, 0, 3:])]
+    )
 
 
-@pytest.mark.parametrize("samples", [1, 2, 50, 2000])
-def test_closure_and_energy_figure(samples, recwarn):
-    """Gaps of zero and runs of one sample are drawn too; works that stay zero are left out."""
-    chain, state = two_pandas("hinge", "ball")
-    figure = plots.closure_and_energy_figure(made_up_run(chain, state, samples))
-    labels = [panel.get_ylabel() for panel in figure.axes]
-    assert labels == ["position gap\n[m or rad]", "velocity gap\n[m/s or rad/s]", "energy [J]", "imbalance [J]"]
-    assert figure.axes[-1].get_xlabel() == "time [s]"
-    assert len(png(figure)) > 1000
-    assert not recwarn.list
-    if samples > 1:
-        names = [text.get_text() for text in figure.axes[2].get_legend().get_texts()]
-        assert names == ["kinetic", "potential, change", "work of drives", "work of damping"]
+def test_instants_of_slip():
+    """A run without a log has them by straight lines between samples, one with a log exactly."""
+    chain, run = lifted()
+    # mu (40 - 30 t) = m g / 2, linear in t
+    t = (40.0 - 0.5 * 3.0 * 9.81 / 0.8) / 30.0
+    assert slips(chain, run) == [("left", pytest.approx(t)), ("right", pytest.approx(t))]
+    logged = (Occurrence(0.7, "violation", "left", "slips", "grasp"), Occurrence(0.8, "violation", "a/b", "", "rate"))
+    run = replace(run, occurrences=logged)
+    assert slips(chain, run) == [("left", 0.7)]
+    (panel,) = figures(chain, run)["friction_margins"].axes
+    assert [text.get_text() for text in panel.texts] == ["left gives way at 0.7 s"]
+    assert [line.get_xdata()[0] for line in panel.lines if len(line.get_xdata()) == 2][-1] == 0.7
+
+
+def test_torques_and_their_limits():
+    """The lower panels show |tau| over the limit; no curve of a limited joint is missing."""
+    chain, run = lifted()
+    torque, _, share, _ = figures(chain, run)["joint_torques"].axes
+    assert len(torque.lines) == 7
+    limits = np.array([joint.effort_limit for joint in chain.arms["left"].joints])
+    shown = [line.get_ydata()[0] for line in share.lines[:7]]
+    assert shown == pytest.approx(100 * np.abs(run.tau[0, :7]) / limits)
+    assert share.lines[7].get_ydata() == [100.0, 100.0]
+    assert share.get_ylim()[1] > 100.0
+
+
+def test_shares_add_up():
+    """What the arms carry sums to 100 %, and beside it stands the net force."""
+    chain, run = lifted()
+    share, force = figures(chain, run)["load_share"].axes
+    assert sum(line.get_ydata() for line in share.lines) == pytest.approx(100.0)
+    assert force.lines[0].get_ydata() == pytest.approx(3.0 * 9.81)
+
+
+def test_energies():
+    """Works that stay zero are left out."""
+    every, state = chains()
+    figure = closure_figure.closure_and_energy_figure(made_up_run(every["two"], state))
+    names = [text.get_text() for text in figure.axes[2].get_legend().get_texts()]
+    assert names == ["kinetic", "potential, change", "work of drives", "work of damping"]
 
 
 def test_largest_gap_is_never_hidden():
     """However many samples, the worst one is on the curve."""
     gaps = np.zeros(5000)
     gaps[3137] = 1e-6
-    _, shown = plots._worst(np.linspace(0, 1, 5000), gaps)
+    _, shown = closure_figure._worst(np.linspace(0, 1, 5000), gaps)
     assert shown.max() == 1e-6
-    assert len(shown) <= plots.POINTS
+    assert len(shown) <= closure_figure.POINTS
 
 
 def test_files(tmp_path):
-    """Both figures are written under their names."""
-    chain, state = two_pandas("hinge", "ball")
-    names = plots.save_plots(chain, made_up_run(chain, state), tmp_path)
-    assert names == ["grasp_wrenches.png", "closure_and_energy.png"]
+    """Every figure is written under its name."""
+    chain, run = lifted()
+    names = save_plots(chain, run, tmp_path)
+    assert names == [f"{name}.png" for name in figures(chain, run)]
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
     assert all((tmp_path / name).stat().st_size > 1000 for name in names)
 
 
@@ -109,11 +161,10 @@ def test_missing_matplotlib(monkeypatch):
             raise ImportError(name)
         return real(name, *arguments, **options)
 
-    chain, state = two_pandas("hinge", "ball")
-    run = made_up_run(chain, state)
+    chain, run = lifted()
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(MissingExtra, match=r"pip install 'holdfast\[plot\]'"):
-        plots.grasp_wrench_figure(chain, run)
+        figures(chain, run)
 
 
 def test_summary_table():

@@ -89,6 +89,26 @@ def _batch(size: int) -> Callable[[Document], Finding]:
     return value
 
 
+def _steps_a_second(document: Document) -> Finding:
+    found = _fastest_rollout(document)
+    return (found["steps_per_second"], found["name"]) if found else NOT_MEASURED
+
+
+def _against_mj_step(document: Document) -> Finding:
+    found = _fastest_rollout(document)
+    rivals = [row for row in document["rollouts"]["entries"] if row["name"].startswith("mj_step, Euler")]
+    if not found or not rivals:
+        return NOT_MEASURED
+    ratio, rival = min((row["ratios"][found["name"]], row["name"]) for row in rivals)
+    return ratio, f"{rival}; ours: {found['name']}"
+
+
+def _fastest_rollout(document: Document) -> Record | None:
+    """Return our fastest batch of Runge-Kutta steps of order 4."""
+    ways = [row for row in document["rollouts"]["entries"] if row["name"].startswith("rk4")]
+    return min(ways, key=lambda row: row["microseconds"], default=None)
+
+
 def _growth(larger: str) -> Callable[[Document], Finding]:
     def value(document: Document) -> Finding:
         for row in document["growth"]:
@@ -130,6 +150,8 @@ BARS = (
     Bar("2 x 7, bound call: fastest accurate Pinocchio / ours", True, 5.0, _ratio("2 x 7", "pinocchio", "", BIND)),
     Bar("2 x 7, checked call: fastest mj_forward / ours", True, 6.0, _ratio("2 x 7", "mujoco")),
     Bar("2 x 7, batch of 4096, per state: fastest accurate Pinocchio / ours", True, 30.0, _batch(4096)),
+    Bar("2 x 7, rollouts by RK4: steps a second, one thread", True, 400_000.0, _steps_a_second),
+    Bar("2 x 7, a step by RK4: fastest mj_step by Euler / ours", True, 4.0, _against_mj_step),
     Bar("16 x 7: lcaba / ours", True, 8.0, _ratio("16 x 7", "pinocchio", "lcaba")),
     Bar("16 x 7: constraintDynamics, free / ours", True, 35.0, _ratio("16 x 7", "pinocchio", CHOLESKY)),
     Bar("64 x 7: lcaba / ours", True, 9.0, _ratio("64 x 7", "pinocchio", "lcaba")),

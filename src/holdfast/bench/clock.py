@@ -26,7 +26,12 @@ class Effort:
     rounds: int
 
 
-def timed(entries: Sequence[Entry], effort: Effort, each_round: Callable[[], None] = lambda: None) -> Array:
+def timed(
+    entries: Sequence[Entry],
+    effort: Effort,
+    each_round: Callable[[], None] = lambda: None,
+    now: Callable[[], float] = time.perf_counter,
+) -> Array:
     """Return seconds per evaluation, (rounds, entries).
 
     Rounds start at another entry each time, so that none always follows the same one.
@@ -35,34 +40,35 @@ def timed(entries: Sequence[Entry], effort: Effort, each_round: Callable[[], Non
         entries: what to time.
         effort: how long.
         each_round: called after every round.
+        now: the clock [s]; `time.process_time` leaves out when others had the processor.
     """
-    sweeps = [_calibrated(entry, effort.turn) for entry in entries]
+    sweeps = [_calibrated(entry, effort.turn, now) for entry in entries]
     seconds = np.empty((effort.rounds, len(entries)))
     for r in range(effort.rounds):
         for i in range(len(entries)):
             k = (i + r) % len(entries)
-            seconds[r, k] = _seconds(entries[k], sweeps[k]) / (sweeps[k] * entries[k].evaluations)
+            seconds[r, k] = _seconds(entries[k], sweeps[k], now) / (sweeps[k] * entries[k].evaluations)
         each_round()
     return seconds
 
 
-def _calibrated(entry: Entry, turn: float) -> int:
+def _calibrated(entry: Entry, turn: float, now: Callable[[], float]) -> int:
     """Return how many sweeps fill a turn; warms the entry up on the way."""
-    _seconds(entry, 1)
+    _seconds(entry, 1, now)
     count = 1
-    while (spent := _seconds(entry, count)) < turn / 4:
+    while (spent := _seconds(entry, count, now)) < turn / 4:
         count *= 2
     return max(1, round(count * turn / spent))
 
 
-def _seconds(entry: Entry, sweeps: int) -> float:
+def _seconds(entry: Entry, sweeps: int, now: Callable[[], float]) -> float:
     sweep, collecting = entry.sweep, gc.isenabled()
     gc.disable()  # as timeit does
     try:
-        start = time.perf_counter()
+        start = now()
         for _ in range(sweeps):
             sweep()
-        return time.perf_counter() - start
+        return now() - start
     finally:
         if collecting:
             gc.enable()

@@ -48,6 +48,7 @@ def page(document: Document) -> str:
         tables.errors,
         tables.settings,
         tables.batches,
+        tables.rollouts,
         _growth,
         tables.compiling,
         tables.promises,

@@ -22,6 +22,7 @@ class Plan:
         compiled: sizes whose compile time is taken.
         compile_runs: fresh processes for each.
         effort: of every timing.
+        rollout_sizes: systems of `batch_of` that one call steps.
     """
 
     mode: str
@@ -32,9 +33,12 @@ class Plan:
     compile_runs: int
     effort: Effort
     batch_of: Size = (2, 7)
+    rollout_sizes: tuple[int, ...] = ()
 
 
-QUICK = Plan("quick", ((2, 7), (4, 7), (2, 24)), (512,), (), ((2, 7),), 1, Effort(turn=0.02, rounds=5))
+QUICK = Plan(
+    "quick", ((2, 7), (4, 7), (2, 24)), (512,), (), ((2, 7),), 1, Effort(turn=0.02, rounds=5), rollout_sizes=(512,)
+)
 FULL = Plan(
     "full",
     (
@@ -46,6 +50,7 @@ FULL = Plan(
     ((2, 7), (64, 7), (2, 96)),
     3,
     Effort(turn=0.03, rounds=15),
+    rollout_sizes=(8, 64, 512, 4096),
 )
 
 

@@ -13,7 +13,9 @@ from holdfast.bench.clock import summary, timed
 from holdfast.bench.compile_times import compile_times
 from holdfast.bench.entry import ACCURATE, relative_error
 from holdfast.bench.measure import measure_system, reference
+from holdfast.bench.own_entries import LIBRARY
 from holdfast.bench.plan import Plan, Size, name_of
+from holdfast.bench.rollout_entries import MUJOCO, SCHEMES, STEP, STEPS, mj_step, rollout
 from holdfast.bench.systems import System, make_system
 
 FORMAT = 1  # of the document
@@ -36,6 +38,7 @@ def run(plan: Plan, report: Report = lambda _doing, _part: None) -> dict[str, An
     steps = [
         *((f"{name_of(size)} joints", work.compare, (size,)) for size in plan.systems),
         ("batches", work.batches, ()),
+        ("rollouts", work.rollouts, ()),
         *((f"growth to {name_of(larger)}", work.growth, (larger, smaller)) for larger, smaller in plan.growth),
         *((f"compiling {name_of(size)}", work.compiling, (size,)) for size in plan.compiled),
     ]
@@ -65,6 +68,7 @@ class Work:
             "peers": peers.found(),
             "systems": [],
             "batches": {"system": name_of(plan.batch_of), "sizes": []},
+            "rollouts": {"system": name_of(plan.batch_of), "step": STEP, "steps": STEPS, "entries": []},
             "growth": [],
             "compile": [],
         }
@@ -103,6 +107,28 @@ class Work:
                 },
             }
             self.document["batches"]["sizes"].append(row)
+
+    def rollouts(self) -> None:
+        """Time steps in time, per system, of batches of every size and scheme and of MuJoCo."""
+        if not self.plan.rollout_sizes:
+            return
+        made, _ = self.system(self.plan.batch_of)
+        ways = [rollout(made, scheme, size) for scheme in SCHEMES for size in self.plan.rollout_sizes]
+        if "version" in self.document["peers"]["mujoco"]:
+            ways += [mj_step(made, *settings) for settings in MUJOCO]
+        seconds = timed([way.entry for way in ways], self.plan.effort)
+        ours = [k for k, way in enumerate(ways) if way.entry.library == LIBRARY]
+        for k, way in enumerate(ways):
+            row = {
+                "name": way.entry.name,
+                "library": way.entry.library,
+                "note": way.entry.note,
+                **summary(seconds[:, k]),
+                "steps_per_second": float(1.0 / np.median(seconds[:, k])),
+                "gap": way.gap(),
+                "ratios": {ways[j].entry.name: float(np.median(seconds[:, k] / seconds[:, j])) for j in ours},
+            }
+            self.document["rollouts"]["entries"].append(row)
 
     def growth(self, larger: Size, smaller: Size) -> None:
         """Time a larger system over a smaller one."""

@@ -117,6 +117,29 @@ def batches(document: Document) -> Table:
     return Table(f"Batches of {found['system']}, one thread", header, rows, notes)
 
 
+def rollouts(document: Document) -> Table:
+    """Return microseconds of a step of one system, and how far its grasps open."""
+    found = document["rollouts"]
+    first = found["entries"][0]["name"] if found["entries"] else ""
+    rows = [
+        [
+            f"{row['library']} {row['name']}",
+            number(row["microseconds"]),
+            f"{row['steps_per_second']:,.0f}",
+            number(row["ratios"][first]),
+            f"{row['gap']:.0e}",
+        ]
+        for row in found["entries"]
+    ]
+    header = ["way to step", "us per step", "steps a second", f"over {first}", "gap [m or rad]"]
+    notes = [
+        f"{found['steps']} steps of {1e3 * found['step']:g} ms from each of the states, torques held, one thread. A"
+        " step of ours is the scheme's evaluations, projection of positions and velocities, margins. The gap is that"
+        " of the worst grasp at the end."
+    ]
+    return Table(f"Steps of {found['system']} in time", header, rows, notes)
+
+
 def compiling(document: Document) -> Table:
     """Return seconds from `compile` to the first answer in a new process, and operations."""
     operations = {record["name"]: record["operations"] for record in document["systems"]}

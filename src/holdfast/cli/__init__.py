@@ -1,4 +1,4 @@
-"""The command line: `holdfast solve | diagnose | simulate | bench | methods | doctor`.
+"""The command line: `holdfast solve | diagnose | simulate | view | plot | export | bench | ...`.
 
 Exit codes: 0; 2 bad input; 3 physics refused, or nothing was solved; 130 interrupted.
 """

@@ -27,7 +27,15 @@ def bench(as_json: bool, quick: bool) -> int:
         print(json.dumps(document, indent=1))
         return 0
     console = stdout()
-    made = (tables.ratios, tables.times, tables.errors, tables.batches, tables.compiling, tables.promises)
+    made = (
+        tables.ratios,
+        tables.times,
+        tables.errors,
+        tables.batches,
+        tables.rollouts,
+        tables.compiling,
+        tables.promises,
+    )
     for table in (make(document) for make in made):
         for part in table.cut(ABREAST):
             if part.rows:

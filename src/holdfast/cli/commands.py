@@ -21,6 +21,7 @@ SceneFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")
 Folder = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
 Name = Annotated[str, tyro.conf.arg(metavar="NAME")]
 ResultFolder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RESULT")]
+Target = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RESULT|SCENE")]
 OutFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 OptionalName = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
 Format = Literal["table", "json"]
@@ -86,6 +87,33 @@ def export(result: ResultFolder, format: TableFormat = "csv", out: OutFile = Non
     return command.export(result, format, out, overwrite)
 
 
+def plot(result: ResultFolder, out: Folder = None) -> int:
+    """Draw the figures of a run: wrenches, margins, torques, load share, closure and energy.
+
+    Args:
+        result: the result folder.
+        out: the folder for the figures; the result folder without it.
+    """
+    from holdfast.cli import plot as command
+
+    return command.plot(result, out)
+
+
+def view(target: Target, export: OutFile = None, port: int = 0, rate: float = 30.0, overwrite: bool = False) -> int:
+    """Show a run, or a scene as it begins, in the browser; Ctrl-C ends it.
+
+    Args:
+        target: a result folder, or a scene file.
+        export: write one HTML file that opens from disk, instead.
+        port: to serve at, on this machine only; 0 for any that is free.
+        rate: moments a second of the run that are shown.
+        overwrite: replace an existing HTML file.
+    """
+    from holdfast.cli import view as command
+
+    return command.view(target, export, port, rate, overwrite)
+
+
 def bench(json: Switch = False, quick: Switch = False) -> int:
     """Compare the speed of forward dynamics with other libraries, at equal answers.
 
@@ -113,7 +141,7 @@ def doctor() -> int:
 
 
 COMMANDS: dict[str, Callable[..., int]] = {
-    command.__name__: command for command in (solve, diagnose, simulate, export, bench, methods, doctor)
+    command.__name__: command for command in (solve, diagnose, simulate, plot, view, export, bench, methods, doctor)
 }
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from holdfast.cli import INTERRUPTED, REFUSED, complain
 from holdfast.cli.console import stdout
-from holdfast.errors import MissingExtra, SingularChainError, StateError
+from holdfast.errors import MissingExtra, ResultError, SingularChainError, StateError
 from holdfast.io.result_folder import ResultWriter, run_meta
 from holdfast.io.result_reader import load_result
 from holdfast.scenario.build import Scenario, load_scene
@@ -45,11 +45,15 @@ def simulate(
         HoldfastError: bad input, an unreachable or singular start, or a result folder that
             cannot be used; nothing is written.
     """
+    if resume and overwrite:
+        raise ResultError("--resume goes on with a result, --overwrite replaces it; try one of them")
     folder = Path("results") / scene.stem if out is None else out
     scenario = load_scene(scene)
     meta = run_meta(scenario.chain, scenario.name, scenario.duration, scenario.step)
     if resume:
         writer = ResultWriter.resume(folder, meta, scenario.text)
+        if writer.start is None:
+            print(f"{folder}: nothing to resume yet; the run begins", file=sys.stderr)
     else:
         writer = ResultWriter(folder, meta, scenario.text, overwrite=overwrite)
     try:

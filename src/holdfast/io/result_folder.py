@@ -48,7 +48,16 @@ from holdfast.simulation.trajectory import UNITS, Trajectory, array_names
 
 CHUNK = 1000  # samples that wait until they are flushed
 PATIENCE = 5.0  # seconds after which fewer are
-OURS = ("scene.toml", "summary.json", "chunk_*.npz", "checkpoint_*.npz", "trajectory.*", "*.png", "*.part")
+OURS = (
+    "scene.toml",
+    "summary.json",
+    "chunk_*.npz",
+    "checkpoint_*.npz",
+    "trajectory*.csv",
+    "trajectory*.parquet",
+    "*.png",
+    "*.part",
+)
 
 
 class ResultWriter:

@@ -125,17 +125,19 @@ def build_options(data: SceneData, chain: ClosedChain, at: Place) -> dict[str, A
     """
     how = data.simulation
     pushed = pushes(data.wrenches, at / "wrenches")
+    swaying = {
+        arm.name: swaying_base(arm.base_motion, chain.arms[arm.name].base, at / "arms" / i / "base_motion")
+        for i, arm in enumerate(data.arms)
+        if arm.base_motion is not None
+    }
     with (at / "simulation").refusals():
         Tolerance(how.rtol, how.atol)
     return {
         "events": build_events(data, chain, at / "events"),
-        "base_motion": {
-            arm.name: swaying_base(arm.base_motion, chain.arms[arm.name].base, at / "arms" / i / "base_motion")
-            for i, arm in enumerate(data.arms)
-            if arm.base_motion is not None
-        },
+        "base_motion": swaying,
         "inputs": pushed if data.wrenches else None,
-        "breakpoints": [*how.breakpoints, *pushed.breakpoints],
+        # a base that has set out moves on with another jerk
+        "breakpoints": [*how.breakpoints, *pushed.breakpoints, *(base.smooth_start for base in swaying.values())],
         **{name: getattr(how, name) for name in ("on_slip", "on_limit", "scheme", "rtol", "atol")},
     }
 

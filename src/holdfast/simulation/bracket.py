@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))
 MOST_TRIES = 100
+ALIKE = 1e-13  # values nearer than this, relative or absolute below 1, differ by rounding
 
 Function = Callable[[float], float]
 
@@ -18,7 +19,8 @@ def lowest_between(f: Function, a: float, b: float, c: float, precision: float) 
     """Return where f is lowest in [a, c], and its value there (R. P. Brent's search, 1973).
 
     Parabolas through the three best points, golden sections where these do not shrink the
-    bracket. The value is good to the square of the precision where f is smooth.
+    bracket. Ends when two parabolas in a row have found nothing lower, or where the bracket is as
+    small as asked for.
 
     Args:
         f: with f(b) <= f(a) and f(b) <= f(c).
@@ -27,24 +29,25 @@ def lowest_between(f: Function, a: float, b: float, c: float, precision: float) 
         c: its upper end.
         precision: on the place.
     """
-    x = w = v = b
-    fx = fw = fv = f(b)
+    (fx, x), (fw, w), (fv, v) = sorted((f(place), place) for place in (a, b, c))
     moved = before = c - a
+    idle = 0
     for _ in range(MOST_TRIES):
         middle = 0.5 * (a + c)
-        if max(x - a, c - x) <= 2.0 * precision:
+        if max(x - a, c - x) <= 2.0 * precision or idle == 2:
             break
         step = _parabola_step(x, w, v, fx, fw, fv)
         if step is not None and a < x + step < c and abs(step) < 0.5 * abs(before):
-            before = moved
+            before, parabolic = moved, True
             if min(x + step - a, c - x - step) < 2.0 * precision:
                 step = math.copysign(precision, middle - x)
         else:
-            before = (c if x < middle else a) - x
+            before, parabolic = (c if x < middle else a) - x, False
             step = GOLDEN * before
         moved = math.copysign(max(abs(step), precision), step)
         u = x + moved
         fu = f(u)
+        idle = idle + 1 if parabolic and abs(fu - fx) <= ALIKE * max(1.0, abs(fx)) else 0
         if fu <= fx:
             a, c = (x, c) if u > x else (a, x)
             (v, fv), (w, fw), (x, fx) = (w, fw), (x, fx), (u, fu)

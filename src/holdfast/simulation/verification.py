@@ -15,10 +15,11 @@ between the looks:
   negative in between, the eighth there is looked at in eighths.
 
 Where a smooth stretch begins or ends (at a knot, an event) there is no look beyond, and only the second
-rule holds for the outermost eighth. Could be: 2 drops below the lower look, a drop being the rise to its higher neighbour. For a parabola the
-minimum is at most 1/8 of a drop below, for two straight lines at most one drop. A margin is the least of
-several (conditions of a contact, ends of a range), and a difference to an absolute value: where another one
-takes over, it has a kink that points up, so minima are where one of them is smooth. Searches do not rely on it.
+rule holds for the outermost eighth. "Could be" means two drops below the lower look, a drop being the rise
+to its higher neighbour: for a parabola the minimum is at most 1/8 of a drop below, for two straight lines
+at most one drop. A margin is the least of several (conditions of a contact, ends of a range), and a
+difference to an absolute value: where another one takes over it has a kink that points up, so minima are
+where one of them is smooth. The searches do not rely on it.
 """
 
 from __future__ import annotations

@@ -6,13 +6,15 @@ import numpy as np
 
 from holdfast.dynamics.arm.posture import posture
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import cross
-from holdfast.state import State
 from holdfast.view.film import Film
+from holdfast.view.object_body import box_lines, equivalent_box
 from holdfast.view.scene_writer import FIELD_OF_VIEW, Camera
 
 SEEN_OF = 5  # moments that are to fit into the picture
+MARGIN = 1.2  # picture over what is in it
 
 
 def upward(chain: ClosedChain) -> Array:
@@ -27,31 +29,56 @@ def cameras(film: Film) -> list[Camera]:
     along = _spread(film.chain, up)
     front = cross(along, up)  # from the chain towards who looks at it
     chosen = np.unique(np.linspace(0, len(film) - 1, SEEN_OF).astype(int))
-    points = np.concatenate([outline(film.chain, film.q[k], film.object_pose[k]) for k in chosen])
-    low, high = points.min(axis=0), points.max(axis=0)
-    middle, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
+    near = np.concatenate([object_outline(film, k) for k in chosen])
+    points = np.concatenate([near, *(arms_outline(film, k) for k in chosen)])
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
     held = film.object_pose[chosen, 4:].mean(axis=0)
-    distance = 0.9 * radius / np.sin(FIELD_OF_VIEW / 2)
     directions = {
         "overview": front + 0.45 * along + 0.4 * up,
         "front": front,
         "side": along + 0.1 * up,
         "top": up + 0.02 * front,
     }
-    views = [Camera(name, middle + distance * d / np.linalg.norm(d), middle) for name, d in directions.items()]
-    near = 0.4 * distance * (front + 0.3 * along + 0.5 * up) / np.linalg.norm(front + 0.3 * along + 0.5 * up)
-    return [*views, Camera("object", held + near, held)]
+    views = [_fitted(name, direction, up, points, middle) for name, direction in directions.items()]
+    return [*views, _fitted("object", front + 0.3 * along + 0.5 * up, up, near, held)]
 
 
-def outline(chain: ClosedChain, q: Array, object_pose: Array) -> Array:
-    """Return bases, link origins, tips and contacts in the world, (points, 3) [m]."""
+def _fitted(name: str, direction: Array, up: Array, points: Array, target: Array) -> Camera:
+    """Return the view that is just far enough away for all points to be in a square picture.
+
+    Args:
+        name: of the view.
+        direction: (3,) from what is seen to the eye.
+        up: (3,) upward.
+        points: (points, 3) [m].
+        target: (3,) what the eye looks at [m].
+    """
+    back = direction / np.linalg.norm(direction)
+    right = cross(up, back)
+    right = right / np.linalg.norm(right)
+    seen = points - target
+    beside = np.maximum(np.abs(seen @ right), np.abs(seen @ cross(back, right)))
+    distance = float((MARGIN * beside / np.tan(FIELD_OF_VIEW / 2) + seen @ back).max())
+    return Camera(name, target + distance * back, target)
+
+
+def arms_outline(film: Film, k: int) -> Array:
+    """Return bases, link origins and tips at a moment, (points, 3) world axes [m]."""
     points = []
-    for name, arm in chain.arms.items():
-        at = posture(arm, q[chain.joints[name]])
-        points += [arm.base.p, at.tip.p, *(at.tip.p - reach for reach in at.reach)]
-    frame = State(q, np.zeros_like(q), object_pose).object_frame
-    points += [frame.p, *((frame @ grasp.frame).p for grasp in chain.grasps.values())]
+    for i, (name, arm) in enumerate(film.chain.arms.items()):
+        base = Pose.from_wxyz_xyz(film.base_pose[k, i])
+        at = posture(arm.at(base), film.q[k, film.chain.joints[name]])
+        points += [base.p, at.tip.p, *(at.tip.p - reach for reach in at.reach)]
     return np.array(points)
+
+
+def object_outline(film: Film, k: int) -> Array:
+    """Return the corners of the object's box, and the contacts, at a moment, (points, 3) world axes [m]."""
+    edges, box = equivalent_box(film.chain.held_object)
+    corners = box_lines(edges).reshape(-1, 3) @ box.R.T + box.p
+    contacts = [grasp.frame.p for grasp in film.chain.grasps.values()]
+    frame = Pose.from_wxyz_xyz(film.object_pose[k])
+    return np.concatenate([corners, np.reshape(contacts, (-1, 3))]) @ frame.R.T + frame.p
 
 
 def _spread(chain: ClosedChain, up: Array) -> Array:

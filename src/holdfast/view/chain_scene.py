@@ -8,8 +8,8 @@ import numpy as np
 
 from holdfast.dynamics.arm.posture import joint_placement
 from holdfast.dynamics.split import length_scale
+from holdfast.errors import ModelError
 from holdfast.model.arm import Arm
-from holdfast.model.closed_chain import ClosedChain
 from holdfast.robots.looks import arm_length
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
@@ -17,6 +17,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.view import figure_style, meshes
 from holdfast.view.cameras import cameras, upward
 from holdfast.view.film import Film
+from holdfast.view.friction_cone import cone_colour, cone_lines
 from holdfast.view.meshes import Mesh
 from holdfast.view.object_body import box_lines, equivalent_box, struts
 from holdfast.view.pieces import pieces_of_arm
@@ -24,10 +25,7 @@ from holdfast.view.scene_writer import Colour, SceneWriter
 
 OBJECT_GREY, LINE_GREY = (150, 150, 158), (70, 70, 78)
 UP = np.array([0.0, 0.0, 1.0])
-OBJECT_OPACITY, CONE_OPACITY = 0.28, 0.35
-# a cone's colour at a share of the pressing force's hold that is left
-RESERVES = (0.05, 0.25, 0.5)
-CONE_COLOURS = tuple(figure_style.rgb(c) for c in (figure_style.DANGER, figure_style.ORANGE, figure_style.GREEN))
+OBJECT_OPACITY = 0.28
 
 
 class ArrowScale(NamedTuple):
@@ -105,27 +103,31 @@ class ChainScene:
         for k, joint in enumerate(arm.joints):
             nodes.append(f"{nodes[-1]}/{_node(joint.name or f'joint{k + 1}')}")
             self._writer.frame(nodes[-1], Pose.identity())
-        for node, pieces in zip(nodes, pieces_of_arm(arm), strict=True):
+        looks = self.film.looks.get(name) or pieces_of_arm(arm)
+        if len(looks) != len(nodes):
+            raise ModelError(f"looks of '{name}': expected {len(nodes)} lists, base and links, got {len(looks)}")
+        for node, pieces in zip(nodes, looks, strict=True):
             for j, colour in enumerate(dict.fromkeys(piece.colour for piece in pieces)):
                 whole = meshes.joined(piece.mesh for piece in pieces if piece.colour == colour)
                 self._writer.mesh(f"{node}/({j})", whole, arm_colour(index) if colour is None else colour)
         for node, mesh in ((nodes[0], self._foot(arm)), (nodes[-1], self._hand(arm))):
             self._writer.mesh(f"{node}/(own)", mesh, arm_colour(index))
-        below = arm.base.R.T @ (-0.12 * self._size * upward(self.film.chain))
+        below = arm.base.R.T @ (-0.07 * self._size * upward(self.film.chain))
         self._writer.label(f"{nodes[0]}/(name)", name, below)
         return nodes[1:]
 
     def _foot(self, arm: Arm) -> Mesh:
         """Return a flat plate that the base stands on, in base axes."""
         up = arm.base.R.T @ upward(self.film.chain)
-        plate = Pose(rotation.exp(rotation.align(UP, up)), -0.004 * self._size * up)
+        plate = Pose(rotation.exp(rotation.align(UP, up)), np.zeros(3))
         return meshes.cylinder(0.1 * self._size, 0.008 * self._size).at(plate)
 
     def _hand(self, arm: Arm) -> Mesh:
         """Return a thin tool from the last link's origin to a disc at the tip, in the last link's axes."""
         thin, length = 0.012 * self._size, float(np.linalg.norm(arm.tip.p))
-        disc = Pose(arm.tip.R, arm.tip.p - 0.5 * thin * arm.tip.R[:, 2])
-        parts = [meshes.cylinder(0.03 * self._size, thin).at(disc)]
+        # a little beyond the tip, so that it does not flicker with what ends there
+        disc = Pose(arm.tip.R, arm.tip.p - 0.4 * thin * arm.tip.R[:, 2])
+        parts = [meshes.cylinder(0.035 * self._size, thin).at(disc)]
         if length > thin:
             middle = Pose(rotation.exp(rotation.align(UP, arm.tip.p / length)), arm.tip.p / 2)
             parts.append(meshes.cylinder(thin, length - 2 * thin).at(middle))
@@ -143,9 +145,8 @@ class ChainScene:
         for name, grasp in chain.grasps.items():
             writer.frame(f"/object/contacts/{_node(name)}", grasp.frame, 0.05 * self._size)
             if grasp.contact is not None:
-                height = 0.09 * self._size
-                cone = meshes.cone(grasp.contact.mu * height, height).at(grasp.frame)
-                writer.mesh(f"/object/cones/{_node(name)}", cone, CONE_COLOURS[-1], CONE_OPACITY)
+                lines = cone_lines(grasp.contact.mu, 0.09 * self._size, grasp.frame)
+                writer.lines(f"/object/cones/{_node(name)}", lines, cone_colour(1.0), thin)
         return [name for name, grasp in chain.grasps.items() if grasp.contact is not None]
 
     def _draw_ground(self) -> None:
@@ -163,17 +164,6 @@ class ChainScene:
 def arm_colour(index: int) -> Colour:
     """Return the colour of the arm at an index of the chain's order, 0 to 255."""
     return figure_style.rgb(figure_style.arm_look(index)[0])
-
-
-def cone_colour(reserve: float) -> Colour:
-    """Return a friction cone's colour, vermillion at the edge of slipping, green far from it.
-
-    Args:
-        reserve: share of what the pressing force could hold that is left, 0 to 1.
-    """
-    step = round(32 * reserve) / 32  # so that a recording need not change it at every moment
-    red, green, blue = (round(float(np.interp(step, RESERVES, channel))) for channel in zip(*CONE_COLOURS, strict=True))
-    return red, green, blue
 
 
 def arrow_scale(film: Film) -> ArrowScale:

@@ -13,7 +13,7 @@ BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK = (
 # x, y, z: colour and line style both tell them apart
 COMPONENTS = (("x", BLUE, "-"), ("y", VERMILLION, "--"), ("z", GREEN, "-."))
 # arms: vermillion is kept for what slips or exceeds a limit, purple for internal forces
-ARMS = ((BLUE, "-"), (ORANGE, "--"), (SKY, "-."), (GREEN, ":"), (BLACK, (0, (5, 1, 1, 1))))
+ARM_COLOURS, ARM_LINES = (BLUE, ORANGE, SKY, GREEN, BLACK), ("-", "--", "-.", ":")
 INTERNAL, DANGER = PURPLE, VERMILLION
 
 DPI = 200
@@ -36,9 +36,10 @@ STYLE = {
 }
 
 
-def arm_look(index: int) -> tuple[str, Any]:
-    """Return colour and line style of the arm at an index of the chain's order; they repeat after five."""
-    return ARMS[index % len(ARMS)]
+def arm_look(index: int) -> tuple[str, str]:
+    """Return colour and line style of the arm at an index of the chain's order; no two of twenty arms look alike."""
+    turn, place = divmod(index, len(ARM_COLOURS))
+    return ARM_COLOURS[place], ARM_LINES[(place + turn) % len(ARM_LINES)]
 
 
 def rgb(colour: str) -> tuple[int, int, int]:

@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.margins import grasp_margins
-from holdfast.dynamics.result import ForwardResult
 from holdfast.dynamics.split import split
+from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.instant import Instant
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.simulation.world import BaseMotion, World
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
-from holdfast.state import State
+from holdfast.view.pieces import Piece
 
+Looks = Mapping[str, Sequence[Sequence[Piece]]]
 RATE = 30.0  # moments a second
 SMALLEST_HOLD = 1e-9  # N
+MOST_MOMENTS = 20_000  # more take minutes to draw, and as long to load
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +43,7 @@ class Film:
         margin: (moments, arms) how far each grasp is from giving way [N]; infinite where nothing limits.
         condition: (moments,) of the grasp constraint.
         tau: (moments, n) [N m or N].
+        looks: what an arm is drawn with, if not with simple solids, by its name; see `pieces`.
     """
 
     chain: ClosedChain
@@ -54,6 +58,7 @@ class Film:
     margin: Array
     condition: Array
     tau: Array
+    looks: Looks = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -85,6 +90,7 @@ def film_of_run(
     title: str,
     rate: float = RATE,
     base_motion: Mapping[str, BaseMotion] | None = None,
+    looks: Looks | None = None,
 ) -> Film:
     """Return the samples of a run nearest to `rate` moments a second; nothing is interpolated.
 
@@ -94,11 +100,14 @@ def film_of_run(
         title: what it is called.
         rate: moments a second of the run's time.
         base_motion: as for `simulate`.
+        looks: as for `Film`.
 
     Raises:
-        ModelError: a rate that is not positive, or a moving base of no arm.
+        ModelError: a rate that is not positive or gives more than 20,000 moments, or a moving base of no arm.
     """
     k = samples_at(run.t, checks.number(rate, "rate", above=0.0))
+    if len(k) > MOST_MOMENTS:
+        raise ModelError(f"rate: expected at most {MOST_MOMENTS} moments, got {len(k)}; try a lower rate")
     world = World(chain, base_motion or {})
     arms = [world.at(float(t))[0].arms for t in run.t[k]]
     bases = np.array([[arm.base.wxyz_xyz for arm in at.values()] for at in arms])
@@ -108,25 +117,28 @@ def film_of_run(
     ]
     return Film(
         chain, title, run.t[k], run.q[k], bases, run.object_pose[k], np.array(tips), run.grasp_wrench[k],
-        run.internal_wrench[k], run.margin[k], run.condition[k], run.tau[k],
+        run.internal_wrench[k], run.margin[k], run.condition[k], run.tau[k], looks or {},
     )  # fmt: skip
 
 
-def film_of_state(chain: ClosedChain, state: State, tau: Array, found: ForwardResult, title: str) -> Film:
-    """Return the one moment of a state under torques tau (n,), with what forward dynamics found."""
+def film_of_instant(at: Instant, title: str, looks: Looks | None = None) -> Film:
+    """Return a film of one moment: a state, its torques, and what forward dynamics found."""
+    chain, state, found = at.chain, at.state, at.result
     margin = np.full(len(chain.arms), np.inf)
     margin[[chain.names.index(name) for name in chain.grasps]] = grasp_margins(chain, state, found.grasp_wrench)
     bases = [arm.base.wxyz_xyz for arm in chain.arms.values()]
     tips = [posture(arm, state.q[chain.joints[name]]).tip.p for name, arm in chain.arms.items()]
     internal = split(chain, state, found.grasp_wrench).internal
     moment = (
-        state.q, bases, state.object_pose, tips, found.grasp_wrench, internal, margin, found.condition, tau
+        at.t, state.q, bases, state.object_pose, tips, found.grasp_wrench, internal, margin, found.condition, at.tau
     )  # fmt: skip
-    return Film(chain, title, np.zeros(1), *(np.array([part]) for part in moment))
+    return Film(chain, title, *(np.array([part]) for part in moment), looks=looks or {})
 
 
 def samples_at(t: Array, rate: float) -> Array:
     """Return the indices of the samples nearest to `rate` a second; the first and the last are among them."""
+    if (t[-1] - t[0]) * rate > len(t):
+        return np.arange(len(t))
     wanted = np.append(np.arange(t[0], t[-1], 1 / rate), t[-1])
     after = np.clip(np.searchsorted(t, wanted), 1, max(len(t) - 1, 1))
     nearest = np.where(wanted - t[after - 1] <= t[np.minimum(after, len(t) - 1)] - wanted, after - 1, after)

@@ -13,12 +13,14 @@ from holdfast.view import figure_style
 from holdfast.view.figure_style import COLUMN, DANGER, STYLE, arm_look
 
 MOST_NAMED = 4  # instants of slip with their times beside
+OPEN = 1e-6  # of the axis: wider ranges of margins are drawn
+BEYOND = 1e9  # N: further than any axis goes
 
 
 def friction_margin_figure(chain: ClosedChain, run: Trajectory) -> Any:
     """Return a figure of the margin of every grasp that something limits, and of the instants of slip.
 
-    Dotted, where internal forces could help: the largest margin that they allow.
+    Where the grasp forces are not unique, a band shows the margins that they leave open.
 
     Args:
         chain: the chain that was simulated.
@@ -31,39 +33,43 @@ def friction_margin_figure(chain: ClosedChain, run: Trajectory) -> Any:
         MissingExtra: matplotlib is not installed.
     """
     Figure, rc_context = figure_style.matplotlib()
+    limited = [i for i in range(len(chain.names)) if np.isfinite(run.margin[:, i]).any()]
     with rc_context(STYLE):
         figure = Figure(figsize=(COLUMN, 2.6), layout="constrained")
         panel = figure.subplots()
-        panel.axhspan(-1e9, 0.0, color=DANGER, alpha=0.12, linewidth=0, zorder=0)
+        panel.axhspan(-BEYOND, 0.0, color=DANGER, alpha=0.12, linewidth=0, zorder=0)
         panel.axhline(0.0, color=DANGER, linewidth=0.8)
-        limited = [i for i in range(len(chain.names)) if np.isfinite(run.margin[:, i]).any()]
-        shown = [0.0]
         for i in limited:
             colour, line = arm_look(i)
             panel.plot(run.t, _finite(run.margin[:, i]), linestyle=line, color=colour, label=chain.names[i])
-            if np.isfinite(run.best_margin[:, i]).any():
-                best = f"{chain.names[i]}, best possible"
-                panel.plot(run.t, _finite(run.best_margin[:, i]), ":", color=colour, linewidth=0.8, label=best)
-            shown += [*run.margin[:, i], *run.best_margin[:, i]]
-        low, high = np.min(shown), np.max(np.array(shown)[np.isfinite(shown)])
-        room = 0.08 * (high - low) or 1.0
-        given_way = slips(chain, run)
-        top = high + room * (1 + 2 * min(len(given_way), MOST_NAMED))
-        panel.set_ylim(low - room, top)
-        panel.set_xlim(run.t[0], run.t[-1] + 0.02 * ((run.t[-1] - run.t[0]) or 1.0))
-        for k, (name, t) in enumerate(given_way):
-            panel.axvline(t, color=DANGER, linewidth=0.8, linestyle="--")
-            if k < MOST_NAMED:
-                left = t > 0.6 * run.t[-1] + 0.4 * run.t[0]
-                panel.annotate(
-                    f"{name} gives way at {t:.4g} s", (t, top - 2 * k * room), (-3 if left else 3, -1),
-                    textcoords="offset points", ha="right" if left else "left", va="top", fontsize=7, color=DANGER,
-                )  # fmt: skip
+        low, high = _range(run.margin)
+        for i in limited:
+            worst, best = (np.clip(m[:, i], -BEYOND, BEYOND) for m in (run.worst_margin, run.best_margin))
+            if (best - worst > OPEN * (high - low)).any():
+                panel.fill_between(run.t, worst, best, color=arm_look(i)[0], alpha=0.15, linewidth=0)
+        _mark_slips(panel, run, slips(chain, run), low, high)
         panel.set_ylabel("margin of the grasp [N]")
         panel.set_xlabel("time [s]")
         if limited:
-            figure.legend(loc="outside upper center", ncols=2, columnspacing=1.0)
+            figure.legend(loc="outside upper center", ncols=4, columnspacing=1.0)
     return figure
+
+
+def _mark_slips(panel: Any, run: Trajectory, found: list[tuple[str, float]], low: float, high: float) -> None:
+    """Set the axes about margins from low to high, with room above for the instants of slip; draw those."""
+    begin, end = float(run.t[0]), float(run.t[-1])
+    line = 0.16 * (high - low)
+    top = high + line * (0.5 + min(len(found), MOST_NAMED))
+    panel.set_ylim(low - 0.5 * line, top)
+    panel.set_xlim(begin, end + 0.02 * ((end - begin) or 1.0))
+    for k, (name, t) in enumerate(found):
+        panel.axvline(t, color=DANGER, linewidth=0.8, linestyle="--")
+        if k < MOST_NAMED:
+            late = t > 0.6 * end + 0.4 * begin
+            panel.annotate(
+                f"{name} gives way at {t:.4g} s", (t, top - k * line), (-3 if late else 3, -1),
+                textcoords="offset points", ha="right" if late else "left", va="top", fontsize=7, color=DANGER,
+            )  # fmt: skip
 
 
 def slips(chain: ClosedChain, run: Trajectory) -> list[tuple[str, float]]:
@@ -84,6 +90,13 @@ def slips(chain: ClosedChain, run: Trajectory) -> list[tuple[str, float]]:
             share = margin[k] / (margin[k] - margin[k + 1]) if np.isfinite(margin[k]) else 1.0
             found.append((name, float(run.t[k] + share * (run.t[k + 1] - run.t[k]))))
     return sorted(found, key=lambda slip: slip[1])
+
+
+def _range(margin: Array) -> tuple[float, float]:
+    """Return the least and largest finite margin, 0 between them; never the same."""
+    known = margin[np.isfinite(margin)]
+    low, high = float(known.min(initial=0.0)), float(known.max(initial=0.0))
+    return (low, high) if high > low else (low, low + 1.0)
 
 
 def _finite(margin: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -59,11 +60,6 @@ def cylinder(radius: float, length: float) -> Mesh:
     return revolved([(0.0, -h), (radius, -h), (radius, h), (0.0, h)])
 
 
-def cone(radius: float, height: float) -> Mesh:
-    """Return the side of a cone with its apex in the origin and its mouth at z = height [m]."""
-    return revolved([(0.0, 0.0), (radius, height)])
-
-
 def sphere(radius: float) -> Mesh:
     """Return a sphere about the origin [m]."""
     return capsule(radius, 0.0)
@@ -76,9 +72,9 @@ def capsule(radius: float, length: float) -> Mesh:
         radius: of cylinder and ends.
         length: between the centres of the ends.
     """
-    angles = np.linspace(-np.pi / 2, np.pi / 2, SEGMENTS // 2 + 2)
-    height = np.where(angles < 0, -length / 2, length / 2)
-    return revolved(list(zip(radius * np.cos(angles), radius * np.sin(angles) + height, strict=True)), smooth=True)
+    quarter = np.linspace(0.0, np.pi / 2, SEGMENTS // 4 + 1)
+    upper = list(zip(radius * np.cos(quarter), radius * np.sin(quarter) + length / 2, strict=True))
+    return revolved([*((r, -z) for r, z in reversed(upper)), *upper], smooth=True)
 
 
 def revolved(profile: list[tuple[float, float]], smooth: bool = False) -> Mesh:
@@ -94,7 +90,7 @@ def revolved(profile: list[tuple[float, float]], smooth: bool = False) -> Mesh:
     def ring(point: tuple[float, float]) -> Array:
         return point[0] * circle + [0.0, 0.0, point[1]]
 
-    bands = list(zip(profile, profile[1:], strict=False))
+    bands = list(pairwise(profile))
     if smooth:
         vertices = np.concatenate([ring(point) for point in profile])
         starts = [k * SEGMENTS for k in range(len(bands))]

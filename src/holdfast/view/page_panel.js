@@ -1,6 +1,6 @@
 // The panel beside the player: values and curves at the player's time, cameras, the singularity meter.
-// The player offers no interface for this. What is used of it: the slider's aria-valuenow (its time), the time
-// field (to go to a time), and window.__viserMutable (the camera). Without them the panel stays at the first moment.
+// The player offers no interface for this. What is used of it: the slider's aria-valuenow (its time) and handler
+// (to go to a time), and window.__viserMutable (the camera). Without them the panel stays at the first moment.
 (() => {
   "use strict";
   const data = JSON.parse(document.getElementById("holdfast-data").textContent);
@@ -20,7 +20,7 @@
   function short(x, largest) {
     if (x === null) return "–";
     const size = Math.abs(x);
-    if (size <= 1e-6 * largest) return "0";
+    if (size <= 1e-4 * largest) return "0";
     if (size >= 1e5 || size < 1e-3) return x.toExponential(1);
     return size >= 100 ? x.toFixed(0) : size >= 10 ? x.toFixed(1) : size >= 1 ? x.toFixed(2) : x.toPrecision(2);
   }
@@ -38,11 +38,12 @@
   const slider = () => document.querySelector("#root [role=slider]");
   const playerTime = () => Number(slider()?.getAttribute("aria-valuenow") ?? 0);
 
+  // The time field rounds to 0.1 s and the bar to pixels; the slider's own handler takes any time.
   function goTo(t) {
-    const field = document.querySelector("#root .mantine-NumberInput-input");
-    if (!field) return;
-    Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set.call(field, t.toFixed(4));
-    field.dispatchEvent(new Event("input", { bubbles: true }));
+    const node = slider();
+    let fiber = node?.[Object.keys(node).find((key) => key.startsWith("__reactFiber$"))];
+    while (fiber && !(fiber.memoizedProps?.onChange && fiber.memoizedProps.max !== undefined)) fiber = fiber.return;
+    fiber?.memoizedProps.onChange(t);
   }
 
   function lookFrom(camera) {
@@ -116,7 +117,8 @@
     return (k) => { needle.style.left = `${100 * Math.min(Math.max(of.values[k], 0), 1)}%`; };
   }
 
-  const title = add(panel, "h1", {}, data.title);
+  const title = add(panel, "h1");
+  add(title, "span", {}, data.title);
   const clock = add(title, "output");
   const views = add(panel, "nav");
   for (const camera of data.cameras)
@@ -136,4 +138,5 @@
     requestAnimationFrame(follow);
   }
   follow();
+  panel.goTo = goTo; // for those who script the page: seconds from its beginning; pauses the player
 })();

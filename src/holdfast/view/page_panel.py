@@ -18,6 +18,7 @@ from holdfast.view.film import Film
 
 HERE = Path(__file__).parent
 DIGITS = 4
+NOISE = 1e-9  # N m per N: smaller moments are rounding
 
 
 def with_panel(page: str, film: Film, scale: ArrowScale) -> str:
@@ -74,6 +75,7 @@ def plots(film: Film) -> list[dict[str, Any]]:
     force, moment, squeeze = (
         np.linalg.norm(part, axis=2) for part in (film.wrench[..., 3:], film.wrench[..., :3], film.internal[..., 3:])
     )
+    moment[moment < NOISE * force.max(initial=0.0)] = 0.0
     held = [(name, names.index(name)) for name in film.holding]
     forces = [_curve(name, i, force[:, i]) for name, i in held]
     forces += [_curve(f"{name}, internal", i, squeeze[:, i], dashed=True) for name, i in held]

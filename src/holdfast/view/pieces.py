@@ -16,7 +16,8 @@ from holdfast.robots.urdf.visuals import Mesh as MeshFile
 from holdfast.view import meshes
 from holdfast.view.meshes import Mesh
 
-UNCOLOURED = (200, 200, 205)
+UNCOLOURED = (0.78, 0.78, 0.8, 1.0)
+SHRINK = 0.003
 
 
 class Piece(NamedTuple):
@@ -33,7 +34,11 @@ class Piece(NamedTuple):
 
 def pieces_of_arm(arm: Arm) -> list[list[Piece]]:
     """Return what to draw on the base and on each link of an arm, N + 1 lists, base to tip."""
-    return [[_of_primitive(solid) for solid in solids] for solids in looks_of(arm)]
+    return [
+        # solids of one and of neighbouring links share surfaces, which would flicker: no two of these are of one size
+        [_of_primitive(solid, 1.0 - SHRINK * ((2 * k + j) % 5)) for j, solid in enumerate(solids)]
+        for k, solids in enumerate(looks_of(arm))
+    ]
 
 
 def pieces_of_urdf(visuals: Sequence[Sequence[Visual]], folder: Path) -> list[list[Piece]] | None:
@@ -48,9 +53,10 @@ def pieces_of_urdf(visuals: Sequence[Sequence[Visual]], folder: Path) -> list[li
     return whole if sum(map(len, whole)) and sum(map(len, whole)) == sum(map(len, found)) else None
 
 
-def _of_primitive(solid: Primitive) -> Piece:
+def _of_primitive(solid: Primitive, scale: float) -> Piece:
     make = {"box": _box, "cylinder": meshes.cylinder, "capsule": meshes.capsule, "sphere": meshes.sphere}[solid.kind]
-    return Piece(make(*solid.size).at(solid.pose), None if solid.colour == "accent" else COLOURS[solid.colour])
+    mesh = make(*(scale * length for length in solid.size)).at(solid.pose)
+    return Piece(mesh, None if solid.colour == "accent" else COLOURS[solid.colour])
 
 
 def _of_visual(visual: Visual, folder: Path) -> Piece | None:
@@ -68,8 +74,8 @@ def _of_visual(visual: Visual, folder: Path) -> Piece | None:
             mesh = _from_file(shape, folder)
     if mesh is None:
         return None
-    colour = UNCOLOURED if visual.rgba is None else tuple(round(255 * min(max(c, 0.0), 1.0)) for c in visual.rgba[:3])
-    return Piece(mesh.at(visual.pose), colour)
+    red, green, blue, _ = (round(255 * min(max(channel, 0.0), 1.0)) for channel in visual.rgba or UNCOLOURED)
+    return Piece(mesh.at(visual.pose), (red, green, blue))
 
 
 def _from_file(shape: MeshFile, folder: Path) -> Mesh | None:
@@ -80,11 +86,14 @@ def _from_file(shape: MeshFile, folder: Path) -> Mesh | None:
     import trimesh  # viser brings it
 
     try:
-        solid = trimesh.load(path, force="mesh")
+        solid = trimesh.load_mesh(path)
     except (ValueError, TypeError, OSError, ImportError, NotImplementedError):
         return None
-    vertices = np.asarray(solid.vertices, dtype=float) * shape.scale
-    return Mesh(vertices, np.asarray(solid.faces)) if len(vertices) else None
+    faces = np.asarray(solid.faces)
+    if not len(faces):
+        return None
+    mirrored = np.prod(shape.scale) < 0
+    return Mesh(np.asarray(solid.vertices, dtype=float) * shape.scale, faces[:, ::-1] if mirrored else faces)
 
 
 def _found(filename: str, folder: Path) -> Path | None:

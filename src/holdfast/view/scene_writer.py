@@ -81,7 +81,7 @@ class SceneWriter:
 
     def lines(self, name: str, segments: Array, colour: Colour, thickness: float) -> None:
         """Add straight lines (N, 2, 3) so thick [m]."""
-        self.server.scene.add_line_segments(name, segments, colour, thickness=thickness)
+        self._nodes[name] = self.server.scene.add_line_segments(name, segments, colour, thickness=thickness)
 
     def grid(self, name: str, at: Pose, width: float, cell: float) -> None:
         """Add a square grid in the x-y plane of a pose [m]."""
@@ -114,7 +114,7 @@ class SceneWriter:
         node, shaft, head = self._arrows[name]
         longest = float(np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).max())
         # a head that is longer than its arrow would stand out at the tail
-        size = round(min(1.0, 0.5 * longest / head), 3)
+        size = int(1000 * min(1.0, 0.5 * longest / head)) / 1000
         node.shaft_radius, node.head_radius, node.head_length = size * shaft, 2.4 * size * shaft, size * head
         node.points = segments.astype(np.float32)
 
@@ -125,8 +125,8 @@ class SceneWriter:
         node.wxyz, node.position = wxyz.astype(np.float32), position.astype(np.float32)
 
     def paint(self, name: str, colour: Colour) -> None:
-        """Give a surface another colour."""
-        self._nodes[name].color = colour
+        """Give lines another colour."""
+        self._nodes[name].colors = np.array(colour, dtype=np.uint8)
 
     @contextmanager
     def at_once(self) -> Iterator[None]:

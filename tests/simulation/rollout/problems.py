@@ -39,12 +39,12 @@ def problem(name: str) -> tuple[ClosedChain, State]:
 
 
 def swinging_law(joint_count: int) -> ControlLaw:
-    """Return torques that depend on time, state and memory; the memory counts the steps."""
+    """Return torques that depend on time, state and memory; memory that begins as zeros does not matter."""
     size = np.random.default_rng(1).normal(size=joint_count)
 
     def torque(t: Any, state: State, memory: Any, given: Any) -> tuple[Any, Any]:
         drive = (2.0 + memory[0]) * size - 3.0 * (1.0 + t) * state.qd - state.object_twist[3] * size
-        return drive, memory + np.array([0.5, t])
+        return drive, np.array([1.1 * memory[0], memory[1] + t])
 
     return ControlLaw(torque, memory=np.array([0.3, 0.0]), key="tests: swinging")
 

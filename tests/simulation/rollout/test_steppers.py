@@ -122,6 +122,8 @@ def test_what_stagewise_cannot_is_refused():
     now, _ = stepper.start(BEGIN, state, None)
     (reached,) = stepper.advance(now, [BEGIN + 1e-3])
     assert isinstance(reached.failure, MethodNotApplicable) and "wrenches on links" in str(reached.failure)
-    short = StagewiseStepper.of(World(chain), lambda t, x, m: (np.zeros(3), m), rank, scheme("rk4"), Tolerance())
+    short = StagewiseStepper.of(
+        World(chain, inputs=wind), lambda t, x, m: (np.zeros(3), m), rank, scheme("rk4"), Tolerance()
+    )
     with pytest.raises(StateError, match="controller: torques"):
         short.start(BEGIN, state, None)

@@ -80,14 +80,11 @@ class StepKernel:
         """Take so many steps in place; a system that cannot stays at its last good state and says why.
 
         Args:
-            systems: C order float64, as `systems` returns them; their slopes must be found under the same inputs.
+            systems: as `systems` returns them (see `require_own`); their slopes must be found under the same inputs.
             inputs: of the inputs' shapes, shared by all systems, or with a leading axis.
             parameters: likewise, where they differ from the chain's own.
             repeats: steps.
             threads: how many share the systems.
-
-        Raises:
-            StateError: the systems are not of this chain and law, or cannot be written in place.
         """
         self._run(self._step, systems, inputs, parameters, repeats, threads)
 
@@ -106,17 +103,20 @@ class StepKernel:
         repeats: int,
         threads: int,
     ) -> None:
-        count = len(systems["q"])
-        self._require_own(systems, count)
         given = self.parameters | dict(parameters) | dict(inputs) | {f"last.{name}": x for name, x in systems.items()}
         arrays = {name: np.asarray(given[name], dtype=float, order="C") for name in self._sizes}
         table = np.zeros((len(arrays), 2), dtype=np.int64)
         for row, (name, x) in zip(table, arrays.items(), strict=True):
             row[:] = x.ctypes.data, self._sizes[name] if x.ndim > self._ranks[name] else 0
-        code.run_batch(table, count, threads, repeats)
+        code.run_batch(table, len(systems["q"]), threads, repeats)
 
-    def _require_own(self, systems: Systems, count: int) -> None:
-        """Refuse arrays that the machine code would read or write beyond their ends, or not at all."""
+    def require_own(self, systems: Systems) -> None:
+        """Refuse arrays that the machine code would read or write beyond their ends, or not at all.
+
+        Raises:
+            StateError: the systems are not of this chain and law, or cannot be written in place.
+        """
+        count = len(systems["q"])
         for name, shape in self.carried.items():
             x, expected = systems.get(name), (count, *shape)
             if x is None or x.shape != expected:

@@ -129,7 +129,7 @@ class Rollout:
             self._run(systems, inputs, parameters, 1, threads, -np.inf)
         for name in ("work", "count"):
             systems.arrays[name][...] = 0.0
-        systems.tell(inputs | parameters)
+        systems.tell({**inputs, **parameters})
         return systems
 
     def step(
@@ -163,8 +163,7 @@ class Rollout:
         if not isinstance(steps, int | np.integer) or steps < 1:
             raise StateError(f"steps: expected an integer >= 1, got {steps!r}")
         inputs, parameters = told(self._kernel, given, len(systems))
-        systems.at_pace(paces(step, len(systems)))
-        self._run(systems, inputs, parameters, int(steps), threads, least_margin, systems.tell(inputs | parameters))
+        self._run(systems, inputs, parameters, int(steps), threads, least_margin, paces(step, len(systems)))
         return systems
 
     def run(
@@ -243,7 +242,7 @@ class Rollout:
         begin, own = at.copy(rows), some(self._kernel, given, rows)
         begin.arrays["code"][...] = 0.0
         inputs, parameters = told(self._kernel, own, len(begin))
-        begin.tell(inputs | parameters)
+        begin.tell({**inputs, **parameters})
         low, high = np.zeros(len(begin)), np.full(len(begin), step)
         for _ in range(HALVINGS):
             middle, trial = 0.5 * (low + high), begin.copy()
@@ -259,18 +258,19 @@ class Rollout:
         steps: int,
         threads: int,
         least_margin: float,
-        changed: bool = False,
+        pace: Array | None = None,
     ) -> None:
-        """Take steps; first find where they begin to lead, if other torques act from now on."""
+        """Take steps of the pace, or one of length zero; whatever is refused is refused before anything is changed."""
         if not isinstance(threads, int | np.integer) or threads < 1:
             raise StateError(f"threads: expected an integer >= 1, got {threads!r}")
-        own: dict[str, Array] = {
-            "begin": systems.begin,
-            "step": systems.pace,
-            "held": np.array(0.0),
-            "least_margin": np.array(number("least_margin", least_margin, infinite=True)),
-        }
-        if changed:
+        least = np.array(number("least_margin", least_margin, infinite=True))
+        self._kernel.require_own(systems.arrays)
+        changed = False
+        if pace is not None:
+            systems.at_pace(pace)
+            changed = systems.tell({**inputs, **parameters})
+        own = {"begin": systems.begin, "step": systems.pace, "held": np.array(0.0), "least_margin": least}
+        if changed:  # where the step begins to lead was found under other torques
             self._kernel.renew(systems.arrays, {**inputs, **own}, parameters, int(threads))
         self._kernel.run(systems.arrays, {**inputs, **own}, parameters, steps, int(threads))
 

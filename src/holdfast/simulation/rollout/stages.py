@@ -254,15 +254,14 @@ def verdict(sizes: Mapping[str, int], grasps: int) -> Stage:
 
     def text(*given: Array) -> tuple[Any, ...]:
         x = dict(zip([*kept, *now, *last], given, strict=True))
-        finite: Scalar = 0.0
-        for entry in (e for name in kept if name != "margin" for e in x[name]):
-            finite = finite + (entry - entry)  # zero, or not a number
+        # x - x, which tells as much, is folded to zero
+        total = sum(sum(abs(entry) for entry in x[name]) for name in kept if name != "margin")
         least = reduce(minimum, x["margin"]) if grasps else float("inf")
         fault = where(least < x["least_margin"][()], float(SLIPPED), float(RUNNING))
         fault = where(x["worst"][0] <= WORST_CONDITION, fault, float(SINGULAR))
         fault = where(x["worst"][1] < FIRST_BAD, fault, float(SINGULAR))
         fault = where(x["drift"][0] <= FARTHEST, fault, float(OPEN))
-        fault = where(finite <= 0.0, fault, float(BROKEN))
+        fault = where(total < float("inf"), fault, float(BROKEN))
         code = where(x["last.code"][()] > 0.5, x["last.code"][()], fault)
         on = code < 0.5
         found = [select(on, x[name], x[f"last.{name}"]) for name in kept]

@@ -1,0 +1,111 @@
+"""Ways to step many systems in time: this library's rollouts, and MuJoCo's `mj_step`."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+import holdfast
+from holdfast.bench import library
+from holdfast.bench.entry import Answers, Entry
+from holdfast.bench.mujoco_model import inputs, mjcf
+from holdfast.bench.own_entries import LIBRARY
+from holdfast.bench.systems import System
+
+STEP = 1e-3  # s
+STEPS = 20  # from each state, torques held; then from the states again
+SCHEMES = ("rk4", "midpoint")
+DEFAULT_IMPEDANCE = (0.9, 0.95, 0.001, 0.5, 2.0)  # MuJoCo's own
+# Integrator and impedance of the welds; Newton's dense solver is the fastest at this size.
+MUJOCO = (("Euler", "hardest"), ("Euler", "default"), ("implicitfast", "hardest"), ("RK4", "hardest"))
+
+
+@dataclass(frozen=True, eq=False)
+class Stepping:
+    """A way to step.
+
+    Attributes:
+        entry: ready to be timed; an evaluation is one step of one system.
+        gap: returns how far the worst grasp of any system is open at the end [m or rad].
+    """
+
+    entry: Entry
+    gap: Callable[[], float]
+
+
+def rollout(system: System, scheme: str, size: int) -> Stepping:
+    """Return a batch of a size, stepped by one call on one thread under held torques."""
+    made = _compiled(system, scheme)
+    q, qd, tau, pose, twist = system.repeated(size).arrays
+    begun = made.start(q, qd, pose, twist, tau=tau)
+
+    def stepped() -> Any:
+        return made.step(begun.copy(), STEP, steps=STEPS, tau=tau)
+
+    def answers() -> Answers:
+        found = stepped()
+        assert found.running.all()
+        return Answers(found.qdd, found.grasp_wrench)
+
+    name, note = f"{scheme}, {size:,} systems", "states copied in each time"
+    entry = Entry(name, LIBRARY, stepped, size * STEPS, answers, note)
+    return Stepping(entry, lambda: float(stepped().gap[:, 0].max()))
+
+
+@functools.lru_cache(maxsize=len(SCHEMES))
+def _compiled(system: System, scheme: str) -> Any:
+    return holdfast.compile_rollout(system.chain, scheme=scheme)
+
+
+def mj_step(system: System, integrator: str, welds: str) -> Stepping:
+    """Return `mj_step` from one state after the other, all steps of a state in one call.
+
+    Args:
+        system: the system.
+        integrator: "Euler", "implicitfast" or "RK4".
+        welds: "hardest", or "default": MuJoCo's own impedance.
+    """
+    mujoco = library.mujoco()
+
+    model = mujoco.MjModel.from_xml_string(mjcf(system.chain, "Newton", "dense"))
+    if welds == "default":
+        model.eq_solimp[:] = DEFAULT_IMPEDANCE
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
+    model.opt.timestep = STEP
+    model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
+    data, rows, n = mujoco.MjData(model), inputs(system), system.chain.joint_count
+
+    def steps(q: Any, v: Any, tau: Any) -> None:
+        mujoco.mj_resetData(model, data)
+        data.qpos[...] = q
+        data.qvel[...] = v
+        data.qfrc_applied[...] = tau
+        mujoco.mj_step(model, data, STEPS)
+
+    def sweep() -> None:
+        for row in rows:
+            steps(*row)
+
+    def ends() -> list[tuple[Any, float]]:
+        found = []
+        for row in rows:
+            steps(*row)
+            mujoco.mj_forward(model, data)
+            found.append((data.qacc[:n].copy(), float(np.abs(data.efc_pos).max())))
+        return found
+
+    return Stepping(
+        Entry(
+            f"mj_step, {integrator}, {welds} welds",
+            "mujoco",
+            sweep,
+            system.states * STEPS,
+            lambda: Answers(np.array([qdd for qdd, _ in ends()])),
+            "Newton, dense; no geoms, islands off",
+        ),
+        lambda: max(gap for _, gap in ends()),
+    )

@@ -1,0 +1,40 @@
+"""`holdfast plot`: a result folder in; its figures out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from holdfast.cli import complain
+from holdfast.cli.console import stdout
+from holdfast.errors import ResultError
+from holdfast.io.result_reader import load_result
+from holdfast.scenario.build import load_scene
+from holdfast.view.plots import save_plots
+
+
+def plot(folder: Path, out: Path | None) -> int:
+    """Draw every figure of a run; say on stderr what is missing of an incomplete run.
+
+    Args:
+        folder: the result folder.
+        out: folder for the figures; the result folder if None.
+
+    Returns:
+        0.
+
+    Raises:
+        ResultError: no result, or a folder that cannot be written.
+        MissingExtra: matplotlib is not installed.
+    """
+    result = load_result(folder)
+    chain = load_scene(folder / "scene.toml").chain
+    place = folder if out is None else out
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+    except OSError as cause:
+        raise ResultError(f"{place}: cannot be written: {cause.strerror or cause}") from cause
+    if result.note:
+        complain(f"{folder}: {result.note}")
+    for name in save_plots(chain, result.trajectory, place):
+        stdout().print(f"look at {place / name}", soft_wrap=True)
+    return 0

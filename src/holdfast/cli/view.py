@@ -1,0 +1,74 @@
+"""`holdfast view`: a result folder or a scene in; a viewer in the browser, or one HTML file, out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from holdfast.cli import complain
+from holdfast.cli.console import stdout
+from holdfast.errors import ResultError, SceneError, SingularChainError, StateError
+from holdfast.io.result_reader import load_result
+from holdfast.scenario.build import Scenario, load_scene
+from holdfast.simulation.instant import evaluate
+from holdfast.simulation.world import World
+from holdfast.state import Inputs
+from holdfast.view.film import Film, film_of_instant, film_of_run
+from holdfast.view.live import watch
+from holdfast.view.page import export_page
+
+
+def view(target: Path, page: Path | None, port: int, rate: float, overwrite: bool) -> int:
+    """Show a run, or a scene's closed initial state, until the user has seen enough; or write it as a page.
+
+    Args:
+        target: a result folder, or a scene file.
+        page: the HTML file to write; None to serve the viewer instead.
+        port: to serve at; 0 for any that is free.
+        rate: moments a second that are shown.
+        overwrite: replace an existing file.
+
+    Returns:
+        0, also after Ctrl-C, which is how a viewer ends.
+
+    Raises:
+        HoldfastError: what is not there, cannot be read, or cannot be shown.
+    """
+    if page is not None and page.exists() and not overwrite:
+        raise ResultError(f"{page}: is there already; try --overwrite, or another --export")
+    film = _film(target, rate)
+    if page is not None:
+        export_page(film, page)
+        stdout().print(f"{page}: {page.stat().st_size / 2**20:.1f} MiB, {len(film)} moments", soft_wrap=True)
+        return 0
+    try:
+        watch(film, _announce, port)
+    except KeyboardInterrupt:
+        stdout().print("closed")
+    return 0
+
+
+def _announce(address: str) -> None:
+    console = stdout()
+    console.print(f"{address}   (Ctrl-C ends it)")
+    console.file.flush()
+
+
+def _film(target: Path, rate: float) -> Film:
+    if not target.exists():
+        raise SceneError(f"{target}: no such file or folder; expected a result folder or a scene file")
+    if not target.is_dir():
+        return _film_of_scene(load_scene(target), target)
+    result = load_result(target)
+    scenario = load_scene(target / "scene.toml")
+    if result.note:
+        complain(f"{target}: {result.note}")
+    return film_of_run(scenario.chain, result.trajectory, scenario.name, rate, scenario.options.get("base_motion"))
+
+
+def _film_of_scene(scenario: Scenario, source: Path) -> Film:
+    """Return the one moment in which the scene begins, under its controller's torques."""
+    world = World(scenario.chain, scenario.options.get("base_motion", {}), scenario.options.get("inputs") or Inputs())
+    try:
+        return film_of_instant(evaluate(world, scenario.controller, 0.0, scenario.state, None), scenario.name)
+    except (SingularChainError, StateError) as cause:
+        raise type(cause)(f"{source}: {cause}") from cause

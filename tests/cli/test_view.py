@@ -1,0 +1,82 @@
+"""`holdfast view` from the command line: pages, scenes, refusals, and how it ends."""
+
+import signal
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from holdfast.cli import main
+
+pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")
+EXAMPLE = Path(__file__).parents[2] / "examples" / "two_pandas.toml"
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    """A result of three samples."""
+    folder = tmp_path_factory.mktemp("view")
+    text = EXAMPLE.read_text().replace("duration = 2.0", "duration = 0.02").replace("step = 0.002", "step = 0.01")
+    (folder / "short.toml").write_text(text)
+    assert main(["simulate", str(folder / "short.toml"), "--out", str(folder / "result"), "--no-plots"]) == 0
+    return folder / "result"
+
+
+def test_page_of_a_result(result, tmp_path, capsys):
+    """One file, its size and moments on stdout; it is not overwritten unasked."""
+    capsys.readouterr()
+    page = tmp_path / "page.html"
+    assert main(["view", str(result), "--export", str(page), "--rate", "100"]) == 0
+    said = capsys.readouterr()
+    assert said.out == f"{page}: 0.8 MiB, 3 moments\n"
+    assert said.err == ""
+    assert "<title>two pandas lift a box</title>" in page.read_text()
+    assert main(["view", str(result), "--export", str(page)]) == 2
+    assert "try --overwrite" in capsys.readouterr().err
+    assert main(["view", str(result), "--export", str(page), "--overwrite", "--rate", "1"]) == 0
+    assert "2 moments" in capsys.readouterr().out
+    assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
+
+
+def test_page_of_a_scene(tmp_path, capsys):
+    """The state in which a scene begins, with the forces of its controller's torques."""
+    page = tmp_path / "page.html"
+    assert main(["view", str(EXAMPLE), "--export", str(page)]) == 0
+    assert "1 moments" in capsys.readouterr().out
+    assert '"label":"left, internal","colour":"#0072B2","dashed":true,"values":[20.0]' in page.read_text()
+
+
+@pytest.mark.parametrize(
+    ("target", "options", "message"),
+    [
+        ("nowhere", (), "nowhere: no such file or folder; expected a result folder or a scene file"),
+        (".", (), "meta.json"),
+        (str(EXAMPLE), ("--export", "nowhere/page.html"), "nowhere/page.html: cannot be written"),
+        ("result", ("--export", "page.html", "--rate", "-1"), "rate: expected > 0"),
+    ],
+)
+def test_refused(result, tmp_path, monkeypatch, capsys, target, options, message):
+    """One line on stderr, code 2, nothing written."""
+    monkeypatch.chdir(tmp_path)
+    target = str(result) if target == "result" else target
+    assert main(["view", target, *options]) == 2
+    said = capsys.readouterr()
+    assert message in said.err
+    assert said.err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_live_viewer_ends_with_ctrl_c(result):
+    """It prints its address, serves the page, and ends cleanly with code 0."""
+    command = [sys.executable, "-c", "import sys; from holdfast.cli import main; sys.exit(main())"]
+    with subprocess.Popen([*command, "view", str(result)], stdout=-1, stderr=-1, text=True) as viewer:
+        try:
+            address = viewer.stdout.readline().split()[0]
+            assert address.startswith("http://127.0.0.1:")
+            assert b"<html" in urllib.request.urlopen(address, timeout=10).read(500)
+        finally:
+            viewer.send_signal(signal.SIGINT)
+            out, err = viewer.communicate(timeout=30)
+    assert (out, err, viewer.returncode) == ("closed\n", "", 0)

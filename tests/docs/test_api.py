@@ -1,0 +1,49 @@
+"""The API pages have every public name, and nothing that is not there."""
+
+import importlib
+import re
+
+import holdfast
+import holdfast.robots
+import holdfast.robots.urdf
+from holdfast.cli.commands import COMMANDS
+from tests.docs.pages import DOCS
+
+DIRECTIVE = re.compile(r"^\.\. (?:auto\w+|py:data):: (holdfast[\w.]*)$", re.MULTILINE)
+DOCUMENTED = [
+    name for page in sorted((DOCS / "api").glob("*.md")) for name in DIRECTIVE.findall(page.read_text(encoding="utf-8"))
+]
+
+
+def target(name: str) -> object:
+    """Return what a documented name stands for."""
+    module, _, attribute = name.rpartition(".")
+    try:
+        return getattr(importlib.import_module(module), attribute)
+    except AttributeError:
+        return importlib.import_module(name)
+
+
+def test_every_public_name():
+    """Each name of `holdfast.__all__` stands on an API page, under that name."""
+    assert {f"holdfast.{name}" for name in holdfast.__all__} - set(DOCUMENTED) == set()
+
+
+def test_every_robot():
+    """So do the built-in robots; of the URDF reader what users call."""
+    callable_names = {name for name in holdfast.robots.__all__ if name.islower() or name == "Mechanism"}
+    assert {f"holdfast.robots.{name}" for name in callable_names} - set(DOCUMENTED) == set()
+
+
+def test_every_command():
+    """The commands of the command line have a row each, and no others."""
+    page = (DOCS / "api" / "command_line.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"^\| `holdfast (\w+)", page, re.MULTILINE)) == set(COMMANDS)
+
+
+def test_no_other_name():
+    """Every documented name exists, is documented once, and has a text of its own."""
+    assert len(DOCUMENTED) == len(set(DOCUMENTED))
+    for name in DOCUMENTED:
+        found = target(name)
+        assert isinstance(found, dict) or getattr(found, "__doc__", None), name

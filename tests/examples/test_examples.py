@@ -1,0 +1,143 @@
+"""Every numbered example, run as it stands: its figures obey the laws they are about, and its picture is there."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SCRIPTS = sorted(EXAMPLES.glob("[0-9][0-9]_*.py"))
+
+
+@pytest.fixture
+def run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Any:
+    """Return a function that runs an example's main and returns its figures and what it printed."""
+
+    def run(number: str, **options: Any) -> tuple[dict[str, Any], str]:
+        (script,) = EXAMPLES.glob(f"{number}_*.py")
+        spec = importlib.util.spec_from_file_location(f"example_{script.stem}", script)
+        assert spec is not None and spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        found = module.main(tmp_path, **options)
+        picture = (tmp_path / f"{script.stem}.png").read_bytes()
+        assert picture.startswith(b"\x89PNG") and len(picture) > 5000
+        return found, capsys.readouterr().out
+
+    return run
+
+
+def test_the_ladder():
+    """Ten of them, none longer than a hundred lines, each in the table of the folder's README."""
+    assert [script.name[:2] for script in SCRIPTS] == [f"{k:02}" for k in range(1, 11)]
+    table = (EXAMPLES / "README.md").read_text()
+    for script in SCRIPTS:
+        assert len(script.read_text().splitlines()) <= 100, script.name
+        assert f"]({script.name})" in table
+
+
+def test_one_arm(run):
+    """The hand carries the weight; without drives it gives m (a - g), and energy is kept."""
+    found, printed = run("01")
+    assert found["held"] == pytest.approx(found["weight"], rel=1e-12)
+    assert found["acceleration_held"] < 1e-11
+    assert found["newton_error"] < 1e-11
+    assert found["after"] < 0.5 * found["weight"]
+    assert found["energy_error"] < 1e-4 * found["energy_moved"]
+    assert "19.62" in printed
+
+
+def test_two_arms_one_box(run):
+    """Two arms of seven joints and six constraints each leave eight freedoms; the loop is closed to rounding."""
+    found, printed = run("02")
+    assert found["mobility"] == 7 + 7 + 6 - 12
+    assert found["gap"] < 1e-14
+    assert found["lifted"] == pytest.approx(0.25, abs=1e-4)
+    assert found["miss"] < 1e-5
+    assert found["energy_error"] < 1e-3
+    assert "mobility 8" in printed
+
+
+def test_forces_at_each_hand(run):
+    """They sum to m (a - g); what squeezes sums to nothing; at rest each hand has half the weight."""
+    found, _ = run("03")
+    assert found["newton_error"] < 1e-11
+    assert found["internal_sum"] < 1e-11
+    assert found["left_up"] == pytest.approx(found["weight"] / 2, rel=1e-10)
+    assert found["right_up"] == pytest.approx(found["weight"] / 2, rel=1e-10)
+    assert found["squeeze"] == pytest.approx(30.0, rel=1e-10)
+    assert found["largest"] > np.hypot(30.0, found["weight"] / 2)
+
+
+def test_who_carries_what(run):
+    """Shares sum to 1 and follow the closed forms: the lever with balls, half of it with rigid hands."""
+    found, _ = run("04")
+    for kind, lever in (("ball", 2), ("rigid", 4)):
+        assert found[kind].sum(axis=1) == pytest.approx(1.0, abs=1e-12)
+        assert found[kind][:, 1] == pytest.approx(0.5 + found["offsets"] / (lever * 0.15), abs=1e-9)
+
+
+def test_soft_fingers_slipping(run):
+    """All three give way where mu N = m g / 3, to a nanosecond though steps are 20 ms."""
+    found, printed = run("05")
+    assert found["margin"] == pytest.approx(found["margin_expected"], rel=1e-9)
+    assert found["slip"] == pytest.approx(found["slip_expected"], abs=1e-9)
+    assert found["slipped"] == 3
+    assert "slips at t = 0.385243" in printed
+
+
+def test_hand_over(run):
+    """The box's change of momentum is the hands' impulses; the whole chain's is that of wrenches and bases."""
+    found, _ = run("06")
+    assert found["change"] < -0.1
+    assert found["impulse_error"] < 1e-9
+    assert found["energy_change"] < 0
+    assert found["momentum_error"] < 2e-4 * found["momentum_moved"]
+    assert found["holds_at_end"] == "right"
+
+
+def test_stewart_platform(run):
+    """Six drives hold six mobilities still, passive joints idle; work of the drives is the rise of the weights."""
+    found, _ = run("07")
+    assert found["mobility"] == 6
+    assert found["residual"] < 1e-11
+    assert found["load_error"] < 1e-11 * found["weight"]
+    assert found["virtual_work"] == pytest.approx(found["potential"], rel=1e-6)
+    assert found["spread_level"] < 1e-9
+    assert found["mirrored"] < 1e-9
+
+
+def test_singular(run):
+    """Near flat the pendulum's closed form, condition number as 1 / angle^2; flat, a refusal that names the rank."""
+    found, printed = run("08")
+    assert found["error"] < 1e-10
+    assert found["status"] == "INDETERMINATE_FORCES"
+    assert found["flat"] == "singular"
+    assert "rank 8 of 12 here, but 9 nearby" in found["refusal"]
+    assert found["refusal"] in printed
+    assert found["growth"] == pytest.approx(2.0, abs=0.05)
+
+
+def test_a_million_states(run):
+    """Here a few thousand: every one is sound, obeys Newton, and is the reference's."""
+    found, printed = run("09", batches=2)
+    assert found["sound"] == found["states"] == 2 * 16_384
+    assert found["newton_error"] < 1e-9
+    assert found["reference_error"] < 1e-9
+    assert "million a second" in printed
+
+
+def test_your_own_robot(run):
+    """The links weigh what the file says, hands carry the box, bases everything."""
+    found, _ = run("10")
+    assert found["mass"] == pytest.approx(3.0 + 4.0 + 2.5 + 1.0 + 0.8 + 0.3)
+    assert found["left_up"] == pytest.approx(4.0 * 9.81 / 2, rel=1e-10)
+    assert found["squeeze"] == pytest.approx(15.0, rel=1e-10)
+    assert found["acceleration"] < 1e-10
+    assert found["force_error"] < 1e-11
+    assert found["base_load"] == pytest.approx((2 * found["mass"] + 4.0) * 9.81, rel=1e-10)
+    assert 0 < found["use"] < 1

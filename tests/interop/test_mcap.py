@@ -1,0 +1,142 @@
+"""An MCAP file of a run, read back with rosbags: every number, to the bit."""
+
+import builtins
+
+import numpy as np
+import pytest
+
+from holdfast import MissingExtra, Pose, ResultError
+from holdfast.interop import ros_messages
+from holdfast.interop.mcap_writer import write_mcap
+from holdfast.spatial import rotation
+from tests.view.runs import lifted
+
+pytest.importorskip("mcap_ros2", reason="needs mcap-ros2-support: pip install 'holdfast[ros]'")
+highlevel = pytest.importorskip("rosbags.highlevel", reason="needs rosbags: pip install rosbags")
+typesys = pytest.importorskip("rosbags.typesys")
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    """Messages by topic, as (time [ns], message)."""
+    path = tmp_path_factory.mktemp("mcap") / "run.mcap"
+    chain, run = lifted()
+    write_mcap(chain, run, path)
+    store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+    found = {}
+    with highlevel.AnyReader([path], default_typestore=store) as reader:
+        for connection, time, raw in reader.messages():
+            found.setdefault(connection.topic, []).append((time, reader.deserialize(raw, connection.msgtype)))
+    return found
+
+
+def test_topics(bag):
+    """A message of each kind for every sample, stamped with the run's time."""
+    _, run = lifted()
+    expected = {"/joint_states", "/object_pose", "/tf"}
+    expected |= {f"/{arm}/{what}" for arm in ("left", "right") for what in ("grasp_wrench", "internal_wrench")}
+    assert set(bag) == expected
+    for topic, messages in bag.items():
+        assert [time for time, _ in messages] == [round(1e9 * t) for t in run.t], topic
+    for time, message in bag["/joint_states"]:
+        assert time == 10**9 * message.header.stamp.sec + message.header.stamp.nanosec
+
+
+def test_joint_states(bag):
+    """Positions, rates and torques come back bit for bit, under the joints' names."""
+    chain, run = lifted()
+    for k, (_, message) in enumerate(bag["/joint_states"]):
+        assert message.name == chain.joint_names()
+        assert (message.position == run.q[k]).all()
+        assert (message.velocity == run.qd[k]).all()
+        assert (message.effort == run.tau[k]).all()
+
+
+def test_object_pose(bag):
+    """The object's pose, scalar last as ROS has it."""
+    _, run = lifted()
+    for k, (_, message) in enumerate(bag["/object_pose"]):
+        assert message.header.frame_id == "world"
+        p, o = message.pose.position, message.pose.orientation
+        assert [o.w, o.x, o.y, o.z, p.x, p.y, p.z] == run.object_pose[k].tolist()
+
+
+def test_transforms_lead_to_the_tips_and_wrenches_are_in_them(bag):
+    """World to tip along the frames is where the contact is; the wrench turned back is the run's."""
+    chain, run = lifted()
+    for k, (_, message) in enumerate(bag["/tf"]):
+        frames = {t.child_frame_id: (t.header.frame_id, pose(t.transform)) for t in message.transforms}
+        assert len(frames) == len(message.transforms) == 1 + 2 + 2 * (1 + 7 + 1)
+        for i, (name, grasp) in enumerate(chain.grasps.items()):
+            tip, contact = (in_world(frames, frame) for frame in (f"{name}/tip", f"object/{name}"))
+            assert tip.p == pytest.approx(contact.p, abs=1e-9)
+            held = Pose.from_wxyz_xyz(run.object_pose[k]) @ grasp.frame
+            assert np.abs(contact.R - held.R).max() < 1e-12
+            for what, wrenches in (("grasp_wrench", run.grasp_wrench), ("internal_wrench", run.internal_wrench)):
+                stamped = bag[f"/{name}/{what}"][k][1]
+                assert stamped.header.frame_id == f"{name}/tip"
+                m, f = stamped.wrench.torque, stamped.wrench.force
+                turned = np.concatenate([tip.R @ [m.x, m.y, m.z], tip.R @ [f.x, f.y, f.z]])
+                assert turned == pytest.approx(wrenches[k, i], abs=1e-9)
+        m, f = bag["/left/grasp_wrench"][k][1].wrench.torque, bag["/left/grasp_wrench"][k][1].wrench.force
+        assert [m.x, m.y, m.z, f.x, f.y, f.z] == pytest.approx(run.wrist_wrench[k, 0], abs=1e-12)
+
+
+def pose(transform) -> Pose:
+    t, r = transform.translation, transform.rotation
+    return Pose(rotation.from_quaternion(np.array([r.w, r.x, r.y, r.z])), np.array([t.x, t.y, t.z]))
+
+
+def in_world(frames, name) -> Pose:
+    at = Pose.identity()
+    while name != "world":
+        name, here = frames[name]
+        at = here @ at
+    return at
+
+
+def test_moving_bases(tmp_path):
+    """A base that moves takes its frame along."""
+    chain, run = lifted()
+
+    def rising(t):
+        return Pose.translation(-0.55, 0.0, 0.2 * t), np.zeros(6), np.zeros(6)
+
+    write_mcap(chain, run, tmp_path / "run.mcap", {"left": rising})
+    store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+    with highlevel.AnyReader([tmp_path / "run.mcap"], default_typestore=store) as reader:
+        tf = [(time, reader.deserialize(raw, c.msgtype)) for c, time, raw in reader.messages() if c.topic == "/tf"]
+    for time, message in tf:
+        (base,) = (t for t in message.transforms if t.child_frame_id == "left")
+        assert base.transform.translation.z == pytest.approx(0.2e-9 * time)
+
+
+@pytest.mark.parametrize("kind", ["sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped",
+                                  "geometry_msgs/msg/PoseStamped", "tf2_msgs/msg/TFMessage"])  # fmt: skip
+def test_definitions_are_those_of_ros(kind):
+    """Field for field what a ROS 2 installation says, parts and all."""
+    store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+
+    def parts(text):
+        first, *others = text.split(f"{'=' * 80}\n")
+        return {"": first.split(), **{part.split()[1]: part.split()[2:] for part in others}}
+
+    assert parts(ros_messages.definition(kind)) == parts(store.generate_msgdef(kind, ros_version=2)[0])
+
+
+def test_refused(tmp_path, monkeypatch):
+    """A place that cannot be written, and a missing library."""
+    chain, run = lifted()
+    with pytest.raises(ResultError, match="cannot be written"):
+        write_mcap(chain, run, tmp_path / "nowhere" / "run.mcap")
+    real = builtins.__import__
+
+    def without(name, *arguments, **options):
+        if name.startswith("mcap"):
+            raise ImportError(name)
+        return real(name, *arguments, **options)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(MissingExtra, match=r"pip install 'holdfast\[ros\]'"):
+        write_mcap(chain, run, tmp_path / "run.mcap")
+    assert not list(tmp_path.iterdir())

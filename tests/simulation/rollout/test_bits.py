@@ -1,0 +1,138 @@
+"""No bit of a rollout depends on who else is in the batch, on threads, or on how its steps are asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from holdfast import Rollout, RolloutSystems
+from holdfast.compiler import cpu
+from tests.compiler.programs import same_bits
+from tests.simulation.rollout.problems import elsewhere, problem, started, state_of, swinging, told_torques
+
+LANES = cpu.lanes()
+COUNT = 2 * LANES + 3
+STEP = 2e-3
+
+
+def same(a: RolloutSystems, b: RolloutSystems) -> bool:
+    """Return whether two batches are the same, to the last bit of all that is carried on, and of time."""
+    return same_bits(a.t, b.t) and all(same_bits(x, b.arrays[name]) for name, x in a.arrays.items())
+
+
+def after(rollout: Rollout, systems: RolloutSystems, steps: int, **options) -> RolloutSystems:
+    """Return a copy of the systems some steps later."""
+    return rollout.step(systems.copy(), STEP, steps=steps, **options)
+
+
+@pytest.mark.parametrize("name", ["five", "legs"])
+def test_place_in_the_batch(name):
+    """Alone, in tails of every length, turned round, in one thread or more than there are blocks."""
+    rollout, (_, state) = swinging(name), problem(name)
+    systems = started(rollout, state, COUNT)
+    whole = after(rollout, systems, 5)
+    assert whole.running.all()
+    for row in (0, LANES - 1, LANES, COUNT - 1):
+        alone = rollout.start(**{k: x[row] for k, x in elsewhere(rollout.chain, state, COUNT).items()})
+        assert same(alone, systems.copy([row]))
+        assert same(after(rollout, alone, 5), whole.copy([row]))
+    for count in range(1, COUNT):
+        assert same(after(rollout, systems.copy(slice(count)), 5), whole.copy(slice(count)))
+    turned = np.arange(COUNT)[::-1]
+    assert same(after(rollout, systems.copy(turned), 5), whole.copy(turned))
+    for threads in (2, 3, 7):
+        assert same(after(rollout, systems, 5, threads=threads), whole)
+
+
+def test_how_steps_are_asked_for():
+    """k steps in a call, one at a time, in odd portions, on copies; the law sees time and memory."""
+    rollout, (_, state) = swinging("five"), problem("five")
+    systems = started(rollout, state, LANES + 1, t=0.7)
+    whole = after(rollout, systems, 30)
+    one, odd = systems.copy(), systems.copy()
+    for _ in range(30):
+        rollout.step(one, STEP)
+    for steps in (1, 7, 2, 19, 1):
+        odd = rollout.step(odd, STEP, steps=steps).copy(np.arange(LANES + 1))  # forgets what it was told
+    assert same(one, whole) and same(odd, whole)
+    assert same_bits(whole.t, np.full(LANES + 1, 0.7 + 30 * STEP))
+    assert np.array_equal(rollout.step(systems.copy(), np.full(LANES + 1, STEP), steps=30).q, whole.q)
+
+
+def test_torques_told_again():
+    """The same torques told again, changed at each step or not, shared or by system: the steps they belong to."""
+    rollout, (chain, state) = told_torques("one"), problem("one")
+    random = np.random.default_rng(0)
+    torques = random.normal(size=(6, LANES + 2, chain.joint_count))
+    systems = started(rollout, state, LANES + 2, tau=torques[0])
+    whole = systems.copy()
+    for tau in torques:
+        rollout.step(whole, STEP, steps=2, tau=tau)
+    again = systems.copy()
+    for tau in torques:
+        for _ in range(2):
+            rollout.step(again, STEP, tau=tau.copy())
+    assert same(whole, again)
+    row = systems.copy([3])
+    for tau in torques:
+        rollout.step(row, STEP, steps=2, tau=tau[3])
+    assert same(row, whole.copy([3]))
+
+
+def test_parameters_by_system():
+    """Gravity, payload, bases, grasps and wrenches of each system: as if each ran alone with its own."""
+    rollout, (chain, state) = told_torques("one"), problem("one")
+    random, count = np.random.default_rng(0), LANES + 1
+    body, (arm,), (grasp,) = chain.held_object, chain.arms.values(), chain.grasps.values()
+    given = {
+        "tau": random.normal(size=(count, chain.joint_count)),
+        "object_wrench": random.normal(size=(count, 6)),
+        "gravity": random.normal(size=(count, 3)),
+        "object_mass": body.mass * random.uniform(0.5, 2.0, count),
+        "object_com": body.com + 0.05 * random.normal(size=(count, 3)),
+        "object_inertia": body.inertia * random.uniform(0.5, 2.0, (count, 1, 1)),
+        "base_pose": np.tile(arm.base.wxyz_xyz, (count, 1, 1)),
+        "grasp_pose": np.tile(grasp.frame.wxyz_xyz, (count, 1, 1)),
+    }
+    given["base_pose"][:, 0, 4:] += 1e-3 * random.normal(size=(count, 3))
+    given["grasp_pose"][:, 0, 4:] += 1e-3 * random.normal(size=(count, 3))
+    systems = started(rollout, state, count, **given)
+    begun = systems.copy()
+    rollout.step(systems, STEP, steps=4, **given)
+    assert systems.running.all() and len(np.unique(systems.qdd[:, 0])) == count
+    for row in range(count):
+        own = {name: x[row] for name, x in given.items()}
+        alone = rollout.step(begun.copy([row]), STEP, steps=4, **own)
+        assert same(alone, systems.copy([row]))
+
+
+@pytest.mark.parametrize("every", [1, 3, 10, 25])
+def test_records(every):
+    """What is recorded does not depend on how often it is, the last portion may be shorter."""
+    rollout, (_, state) = swinging("five"), problem("five")
+    systems = started(rollout, state, 3, t=0.1)
+    before = systems.copy()
+    fine = rollout.run(systems, 20 * STEP, STEP, record=("q", "grasp_wrench", "work", "fate", "t"))
+    coarse = rollout.run(systems, 20 * STEP, STEP, every=every, record=("q", "grasp_wrench", "work", "fate", "t"))
+    assert same(systems, before) and same(fine.systems, coarse.systems)
+    rows = [*range(0, 20, every), 20]
+    assert same_bits(coarse.t, fine.t[rows]) and np.array_equal(fine.t, 0.1 + STEP * np.arange(21))
+    for name in ("q", "grasp_wrench", "work", "t"):
+        assert same_bits(coarse[name], fine[name][rows])
+    assert np.array_equal(fine["t"], np.tile(fine.t[:, None], 3))
+    assert coarse["fate"].shape == (len(rows), 3) and np.isinf(coarse.stopped).all()
+    assert same_bits(fine["q"][-1], fine.systems.q)
+    further = rollout.run(fine.systems, 5 * STEP, STEP)
+    assert same(further.systems, after(rollout, systems, 25))
+    assert further.t[0] == fine.t[-1]
+
+
+def test_copies_are_apart():
+    """Stepping a copy leaves the original; states read from it are the reference's."""
+    rollout, (_, state) = swinging("legs"), problem("legs")
+    systems = started(rollout, state, 4)
+    q = systems.q.copy()
+    some = systems.copy(np.array([True, False, True, False]))
+    rollout.step(some, STEP)
+    assert same_bits(systems.q, q) and len(some) == 2
+    assert np.array_equal(state_of(some, 1).q, some.q[1])

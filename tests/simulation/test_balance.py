@@ -1,0 +1,103 @@
+"""The books of a run: integrals over samples, energy and momentum of a chain that is pushed about."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from holdfast import Inputs, split
+from holdfast.dynamics.wrist import wrist_wrenches
+from holdfast.simulation.balance import interval_integrals, momentum_imbalance
+from holdfast.simulation.simulate import simulate
+from holdfast.simulation.summary import summarise
+from holdfast.spatial import rotation
+from holdfast.view.summary_table import rows
+from tests.systems import well_conditioned_system
+from tests.systems.as_chain import as_chain
+
+
+def test_cubics_are_integrated_exactly():
+    """On any grid of four samples or more."""
+    rng = np.random.default_rng(0)
+    for count in (4, 5, 30):
+        t = np.sort(rng.uniform(-1, 2, count))
+        c = np.polynomial.Polynomial(rng.normal(size=4))
+        exact = np.diff(c.integ()(t))
+        assert interval_integrals(t, c(t)) == pytest.approx(exact, abs=1e-12)
+        assert interval_integrals(t, np.array([c(t), -c(t)]).T) == pytest.approx(np.array([exact, -exact]).T, abs=1e-12)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_few_samples(count):
+    """Two samples give a trapezium, three a parabola."""
+    t = np.array([0.0, 0.3, 1.0])[:count]
+    c = np.polynomial.Polynomial([1.0, 2.0, 3.0][:count])
+    assert interval_integrals(t, c(t)) == pytest.approx(np.diff(c.integ()(t)))
+
+
+def test_jumps_split_the_integral():
+    """A force that jumps between two samples a unit in the last place apart is integrated on each side."""
+    t = np.r_[np.linspace(0, 0.5, 6)[:-1], np.nextafter(0.5, 0), np.linspace(0.5, 1.0, 6)]
+    force = np.where(t < 0.5, 2.0, -1.0 + t)
+    momentum = np.where(t < 0.5, 2 * t, 1.0 + (t**2 - 0.25) / 2 - (t - 0.5))
+    both = [np.repeat(x[:, None], 6, axis=1) for x in (momentum, force)]
+    assert np.abs(momentum_imbalance(t, *both, np.zeros((len(t), 6)))).max() < 1e-15
+
+
+@pytest.fixture(scope="module")
+def shaken():
+    """A soft finger and a rigid grasp on a moving base, damped, shaken and pushed; at two steps."""
+    options = {"moving_base": False, "extras": True, "joint_speed": 0.5, "gravity": (0, 0, -9.81)}
+    p = as_chain(well_conditioned_system(4, arms=2, joints=7, grasps=["softfinger", "rigid"], **options))
+    name = p.chain.names[1]
+    home, w, amplitude = p.chain.arms[name].base, np.array([0.0, 0.4, 1.1]), np.array([0.02, 0.0, 0.03])
+
+    def sway(t):
+        pose = replace(home, R=rotation.exp(t**3 * w) @ home.R, p=home.p + t**3 * amplitude)
+        return pose, 3 * t**2 * np.r_[w, amplitude], 6 * t * np.r_[w, amplitude]
+
+    def wrenches(t):
+        return Inputs(object_wrench=np.cos(20 * t) * p.inputs.object_wrench)
+
+    def torques(t, state, memory):
+        return np.cos(30 * t) * p.tau, memory
+
+    def run(step):
+        return simulate(p.chain, p.state, torques, 0.04, step, base_motion={name: sway}, inputs=wrenches)
+
+    return p.chain, run(0.001), run(0.002)
+
+
+def test_momentum_balances(shaken):
+    """Momentum changes by bases, weights and wrenches alone; what is left falls with the step's fourth power."""
+    _, fine, coarse = shaken
+    assert np.abs(fine.momentum - fine.momentum[0]).max() > 0.1
+    left = [np.abs(run.momentum_imbalance).max() for run in (fine, coarse)]
+    assert left[0] < 1e-5 * np.abs(fine.momentum).max()
+    assert left[1] > 8 * left[0]
+
+
+def test_samples_hold_what_they_say(shaken):
+    """Each derived array is what its function gives for the sample's state and forces."""
+    chain, run, _ = shaken
+    k = 17
+    parts = split(chain, run.state(k), run.grasp_wrench[k])
+    assert np.array_equal(run.internal_wrench[k], parts.internal)
+    assert run.load_share[k].sum() == pytest.approx(1.0)
+    assert np.isfinite(run.spin[k, 0]) and run.spin[k, 1] == 0.0
+    assert run.holding.all()
+    wrist = wrist_wrenches(chain, run.state(k), SimpleNamespace(grasp_wrench=run.grasp_wrench[k]))
+    assert run.wrist_wrench[k, 0] == pytest.approx(wrist[0])  # the other arm's base has moved
+
+
+def test_summary_and_table(shaken):
+    """Every figure of the summary has a line with a unit, and nothing is infinite."""
+    chain, run, _ = shaken
+    summary = summarise(chain, run)
+    assert set(summary.peak_internal_force) == set(chain.names)
+    assert summary.momentum_imbalance[1] < 1e-3 * summary.momentum_moved[1]
+    lines = dict(rows(summary))
+    assert "N m s" in lines["momentum balance"]
+    assert f"spin about the normal, {chain.names[0]}" in lines
+    assert not any(word in text for text in lines.values() for word in ("inf", "nan", "None"))

@@ -1,0 +1,148 @@
+"""What is drawn is where the library's own kinematics has it, and arrows are the wrenches."""
+
+import contextlib
+
+import numpy as np
+import pytest
+
+from holdfast import Pose
+from holdfast.dynamics.arm.posture import posture
+from holdfast.view.chain_scene import ArrowScale, ChainScene, arrow_scale
+from holdfast.view.film import film_of_run
+from holdfast.view.friction_cone import cone_colour
+from tests.view.runs import lifted
+
+
+class Notebook:
+    """Takes down what a scene writer is told."""
+
+    def __init__(self):
+        self.drawn, self.poses, self.pointed, self.colours = {}, {}, {}, {}
+
+    def frame(self, name, at, axes=0.0):
+        self.drawn[name], self.poses[name] = "frame", at
+
+    def mesh(self, name, mesh, colour, opacity=None):
+        self.drawn[name] = "mesh"
+
+    def lines(self, name, segments, colour, thickness):
+        self.drawn[name], self.colours[name] = "lines", colour
+
+    def grid(self, name, at, width, cell):
+        self.drawn[name] = "grid"
+
+    def label(self, name, text, position):
+        self.drawn[name] = text
+
+    def arrows(self, name, count, colour, shaft):
+        self.drawn[name], self.colours[name] = count, colour
+
+    def point(self, name, segments):
+        assert len(segments) == self.drawn[name]
+        self.pointed[name] = segments
+
+    def place(self, name, wxyz, position):
+        assert self.drawn[name] == "frame"
+        self.poses[name] = Pose.from_wxyz_xyz(np.concatenate([wxyz, position]))
+
+    def paint(self, name, colour):
+        self.colours[name] = colour
+
+    def look_from(self, camera, up):
+        self.camera = camera
+
+    at_once = contextlib.nullcontext
+
+    def world_pose(self, name):
+        """Return the pose of a node through all that it is named under."""
+        pose, parts = Pose.identity(), name.split("/")
+        for k in range(2, len(parts) + 1):
+            pose = pose @ self.poses.get("/".join(parts[:k]), Pose.identity())
+        return pose
+
+
+@pytest.fixture(scope="module")
+def shown():
+    chain, run = lifted()
+    film, notebook = film_of_run(chain, run, "lifted"), Notebook()
+    return film, notebook, ChainScene(notebook, film)
+
+
+@pytest.mark.parametrize("k", [0, 3])
+def test_links_and_object(shown, k):
+    """Composed along their names, the nodes' poses are those of posture; so at any moment, in any order."""
+    film, notebook, scene = shown
+    scene.show(k)
+    for i, (name, arm) in enumerate(film.chain.arms.items()):
+        joints = [joint.name for joint in arm.joints]
+        at = posture(arm, film.q[k, film.chain.joints[name]])
+        for j in range(arm.joint_count):
+            node = notebook.world_pose("/".join(["/arms", name, *joints[: j + 1]]))
+            assert np.abs(node.R - at.R[j]).max() < 1e-12
+            assert node.p == pytest.approx(at.tip.p - at.reach[j], abs=1e-12)
+        assert (node @ arm.tip).p == pytest.approx(film.tip[k, i], abs=1e-12)
+    contact = notebook.world_pose("/object/contacts/left")
+    assert contact.p == pytest.approx(film.tip[k, 0], abs=1e-9)
+
+
+def test_arrows(shown):
+    """Forces and moments go out from the tips, to scale; the squeeze beside them; a moment has two heads."""
+    film, notebook, scene = shown
+    scene.show(2)
+    for i, name in enumerate(film.chain.names):
+        tip, wrench = film.tip[2, i], film.wrench[2, i]
+        assert notebook.pointed[f"/forces/{name}"] == pytest.approx(
+            np.array([[tip, tip + scene.scale.force * wrench[3:]]])
+        )
+        heads = notebook.pointed[f"/moments/{name}"][:, 1]
+        assert heads[0] == pytest.approx(tip + scene.scale.moment * wrench[:3])
+        (squeeze,) = notebook.pointed[f"/squeeze/{name}"]
+        internal = film.internal[2, i, 3:]
+        assert squeeze[1] - squeeze[0] == pytest.approx(scene.scale.force * internal)
+        assert (squeeze[0] - tip) @ internal == pytest.approx(0.0, abs=1e-9)
+        assert 0.01 < np.linalg.norm(squeeze[0] - tip) < 0.1
+
+
+def test_arrow_length_can_change(shown):
+    """A longer scale, longer arrows."""
+    _, notebook, scene = shown
+    usual = scene.scale
+    scene.show(2)
+    before = notebook.pointed["/forces/left"]
+    scene.scale = ArrowScale(3 * usual.force, 3 * usual.moment)
+    scene.show(2)
+    after = notebook.pointed["/forces/left"]
+    scene.scale = usual
+    assert after[0, 1] - after[0, 0] == pytest.approx(3 * (before[0, 1] - before[0, 0]))
+
+
+def test_cones_turn_red(shown):
+    """The cone's colour is that of its reserve; at the end of this run the contacts would slip."""
+    film, notebook, scene = shown
+    for k in (0, len(film) - 1):
+        scene.show(k)
+        assert notebook.colours["/object/cones/right"] == cone_colour(float(film.reserve("right")[k]))
+    assert notebook.colours["/object/cones/right"] == cone_colour(0.0)
+    scene.show(0)
+    assert notebook.colours["/object/cones/right"] != cone_colour(0.0)
+
+
+def test_one_colour_an_arm(shown):
+    """Force and moment of an arm share its colour, arms differ, the squeeze has its own."""
+    _, notebook, _ = shown
+    colours = notebook.colours
+    assert colours["/forces/left"] == colours["/moments/left"] != colours["/forces/right"]
+    assert colours["/squeeze/left"] == colours["/squeeze/right"] not in (
+        colours["/forces/left"], colours["/forces/right"],
+    )  # fmt: skip
+    assert notebook.drawn["/arms/left/(name)"] == "left"
+
+
+def test_scale_is_round(shown):
+    """The largest force is 0.1 to 0.25 of an arm long, and 0.1 m are 1, 2 or 5 times a power of ten newtons."""
+    film, *_ = shown
+    scale = arrow_scale(film)
+    longest = scale.force * np.linalg.norm(film.wrench[..., 3:], axis=-1).max()
+    assert 0.1 < longest < 0.4
+    digits = f"{0.1 / scale.force:.6e}".split("e")[0].rstrip("0").rstrip(".")
+    assert digits in {"1", "2", "5"}

@@ -1,0 +1,93 @@
+"""A film holds the run's own numbers, at moments that are samples."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from holdfast import ModelError, Pose
+from holdfast.control.gravity_compensation import GravityCompensation
+from holdfast.simulation.instant import evaluate
+from holdfast.simulation.world import World
+from holdfast.view.film import MOST_MOMENTS, film_of_instant, film_of_run, samples_at
+from tests.control.two_pandas import two_pandas
+from tests.view.runs import lifted
+
+
+@pytest.mark.parametrize(
+    ("t", "rate", "expected"),
+    [
+        (np.linspace(0, 1, 1001), 10.0, np.arange(0, 1001, 100)),
+        (np.linspace(0, 1, 11), 30.0, np.arange(11)),  # no more than there are
+        (np.array([2.0, 2.0 + 2**-52, 2.3, 3.0]), 2.0, [0, 2, 3]),  # a jump: two samples at one time
+        (np.array([0.0, 0.4, 0.7, 1.3]), 1.0, [0, 2, 3]),
+        (np.zeros(1), 30.0, [0]),
+    ],
+)
+def test_samples_at(t, rate, expected):
+    """The nearest samples, in order, each once, first and last among them."""
+    assert samples_at(t, rate).tolist() == list(expected)
+
+
+def test_film_of_run():
+    """What is shown is what the run says; tips touch the object where the grasps are."""
+    chain, run = lifted()
+    film = film_of_run(chain, run, "lifted", rate=2.6)
+    k = samples_at(run.t, 2.6)
+    assert film.t == pytest.approx(run.t[k])
+    assert film.internal == pytest.approx(run.internal_wrench[k])
+    for moment in range(len(film)):
+        frame = Pose.from_wxyz_xyz(film.object_pose[moment])
+        for i, grasp in enumerate(chain.grasps.values()):
+            assert film.tip[moment, i] == pytest.approx((frame @ grasp.frame).p, abs=1e-9)
+    limits = np.array([joint.effort_limit for joint in chain.arms["left"].joints])
+    assert film.torque_use("left") == pytest.approx(np.abs(run.tau[k][:, :7] / limits).max(axis=1))
+    # mu f_n - |f_t| over mu f_n, in contact axes: the squeeze is along x, half of the weight is across
+    squeeze = 40.0 - 30.0 * film.t
+    expected = np.clip(1.0 - 0.5 * 3.0 * 9.81 / (0.8 * squeeze), 0.0, 1.0)
+    assert film.reserve("right") == pytest.approx(expected, abs=1e-6)
+
+
+def test_arms_that_hold_only_for_a_while():
+    """An arm that has let go cannot slip; one that grips later is shown too."""
+    chain, run = lifted()
+    wrench = run.grasp_wrench.copy()
+    wrench[3:, 1] = 0.0
+    film = film_of_run(chain.without_grasp("left"), replace(run, grasp_wrench=wrench), "released")
+    assert film.reserve("right")[3:] == pytest.approx(1.0)
+    assert film.holding == ["left", "right"]
+
+
+def test_moving_bases():
+    """Bases are where their motion has them, and tips with them."""
+    chain, run = lifted()
+
+    def rising(t):
+        return Pose(np.eye(3), np.array([-0.55, 0.0, 0.2 * t])), np.zeros(6), np.zeros(6)
+
+    film, still = film_of_run(chain, run, "rising", base_motion={"left": rising}), film_of_run(chain, run, "still")
+    assert film.base_pose[:, 0, 6] == pytest.approx(0.2 * film.t)
+    assert (film.tip - still.tip)[:, 0, 2] == pytest.approx(0.2 * film.t)
+    assert film.tip[:, 1] == pytest.approx(still.tip[:, 1])
+
+
+def test_film_of_instant():
+    """One moment, with margins of one-sided grasps only."""
+    chain, state = two_pandas("hinge", "ball")
+    film = film_of_instant(evaluate(World(chain), GravityCompensation(chain, 20.0), 0.0, state, None), "start")
+    assert len(film) == 1
+    assert np.isinf(film.margin).all()
+    assert np.linalg.norm(film.internal[0, :, 3:], axis=1) == pytest.approx([20.0, 20.0])
+
+
+def test_refused():
+    """A rate that is none, and one that would take for ever."""
+    chain, run = lifted()
+    with pytest.raises(ModelError, match="rate: expected > 0"):
+        film_of_run(chain, run, "none", 0.0)
+    long = replace(run, **{n: np.resize(getattr(run, n), (MOST_MOMENTS + 1, *getattr(run, n).shape[1:]))
+                           for n in ("t", "q", "object_pose", "grasp_wrench", "internal_wrench", "margin",
+                                     "condition", "tau")})  # fmt: skip
+    long = replace(long, t=np.linspace(0, 1e4, MOST_MOMENTS + 1))
+    with pytest.raises(ModelError, match="expected at most 20000 moments, got 20001; try a lower rate"):
+        film_of_run(chain, long, "long", 1e3)

@@ -1,0 +1,77 @@
+"""The live viewer's clock and numbers, on a server that nobody looks at."""
+
+import numpy as np
+import pytest
+
+from holdfast.view.chain_scene import ArrowScale
+from holdfast.view.film import film_of_run
+from holdfast.view.live import Controls, watch
+from holdfast.view.readout import readout
+from holdfast.view.scene_writer import viewer_server
+from tests.view.runs import lifted
+
+pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")
+
+
+@pytest.fixture(scope="module")
+def film():
+    chain, run = lifted()
+    return film_of_run(chain, run, "lifted")
+
+
+@pytest.fixture
+def controls(film):
+    with viewer_server() as server:
+        yield Controls(server, film, ArrowScale(0.01, 0.1))
+
+
+def test_clock(controls):
+    """It stands until it is told to play, runs at the speed chosen, begins anew at the end, and obeys the slider."""
+    now = controls._before
+    assert [controls.moment(now + t) for t in (0.0, 1.0)] == [0, 0]
+    controls._play(True)
+    assert [controls.moment(now + 1.0 + t) for t in (0.25, 0.45, 0.85)] == [1, 2, 4]
+    assert controls._slider.value == pytest.approx(0.85)
+    assert controls.moment(now + 2.1) == 0, "past the end: from the beginning"
+    controls._speed.value = "0.5x"
+    assert controls.moment(now + 3.1) == 2
+    controls._slider.value = 0.9
+    assert controls.moment(now + 3.2) == 4
+    controls._play(False)
+    assert controls.moment(now + 9.0) == 4
+
+
+def test_arrow_length(controls):
+    """The slider multiplies the usual scale."""
+    controls._length.value = 2.0
+    assert controls.scale == pytest.approx((0.02, 0.2))
+
+
+def test_readout(film, controls):
+    """A row for each arm with its force, squeeze, moment, margin and torque; the needle within the meter."""
+    text = readout(film, 0)
+    force = np.linalg.norm(film.wrench[0, 1, 3:])
+    for number in (f"{force:.3g}", f"{film.margin[0, 1]:.3g}", f"{100 * film.torque_use('right')[0]:.3g}"):
+        assert f">{number}<" in text
+    assert text.count("<tr>") == 3
+    controls.tell(0)
+    assert controls._numbers.content == text
+
+
+def test_watch_ends_with_ctrl_c(film):
+    """The address is told while it can be opened; after Ctrl-C the port is free again."""
+    import socket
+
+    found = []
+
+    def opened(address):
+        found.append(int(address.rpartition(":")[2]))
+        assert address.startswith("http://127.0.0.1:")
+        with socket.create_connection(("127.0.0.1", found[0]), timeout=5):
+            pass
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        watch(film, opened)
+    with pytest.raises(ConnectionRefusedError), socket.create_connection(("127.0.0.1", found[0]), timeout=5):
+        pass

@@ -1,0 +1,121 @@
+"""An exported page opens from disk, off the network: the slider moves the arms and the arrows, nothing complains.
+
+`make pictures` sets HOLDFAST_PICTURE and HOLDFAST_RESULT: then the same page, of that result, is README's picture.
+"""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from holdfast.cli import main
+from holdfast.view.film import film_of_run
+from holdfast.view.page import PAUSE, export_page
+from tests.view.chromium import browser
+from tests.view.runs import lifted
+
+pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")
+WRIST = "/arms/left/joint1/joint2/joint3/joint4"
+
+
+@pytest.fixture(scope="module")
+def at_times(tmp_path_factory):
+    """The page of a run, and what it shows at the first and at the last moment, and back at the first."""
+    folder = tmp_path_factory.mktemp("page")
+    chain, run = lifted()
+    film = film_of_run(chain, run, "lifted")
+    export_page(film, folder / "page.html")
+    with browser() as chromium:
+        chromium.open(folder / "page.html")
+        seen = []
+        for t in (0.0, 1.0, 0.0):
+            chromium.go_to(t)
+            seen.append(
+                {
+                    "time": chromium.player_time(),
+                    "cursor": chromium.ask("() => document.querySelector('.cursor').getAttribute('x1')"),
+                    "text": chromium.page.inner_text("#holdfast"),
+                    "wrist": chromium.pose(WRIST),
+                    "object": chromium.pose("/object"),
+                    "force": chromium.arrow("/forces/left"),
+                    "cone": chromium.ask("() => [...__viserSceneTree.getState()['/object/cones/left']"
+                                         ".message.props.colors.slice(0, 3)]"),
+                    "picture": chromium.page.screenshot(path=folder / f"{len(seen)}.png"),
+                }
+            )  # fmt: skip
+        where = "() => __viserMutable.camera.position.toArray()"
+        cameras = [chromium.ask(where)]
+        chromium.page.click("#holdfast button:has-text('top')")
+        chromium.page.wait_for_timeout(1000)
+        cameras.append(chromium.ask(where))
+        chromium.ask("() => window.dispatchEvent(new KeyboardEvent('keydown', {code: 'Space'}))")
+        chromium.page.wait_for_timeout(500)
+        playing = chromium.player_time()
+    return film, seen, cameras, playing, chromium
+
+
+def test_slider_moves_the_arms(at_times):
+    """Joints and object go where the run has them, and back."""
+    film, (first, last, again), *_ = at_times
+    assert [seen["time"] for seen in (first, last, again)] == pytest.approx([0.0, 1.0, 0.0])
+    assert np.abs(np.array(first["wrist"]) - last["wrist"]).max() > 1e-2
+    for seen, k in ((first, 0), (last, -1)):
+        pose = film.object_pose[k]
+        assert seen["object"] == pytest.approx(pose, abs=1e-6)
+    assert again["wrist"] == first["wrist"]
+    assert again["object"] == first["object"]
+
+
+def test_arrows_and_cones_change(at_times):
+    """The force's arrow is the force, from the contact; the cone turns red."""
+    film, (first, last, _), *_ = at_times
+    for seen, k in ((first, 0), (last, -1)):
+        tail, tip = np.array(seen["force"]).reshape(2, 3)
+        assert tail == pytest.approx(film.tip[k, 0], abs=1e-6)
+        cosine = (tip - tail) @ film.wrench[k, 0, 3:]
+        assert cosine == pytest.approx(np.linalg.norm(tip - tail) * np.linalg.norm(film.wrench[k, 0, 3:]), rel=1e-6)
+    assert first["cone"] != last["cone"] == [213, 94, 0]
+
+
+def test_panel_follows(at_times):
+    """The panel's numbers and cursor are those of the player's time."""
+    film, (first, last, _), *_ = at_times
+    assert "t = 0.00 s" in first["text"]
+    assert "t = 1.00 s" in last["text"]
+    assert f"left {np.linalg.norm(film.wrench[0, 0, 3:]):.1f}" in first["text"]
+    assert float(last["cursor"]) > float(first["cursor"]) + 200
+
+
+def test_cameras_and_play(at_times):
+    """A camera button moves the camera; space plays on."""
+    _, _, (overview, top), playing, _ = at_times
+    assert np.linalg.norm(np.array(overview) - top) > 0.5
+    assert 0.05 < playing < 1.0 + PAUSE
+
+
+def test_nothing_is_asked_for_and_nothing_complains(at_times):
+    """Off the network: the file itself, and what is inside it; no error on the console."""
+    *_, chromium = at_times
+    assert not chromium.errors
+    assert [url for url in chromium.requests if not url.startswith(("data:", "blob:"))] == chromium.requests[:1]
+    assert chromium.requests[0].startswith("file://")
+
+
+def test_something_is_to_be_seen(at_times):
+    """The picture is of many colours, and another at another time."""
+    _, (first, last, _), *_ = at_times
+    assert len(first["picture"]) > 40_000
+    assert first["picture"] != last["picture"]
+
+
+@pytest.mark.skipif("HOLDFAST_PICTURE" not in os.environ, reason="made by `make pictures`")
+def test_readme_picture(tmp_path):
+    """The demo in the middle of its motion, as the exported page shows it."""
+    assert main(["view", os.environ["HOLDFAST_RESULT"], "--export", str(tmp_path / "page.html")]) == 0
+    with browser(860, 610, sharpness=1.6) as chromium:
+        chromium.open(tmp_path / "page.html")
+        chromium.go_to(1.0)
+        chromium.page.wait_for_timeout(3000)
+        chromium.page.screenshot(path=Path(os.environ["HOLDFAST_PICTURE"]), timeout=120_000)
+    assert not chromium.errors

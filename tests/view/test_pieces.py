@@ -1,0 +1,73 @@
+"""Arms are drawn with their looks; a URDF's own surfaces are taken if every file of theirs is there."""
+
+import numpy as np
+import pytest
+
+from holdfast import Pose
+from holdfast.robots import panda
+from holdfast.robots.looks import looks_of
+from holdfast.robots.primitive import COLOURS
+from holdfast.robots.urdf import urdf_chain, urdf_visuals
+from holdfast.robots.urdf.visuals import Box, Sphere, Visual
+from holdfast.robots.urdf.visuals import Mesh as MeshFile
+from holdfast.view.pieces import SHRINK, pieces_of_arm, pieces_of_urdf
+from tests.robots.two_armed import TWO_ARMED
+
+CORNER = """solid corner
+facet normal 0 0 1
+outer loop
+vertex 0 0 0
+vertex 1 0 0
+vertex 0 2 0
+endloop
+endfacet
+endsolid corner
+"""
+AT = Pose.translation(0.1, 0.0, 0.3)
+
+
+def test_pieces_of_an_arm():
+    """A piece for each solid, where it is, in its colour, at most 2 % smaller than it is."""
+    arm = panda()
+    for pieces, solids in zip(pieces_of_arm(arm), looks_of(arm), strict=True):
+        for piece, solid in zip(pieces, solids, strict=True):
+            assert piece.colour == COLOURS[solid.colour]
+            local = np.abs((piece.mesh.vertices - solid.pose.p) @ solid.pose.R).max(axis=0)
+            radius, length = solid.size
+            half = np.array([radius, radius, length / 2 + (radius if solid.kind == "capsule" else 0.0)])
+            assert ((1 - 4 * SHRINK) * half - 1e-12 <= local).all()
+            assert (local <= half + 1e-12).all()
+
+
+def test_mesh_files(tmp_path):
+    """Scaled, placed, coloured; a mirrored surface still faces outward; package names are found above the file."""
+    pytest.importorskip("trimesh", reason="needs viser: pip install 'holdfast[view]'")
+    (tmp_path / "arm" / "meshes").mkdir(parents=True)
+    (tmp_path / "arm" / "meshes" / "corner.stl").write_text(CORNER)
+    here = tmp_path / "arm" / "urdf"
+    here.mkdir()
+    for name in ("../meshes/corner.stl", "package://arm/meshes/corner.stl",
+                 f"file://{tmp_path}/arm/meshes/corner.stl"):  # fmt: skip
+        mirrored = MeshFile(name, (0.1, -0.1, 0.1))
+        ((piece,),) = pieces_of_urdf([[Visual("link", AT, mirrored, (1.0, 0.5, 0.0, 1.0))]], here) or [[None]]
+        assert piece.colour == (255, 128, 0)
+        a, b, c = piece.mesh.vertices[piece.mesh.faces[0]]
+        assert sorted(map(tuple, (piece.mesh.vertices - AT.p).round(9).tolist())) == [
+            (0.0, -0.2, 0.0), (0.0, 0.0, 0.0), (0.1, 0.0, 0.0),
+        ]  # fmt: skip
+        assert np.cross(b - a, c - a)[2] > 0
+
+
+def test_all_or_nothing(tmp_path):
+    """An arm of which one surface is missing is better drawn with simple solids."""
+    whole = [[Visual("a", AT, Box((1.0, 2.0, 3.0)), None)], [Visual("b", AT, Sphere(0.1), None)]]
+    found = pieces_of_urdf(whole, tmp_path)
+    assert found is not None
+    assert [len(link) for link in found] == [1, 1]
+    missing = [*whole, [Visual("c", AT, MeshFile("nowhere.stl", (1.0, 1.0, 1.0)), None)]]
+    assert pieces_of_urdf(missing, tmp_path) is None
+    assert pieces_of_urdf([[], []], tmp_path) is None
+    (tmp_path / "torn.stl").write_text("solid")
+    assert pieces_of_urdf([[Visual("c", AT, MeshFile("torn.stl", (1.0, 1.0, 1.0)), None)]], tmp_path) is None
+    arm = urdf_chain(TWO_ARMED, base="torso", tip="left_grasp", lock_others=True)
+    assert pieces_of_urdf(urdf_visuals(arm), tmp_path) is None  # its finger is in a file
