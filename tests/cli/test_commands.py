@@ -47,7 +47,7 @@ def test_version(capsys):
     ("arguments", "problem"),
     [
         (["slove", FILE], "no command 'slove'. Did you mean 'solve'?"),
-        (["fly"], "no command 'fly'. Known: solve, diagnose, simulate, bench, methods, doctor."),
+        (["fly"], "no command 'fly'. Known: solve, diagnose, simulate, plot, view, export, bench, methods, doctor."),
         (["solve"], "Missing from holdfast solve: FILE"),
         (["--verbose"], "Unrecognized options: --verbose"),
         (["methods", "extra"], "Unrecognized options: extra"),

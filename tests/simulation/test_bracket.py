@@ -19,25 +19,26 @@ def counted(f):
     return g, asked
 
 
-SHAPES = {  # (f of the distance from its lowest point, most evaluations)
-    "cosine": (lambda d: 0.7 - math.cos(3 * d), 25),
-    "skew": (lambda d: math.exp(8 * d) - 8 * d, 25),
-    "kink": (lambda d: max(3 * d, -0.5 * d), 60),
-    "step and slope": (lambda d: -d if d < 0 else 1 + d, 60),
+SHAPES = {  # (f of the distance from its lowest point, how much too high at most, most evaluations)
+    "parabola": (lambda d: 3 * d * d - 1, 1e-15, 8),
+    "cosine": (lambda d: 0.7 - math.cos(3 * d), 1e-13, 15),
+    "skew": (lambda d: math.exp(8 * d) - 8 * d, 1e-11, 25),
+    "kink": (lambda d: max(3 * d, -0.5 * d), 1e-6, 60),
+    "step and slope": (lambda d: -d if d < 0 else 1 + d, 1e-6, 60),
 }
 
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_lowest(shape):
-    """The minimum is where it is, to the precision asked for, kinks included, in few evaluations."""
-    f, most = SHAPES[shape]
+    """The minimum is found to rounding, at a kink to the precision of its place, in few evaluations."""
+    f, most_above, most = SHAPES[shape]
     rng = np.random.default_rng(1)
     for place in rng.uniform(0.1, 0.9, 50):
         g, asked = counted(lambda x, place=place: f(x - place))
         inside = place + rng.uniform(-0.05, 0.0)
         x, value = lowest_between(g, 0.0, inside, 1.0, 1e-7)
-        assert x == pytest.approx(place, abs=3e-7)
-        assert value == f(x - place)
+        assert value == g(x)
+        assert value - f(0.0) <= most_above
         assert len(asked) <= most
 
 

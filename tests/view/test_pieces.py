@@ -35,7 +35,7 @@ def test_pieces_of_an_arm():
             local = np.abs((piece.mesh.vertices - solid.pose.p) @ solid.pose.R).max(axis=0)
             radius, length = solid.size
             half = np.array([radius, radius, length / 2 + (radius if solid.kind == "capsule" else 0.0)])
-            assert ((1 - 4 * SHRINK) * half - 1e-12 <= local).all()
+            assert ((1 - 6 * SHRINK) * half - 1e-12 <= local).all()
             assert (local <= half + 1e-12).all()
 
 

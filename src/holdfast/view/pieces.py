@@ -36,7 +36,7 @@ def pieces_of_arm(arm: Arm) -> list[list[Piece]]:
     """Return what to draw on the base and on each link of an arm, N + 1 lists, base to tip."""
     return [
         # solids of one and of neighbouring links share surfaces, which would flicker: no two of these are of one size
-        [_of_primitive(solid, 1.0 - SHRINK * ((2 * k + j) % 5)) for j, solid in enumerate(solids)]
+        [_of_primitive(solid, 1.0 - SHRINK * ((2 * k + 3 * j) % 7)) for j, solid in enumerate(solids)]
         for k, solids in enumerate(looks_of(arm))
     ]
 
