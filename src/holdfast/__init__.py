@@ -29,7 +29,10 @@ if TYPE_CHECKING:
     from holdfast.compiled.bound_dynamics import BoundDynamics
     from holdfast.compiled.chain import CompiledChain, compile
     from holdfast.compiled.result import CompiledResult
+    from holdfast.control.gravity_compensation import GravityCompensation
     from holdfast.control.holding_torques import holding_torques
+    from holdfast.control.object_tracking import ObjectTracking
+    from holdfast.control.paths import RestToRest
     from holdfast.dynamics.closing import close, project_velocity
     from holdfast.dynamics.consistency import GraspResidual, closure
     from holdfast.dynamics.contact_attitude import ContactAttitude, contact_attitudes
@@ -61,8 +64,12 @@ if TYPE_CHECKING:
     from holdfast.simulation.rollout.law import ControlLaw
     from holdfast.simulation.rollout.rollout import Rollout, RolloutRecord, compile_rollout
     from holdfast.simulation.rollout.systems import Fate, RolloutSystems
+    from holdfast.simulation.schedule import TorqueSchedule
     from holdfast.simulation.simulate import simulate
     from holdfast.simulation.trajectory import Trajectory
+    from holdfast.view.film import film_of_run
+    from holdfast.view.page import export_page
+    from holdfast.view.plots import save_plots
 
 __version__ = "0.1.0"
 
@@ -82,17 +89,21 @@ _LATER = {
     "Fate": "holdfast.simulation.rollout.systems",
     "ForwardResult": "holdfast.dynamics.result",
     "GraspResidual": "holdfast.dynamics.consistency",
+    "GravityCompensation": "holdfast.control.gravity_compensation",
     "JointMargins": "holdfast.dynamics.margins",
     "METHODS": "holdfast.dynamics.methods",
     "MarginRange": "holdfast.dynamics.margin_range",
     "Method": "holdfast.dynamics.methods",
+    "ObjectTracking": "holdfast.control.object_tracking",
     "Power": "holdfast.dynamics.energy",
     "Release": "holdfast.simulation.events",
+    "RestToRest": "holdfast.control.paths",
     "Rollout": "holdfast.simulation.rollout.rollout",
     "RolloutRecord": "holdfast.simulation.rollout.rollout",
     "RolloutSystems": "holdfast.simulation.rollout.systems",
     "Split": "holdfast.dynamics.split",
     "Status": "holdfast.dynamics.result",
+    "TorqueSchedule": "holdfast.simulation.schedule",
     "Trajectory": "holdfast.simulation.trajectory",
     "angular_first": "holdfast.interop.joint_order",
     "assemble": "holdfast.assembly.assemble",
@@ -106,7 +117,9 @@ _LATER = {
     "contact_attitudes": "holdfast.dynamics.contact_attitude",
     "diagnose": "holdfast.dynamics.diagnose",
     "export_csv": "holdfast.io.export",
+    "export_page": "holdfast.view.page",
     "export_parquet": "holdfast.io.export",
+    "film_of_run": "holdfast.view.film",
     "forward_dynamics": "holdfast.dynamics.forward",
     "grasp_margins": "holdfast.dynamics.margins",
     "holding_torques": "holdfast.control.holding_torques",
@@ -134,6 +147,7 @@ _LATER = {
     "project": "holdfast.dynamics.projection",
     "project_velocity": "holdfast.dynamics.closing",
     "release": "holdfast.dynamics.impulse",
+    "save_plots": "holdfast.view.plots",
     "simulate": "holdfast.simulation.simulate",
     "split": "holdfast.dynamics.split",
     "state_from_joints": "holdfast.dynamics.object_from_joints",
@@ -177,6 +191,7 @@ __all__ = [
     "Friction",
     "Grasp",
     "GraspResidual",
+    "GravityCompensation",
     "HeldObject",
     "HoldfastError",
     "Inputs",
@@ -188,9 +203,11 @@ __all__ = [
     "MethodNotApplicable",
     "MissingExtra",
     "ModelError",
+    "ObjectTracking",
     "Pose",
     "Power",
     "Release",
+    "RestToRest",
     "ResultError",
     "Rollout",
     "RolloutRecord",
@@ -201,6 +218,7 @@ __all__ = [
     "State",
     "StateError",
     "Status",
+    "TorqueSchedule",
     "Trajectory",
     "WrenchLimits",
     "angular_first",
@@ -215,7 +233,9 @@ __all__ = [
     "contact_attitudes",
     "diagnose",
     "export_csv",
+    "export_page",
     "export_parquet",
+    "film_of_run",
     "forward_dynamics",
     "grasp_margins",
     "holding_torques",
@@ -243,6 +263,7 @@ __all__ = [
     "project",
     "project_velocity",
     "release",
+    "save_plots",
     "simulate",
     "split",
     "state_from_joints",

@@ -9,6 +9,7 @@ import faulthandler
 import json
 import os
 import re
+import sys
 import time
 from collections import Counter
 from pathlib import Path
@@ -33,7 +34,7 @@ def outcome(seed: int, folder: Path, capsys: pytest.CaptureFixture[str]) -> str:
     scene = folder / f"scene{seed}.toml"
     scene.write_text(random_scene(seed))
     out = folder / f"result{seed}"
-    faulthandler.dump_traceback_later(LONGEST, exit=True)
+    faulthandler.dump_traceback_later(LONGEST, exit=True, file=sys.__stderr__)
     try:
         code = main(["simulate", str(scene), "--out", str(out), "--no-plots"])
     finally:

@@ -1,7 +1,7 @@
 """Simulation keeps its laws and its digits: closure, energy, order, 30 digits, SUNDIALS.
 
-Whatever takes steps can stand in STEPPERS. The readable texts on floats, `ReferenceStepper`, keep the
-same bars in a good quarter of an hour; in a fraction of it `tests/simulation/test_accuracy.py` holds them to shorter ones.
+Whatever takes steps can stand in STEPPERS. The readable texts on floats, `ReferenceStepper`,
+keep the same bars in more time; `tests/simulation/test_accuracy.py` holds them to shorter ones.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -32,6 +32,10 @@ class GravityCompensation:
     squeeze: float = 0.0
     joint_damping: float = 0.0
     traceable: ClassVar[bool] = True  # its text becomes machine code
+
+    def for_chain(self, chain: ClosedChain) -> Self:
+        """Return the controller of a chain whose grasps have changed."""
+        return replace(self, chain=chain)
 
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
         """Return the torques (n,) [N m or N]; the memory is not used."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
 
 from holdfast.control.computed_torque import computed_torque
 from holdfast.control.grasp_forces import commanded_wrenches
@@ -39,6 +39,10 @@ class ObjectTracking:
     damping: float = 20.0
     joint_damping: float = 10.0
     traceable: ClassVar[bool] = True  # its text becomes machine code, where the path is traceable too
+
+    def for_chain(self, chain: ClosedChain) -> Self:
+        """Return the controller of a chain whose grasps have changed."""
+        return replace(self, chain=chain)
 
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
         """Return the torques (n,) [N m or N]; the memory is not used."""

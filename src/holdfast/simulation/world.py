@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -50,4 +51,15 @@ class World:
             if name in self.base_motion:
                 poses[name], twists[i], accelerations[i] = self.base_motion[name](t)
         moving = replace(shaped, base_twists=twists, base_accelerations=accelerations)
-        return self.chain.with_bases(poses), moving
+        return mounted(self.chain, poses), moving
+
+
+def mounted(chain: ClosedChain, bases: Mapping[str, Any]) -> ClosedChain:
+    """Return the chain with some bases elsewhere; only they are checked, since this happens at every stage."""
+    moved = copy.copy(chain)
+    arms = dict(chain.arms)
+    for name, base in bases.items():
+        arms[name] = copy.copy(arms[name])
+        object.__setattr__(arms[name], "base", checks.pose(base, f"base motion of '{name}'"))
+    object.__setattr__(moved, "arms", arms)
+    return moved

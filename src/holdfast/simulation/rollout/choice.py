@@ -45,12 +45,12 @@ def stepper_for(
         StateError: a law that is told parameters, which a run has not.
         CompileError: a law does what cannot be traced.
     """
-    law = law_of(controller, world.chain)
     few = steps * (LOOKED_AT if len(Signals(world.chain).limited) else 1) < WORTH_COMPILING
-    if law is not None and not few and not scheme.adaptive and not moving(world) and not _acting_on_links(world):
-        return FusedStepper.of(world, law, scheme, generic_rank)
     if few or _acting_on_links(world):
         return ReferenceStepper(world, controller, generic_rank, scheme, tolerance)
+    law = None if scheme.adaptive or moving(world) else law_of(controller, world.chain)
+    if law is not None:
+        return FusedStepper.of(world, law, scheme, generic_rank)
     return StagewiseStepper.of(world, controller, generic_rank, scheme, tolerance)
 
 
