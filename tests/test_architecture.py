@@ -39,7 +39,19 @@ MAY_IMPORT = {
     "bench": FILES_AND_SCENES | {"holdfast"},  # calls the library as its users do
     "cli": FILES_AND_SCENES | {"bench", "view", "holdfast"},
 }
-HEAVY = tuple("scipy llvmlite tyro rich matplotlib pinocchio mujoco viser mpmath pandas pyarrow".split())
+HEAVY = (
+    "scipy",
+    "llvmlite",
+    "tyro",
+    "rich",
+    "matplotlib",
+    "pinocchio",
+    "mujoco",
+    "viser",
+    "mpmath",
+    "pandas",
+    "pyarrow",
+)
 
 
 def room(path: Path) -> str:

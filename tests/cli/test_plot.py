@@ -20,14 +20,21 @@ def result(tmp_path_factory):
 
 
 def test_figures(result, tmp_path, capsys):
-    """Every figure that has something to show, where asked or in the result folder, and where to look."""
+    """Every figure that has something to show, and where to look for it."""
     capsys.readouterr()
-    for where, place in ((("--out", str(tmp_path / "new")), tmp_path / "new"), ((), result)):
-        assert main(["plot", str(result), *where]) == 0
-        said = capsys.readouterr()
-        assert said.err == ""
-        assert said.out.splitlines() == [f"look at {place / name}.png" for name in FIGURES]
-        assert all((place / f"{name}.png").read_bytes().startswith(b"\x89PNG") for name in FIGURES)
+    place = tmp_path / "new"
+    assert main(["plot", str(result), "--out", str(place)]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    assert said.out.splitlines() == [f"look at {place / name}.png" for name in FIGURES]
+    assert all((place / f"{name}.png").read_bytes().startswith(b"\x89PNG") for name in FIGURES)
+
+
+def test_beside_the_result(result, monkeypatch, capsys):
+    """Without a place of their own the figures go into the result folder."""
+    monkeypatch.setattr("holdfast.cli.plot.save_plots", lambda chain, run, folder: [f"{len(run)}.png"])
+    assert main(["plot", str(result)]) == 0
+    assert capsys.readouterr().out == f"look at {result / '3.png'}\n"
 
 
 def test_refused(result, tmp_path, capsys, monkeypatch):

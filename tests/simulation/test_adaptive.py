@@ -35,7 +35,11 @@ class Model:
     tried: list[tuple[float, float]] = field(default_factory=list)
 
     def start(self, t, state, memory):
-        """Return nothing: no test asks for it."""
+        """Return nothing: the control does not ask for it."""
+        raise NotImplementedError
+
+    def evaluate(self, t, state, memory):
+        """Return nothing: the control does not ask for it."""
         raise NotImplementedError
 
     def advance(self, now, ends):

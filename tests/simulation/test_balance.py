@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from holdfast import Inputs, split
+from holdfast import Inputs, kinetic_energy, momentum, potential_energy, split
 from holdfast.dynamics.wrist import wrist_wrenches
 from holdfast.simulation.balance import interval_integrals, momentum_imbalance
 from holdfast.simulation.simulate import simulate
@@ -87,6 +87,9 @@ def test_samples_hold_what_they_say(shaken):
     assert run.load_share[k].sum() == pytest.approx(1.0)
     assert np.isfinite(run.spin[k, 0]) and run.spin[k, 1] == 0.0
     assert run.holding.all()
+    assert run.potential[0] == pytest.approx(potential_energy(chain, run.state(0)))
+    assert run.kinetic[0] == pytest.approx(kinetic_energy(chain, run.state(0)))
+    assert run.momentum[0] == pytest.approx(momentum(chain, run.state(0)))
     wrist = wrist_wrenches(chain, run.state(k), SimpleNamespace(grasp_wrench=run.grasp_wrench[k]))
     assert run.wrist_wrench[k, 0] == pytest.approx(wrist[0])  # the other arm's base has moved
 

@@ -75,7 +75,7 @@ def test_figures(which, samples, recwarn):
         assert any(panel.get_xlabel() == "time [s]" for panel in drawn), name
         assert {line.get_color() for panel in drawn for line in panel.lines} <= SAFE, name
         assert figure.get_figwidth() <= 2 * figure_style.COLUMN
-        assert len(png(figure)) > 1000
+        figure.draw_without_rendering()
     assert not recwarn.list
 
 
@@ -182,9 +182,3 @@ def test_summary_table():
     out = io.StringIO()
     Console(file=out, width=100).print(summary_table(summary))
     assert "closure error" in out.getvalue()
-
-
-def png(figure) -> bytes:
-    out = io.BytesIO()
-    figure.savefig(out, dpi=100)
-    return out.getvalue()

@@ -8,10 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.arm.posture import posture
-from holdfast.dynamics.energy import kinetic_energy, momentum, potential_energy
+from holdfast.dynamics.energy import Body, bodies
 from holdfast.dynamics.margin_range import margin_range
 from holdfast.dynamics.margins import grasp_margins
-from holdfast.dynamics.momentum_balance import momentum_rate
 from holdfast.dynamics.split import split
 from holdfast.dynamics.wrist import wrist_wrenches
 from holdfast.model.closed_chain import ClosedChain
@@ -22,6 +21,8 @@ from holdfast.simulation.step import Gaps
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import rotate, shift_wrench
+from holdfast.spatial.vector import cross
 from holdfast.state import State
 
 
@@ -63,6 +64,7 @@ def sample(
     given = grasp_margins(chain, state, found.grasp_wrench)
     now, best, worst = (_by_arm(chain, m) for m in (given, allowed.best, allowed.worst))
     lowest, when = _lowest(times, margins)
+    every = list(bodies(chain, state, at.inputs))
     l = len(chain.arms)
     joint, joint_lowest, joint_when = _lowest_joints(lowest[l:], when[l:])
     return Trajectory(
@@ -91,12 +93,12 @@ def sample(
         lowest_joint=joint,
         position_gap=gaps.position,
         velocity_gap=gaps.velocity,
-        kinetic=np.array(kinetic_energy(chain, state, at.inputs)),
-        potential=np.array(potential_energy(chain, state)),
+        kinetic=np.array(sum(body.kinetic_energy for body in every) + _rotors(chain, state)),
+        potential=np.array(sum(body.potential_energy(chain.gravity) for body in every)),
         work=sums.work,
         impact=np.array(sums.impact),
-        momentum=momentum(chain, state, inputs=at.inputs),
-        momentum_rate=momentum_rate(chain, state, found, inputs=at.inputs),
+        momentum=np.sum([_momentum(body) for body in every], axis=0),
+        momentum_rate=_wrenches(at, every),
         base_impulse=sums.base_impulse,
         condition=np.array(found.condition),
         occurrences=occurrences,
@@ -116,6 +118,30 @@ def spins(chain: ClosedChain, state: State) -> Array:
             q = rotation.to_quaternion(tip.T @ state.object_frame.R @ grasp.frame.R)
             turned[chain.names.index(name)] = 2.0 * math.atan2(q[3], q[0])
     return turned
+
+
+def _rotors(chain: ClosedChain, state: State) -> float:
+    """Return the kinetic energy of the drives' rotors [J]."""
+    return 0.5 * float(np.concatenate([arm.armature for arm in chain.arms.values()]) @ state.qd**2)
+
+
+def _momentum(body: Body) -> Array:
+    """Return [angular; linear] momentum about the world's origin, as `energy.momentum` sums it up."""
+    return shift_wrench(body.origin, rotate(body.R, body.inertia.apply(body.twist)))
+
+
+def _wrenches(at: Instant, every: list[Body]) -> Array:
+    """Return what changes the momentum about the world's origin: `momentum_rate` over bodies that are known."""
+    chain, given = at.chain, at.inputs.shaped(at.chain)
+    assert given.object_wrench is not None
+    total = shift_wrench(every[-1].origin, given.object_wrench)
+    for arm, f in zip(chain.arms.values(), at.result.base_wrench, strict=True):
+        total = total + shift_wrench(arm.base.p, f)
+    if given.link_wrenches is not None:
+        for body, f in zip(every, given.link_wrenches, strict=False):
+            total = total + shift_wrench(body.origin, f)
+    mass, com = sum(body.inertia.m for body in every), np.sum([body.com for body in every], axis=0)
+    return total + np.concatenate([cross(com, chain.gravity), mass * chain.gravity])
 
 
 def _by_arm(chain: ClosedChain, margins: Array) -> Array:
