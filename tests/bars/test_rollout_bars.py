@@ -49,7 +49,7 @@ def test_a_million_steps(capsys):
         print(
             f"\n{STEPS:,} steps of {1e3 * STEP:g} ms of {SYSTEMS} systems: fastest joint {slowest:.2f} to {fastest:.2f}"
             f" rad/s; grasps open at most {position:.1e} m or rad, {velocity:.1e} m/s or rad/s, {last:.1e} m or rad at"
-            f" the end by the reference; {1e6 * busy / STEPS / SYSTEMS:.2f} us of a core a step and system, {wall:.0f} s",
+            f" the end by the reference; {1e6 * busy / STEPS / SYSTEMS:.2f} us of a core a step, {wall:.0f} s",
             end="",
         )
     assert systems.running.all() and np.allclose(systems.t, STEPS * STEP, rtol=1e-12)

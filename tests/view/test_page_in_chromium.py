@@ -4,6 +4,8 @@
 """
 
 import os
+import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -119,3 +121,55 @@ def test_readme_picture(tmp_path):
         chromium.page.wait_for_timeout(3000)
         chromium.page.screenshot(path=Path(os.environ["HOLDFAST_PICTURE"]), timeout=120_000)
     assert not chromium.errors
+
+
+@pytest.mark.long
+def test_a_minute_of_two_arms(tmp_path):
+    """60 s, 30 moments a second: at most 20 MB; the player keeps time, and goes anywhere."""
+    chain, run = lifted(samples=31)
+    film = film_of_run(chain, run, "a minute")
+    t = np.linspace(0.0, 60.0, 1801)
+    to_and_fro = 0.5 - 0.5 * np.cos(2 * np.pi * t / 6.0)
+    rng = np.random.default_rng(0)
+
+    def stretched(values: np.ndarray) -> np.ndarray:
+        columns = values.reshape(len(film), -1).T
+        return np.stack([np.interp(to_and_fro, film.t, c) for c in columns], axis=1).reshape(-1, *values.shape[1:])
+
+    names = ("q", "base_pose", "object_pose", "tip", "wrench", "internal", "margin", "condition", "tau")
+    minute = replace(film, t=t, **{name: stretched(getattr(film, name)) for name in names})
+    minute = replace(minute, q=minute.q + 1e-4 * rng.normal(size=minute.q.shape))  # so that it compresses as real runs do
+    begin = time.monotonic()
+    export_page(minute, tmp_path / "page.html")
+    written, size = time.monotonic() - begin, (tmp_path / "page.html").stat().st_size
+    with browser() as chromium:
+        begin = time.monotonic()
+        chromium.open(tmp_path / "page.html")
+        loaded = time.monotonic() - begin
+        seeks = []
+        for t_wanted in (50.0, 5.0, 30.0):
+            begin = time.monotonic()
+            chromium.ask("t => document.getElementById('holdfast').goTo(t)", t_wanted)
+            seeks.append(time.monotonic() - begin)
+            assert chromium.player_time() == pytest.approx(t_wanted)
+        chromium.page.keyboard.press("Space")
+        clock, ticks = chromium.ask(WATCH)
+    print(f"\n60 s of two arms: {size / 1e6:.2f} MB, written in {written:.1f} s, loaded in {loaded:.1f} s, "
+          f"seeks of {max(seeks):.1f} s at most; {ticks:.1f} pictures a second drawn without a graphics card, "
+          f"{clock:.3f} s a second")  # fmt: skip
+    assert size <= 20e6
+    assert clock == pytest.approx(1.0, abs=0.15)
+    assert not chromium.errors
+
+
+# plays for 8 s: the player's seconds in a second, and the pictures drawn in one
+WATCH = """() => new Promise(done => {
+  const time = () => Number(document.querySelector('#root [role=slider]').getAttribute('aria-valuenow'));
+  const from = performance.now(), first = time();
+  let ticks = 0;
+  (function tick() {
+    ticks++;
+    const passed = (performance.now() - from) / 1000;
+    if (passed < 8) requestAnimationFrame(tick); else done([(time() - first) / passed, ticks / passed]);
+  })();
+})"""
