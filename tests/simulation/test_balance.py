@@ -58,13 +58,13 @@ def shaken():
         return pose, 3 * t**2 * np.r_[w, amplitude], 6 * t * np.r_[w, amplitude]
 
     def wrenches(t):
-        return Inputs(object_wrench=np.cos(20 * t) * p.inputs.object_wrench)
+        return Inputs(np.cos(20 * t) * p.inputs.object_wrench, p.inputs.link_wrenches)
 
     def torques(t, state, memory):
         return np.cos(30 * t) * p.tau, memory
 
     def run(step):
-        return simulate(p.chain, p.state, torques, 0.04, step, base_motion={name: sway}, inputs=wrenches)
+        return simulate(p.chain, p.state, torques, 0.024, step, base_motion={name: sway}, inputs=wrenches)
 
     return p.chain, run(0.001), run(0.002)
 
