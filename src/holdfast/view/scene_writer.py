@@ -58,6 +58,7 @@ class SceneWriter:
         self.server = server
         self._nodes: dict[str, Any] = {}
         self._arrows: dict[str, _Arrows] = {}
+        self._told: dict[str, Any] = {}  # what is there already
 
     def look_from(self, camera: Camera, up: Array) -> None:
         """Set where a viewer begins, and which way is up (3,)."""
@@ -115,14 +116,20 @@ class SceneWriter:
         longest = float(np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).max())
         # a head that is longer than its arrow would stand out at the tail
         size = int(1000 * min(1.0, 0.5 * longest / head)) / 1000
-        node.shaft_radius, node.head_radius, node.head_length = size * shaft, 2.4 * size * shaft, size * head
+        if self._told.get(name) != size:  # viser compares too, but slowly
+            self._told[name] = size
+            node.shaft_radius, node.head_radius, node.head_length = size * shaft, 2.4 * size * shaft, size * head
         node.points = segments.astype(np.float32)
 
     def place(self, name: str, wxyz: Array, position: Array) -> None:
         """Move a node to a pose in the frame it is named under."""
         node = self._nodes[name]
-        # float32 halves what a recording compresses to; a viewer draws no finer
-        node.wxyz, node.position = wxyz.astype(np.float32), position.astype(np.float32)
+        for part, now in (("wxyz", wxyz), ("position", position)):
+            # float32 halves what a recording compresses to; a viewer draws no finer
+            told = now.astype(np.float32).tobytes()
+            if self._told.get(name + part) != told:
+                self._told[name + part] = told
+                setattr(node, part, np.frombuffer(told, dtype=np.float32))
 
     def paint(self, name: str, colour: Colour) -> None:
         """Give lines another colour."""
