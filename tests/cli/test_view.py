@@ -1,5 +1,6 @@
 """`holdfast view` from the command line: pages, scenes, refusals, and how it ends."""
 
+import shutil
 import signal
 import subprocess
 import sys
@@ -44,7 +45,7 @@ def test_page_of_a_scene(tmp_path, capsys):
     """The state in which a scene begins, with the forces of its controller's torques."""
     page = tmp_path / "page.html"
     assert main(["view", str(EXAMPLE), "--export", str(page)]) == 0
-    assert "1 moments" in capsys.readouterr().out
+    assert ", 1 moment\n" in capsys.readouterr().out
     assert '"label":"left, internal","colour":"#0072B2","dashed":true,"values":[20.0]' in page.read_text()
 
 
@@ -66,6 +67,16 @@ def test_refused(result, tmp_path, monkeypatch, capsys, target, options, message
     assert message in said.err
     assert said.err.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_another_scene(result, tmp_path, capsys):
+    """A folder whose scene was exchanged is refused before anything is drawn."""
+    shutil.copytree(result, tmp_path / "copy")
+    scene = tmp_path / "copy" / "scene.toml"
+    scene.write_text(scene.read_text().replace('"left"', '"first"'))
+    assert main(["view", str(tmp_path / "copy"), "--export", str(tmp_path / "page.html")]) == 2
+    assert "not the scene of this run: expected the joints left/joint1" in capsys.readouterr().err
+    assert not (tmp_path / "page.html").exists()
 
 
 def test_a_live_viewer_ends_with_ctrl_c(result):

@@ -7,7 +7,8 @@ import pytest
 
 from holdfast import Pose
 from holdfast.dynamics.arm.posture import posture
-from holdfast.view.chain_scene import ArrowScale, ChainScene, arrow_scale
+from holdfast.view.arrow_scale import ArrowScale, arrow_scale
+from holdfast.view.chain_scene import ChainScene
 from holdfast.view.film import film_of_run
 from holdfast.view.friction_cone import cone_colour
 from tests.view.runs import lifted

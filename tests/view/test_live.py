@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from holdfast.view.chain_scene import ArrowScale
+from holdfast.view.arrow_scale import ArrowScale
 from holdfast.view.film import film_of_run
 from holdfast.view.live import Controls, watch
 from holdfast.view.readout import readout

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from holdfast.view.chain_scene import arrow_scale
+from holdfast.view.arrow_scale import arrow_scale
 from holdfast.view.film import film_of_run
 from holdfast.view.page import export_page, page
 from holdfast.view.page_panel import HERE, panel_data, with_panel

@@ -28,7 +28,7 @@ def at_times(tmp_path_factory):
     chain, run = lifted()
     film = film_of_run(chain, run, "lifted")
     export_page(film, folder / "page.html")
-    with browser() as chromium:
+    with browser(720, 400) as chromium:  # small: the processor draws it
         chromium.open(folder / "page.html")
         seen = []
         for t in (0.0, 1.0, 0.0):
@@ -107,7 +107,7 @@ def test_nothing_is_asked_for_and_nothing_complains(at_times):
 def test_something_is_to_be_seen(at_times):
     """The picture is of many colours, and another at another time."""
     _, (first, last, _), *_ = at_times
-    assert len(first["picture"]) > 40_000
+    assert len(first["picture"]) > 25_000
     assert first["picture"] != last["picture"]
 
 

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from holdfast.cli import complain
 from holdfast.cli.console import stdout
+from holdfast.cli.recorded import recorded
 from holdfast.errors import ResultError
-from holdfast.io.result_reader import load_result
-from holdfast.scenario.build import load_scene
 from holdfast.view.plots import save_plots
 
 
@@ -26,15 +24,12 @@ def plot(folder: Path, out: Path | None) -> int:
         ResultError: no result, or a folder that cannot be written.
         MissingExtra: matplotlib is not installed.
     """
-    result = load_result(folder)
-    chain = load_scene(folder / "scene.toml").chain
+    scenario, result = recorded(folder)
     place = folder if out is None else out
     try:
         place.mkdir(parents=True, exist_ok=True)
     except OSError as cause:
         raise ResultError(f"{place}: cannot be written: {cause.strerror or cause}") from cause
-    if result.note:
-        complain(f"{folder}: {result.note}")
-    for name in save_plots(chain, result.trajectory, place):
+    for name in save_plots(scenario.chain, result.trajectory, place):
         stdout().print(f"look at {place / name}", soft_wrap=True)
     return 0

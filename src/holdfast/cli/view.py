@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from holdfast.cli import complain
 from holdfast.cli.console import stdout
+from holdfast.cli.recorded import recorded
 from holdfast.errors import ResultError, SceneError, SingularChainError, StateError
-from holdfast.io.result_reader import load_result
 from holdfast.scenario.build import Scenario, load_scene
 from holdfast.simulation.instant import evaluate
 from holdfast.simulation.world import World
@@ -38,7 +37,8 @@ def view(target: Path, page: Path | None, port: int, rate: float, overwrite: boo
     film = _film(target, rate)
     if page is not None:
         export_page(film, page)
-        stdout().print(f"{page}: {page.stat().st_size / 2**20:.1f} MiB, {len(film)} moments", soft_wrap=True)
+        moments = "1 moment" if len(film) == 1 else f"{len(film)} moments"
+        stdout().print(f"{page}: {page.stat().st_size / 2**20:.1f} MiB, {moments}", soft_wrap=True)
         return 0
     try:
         watch(film, _announce, port)
@@ -58,10 +58,7 @@ def _film(target: Path, rate: float) -> Film:
         raise SceneError(f"{target}: no such file or folder; expected a result folder or a scene file")
     if not target.is_dir():
         return _film_of_scene(load_scene(target), target)
-    result = load_result(target)
-    scenario = load_scene(target / "scene.toml")
-    if result.note:
-        complain(f"{target}: {result.note}")
+    scenario, result = recorded(target)
     return film_of_run(scenario.chain, result.trajectory, scenario.name, rate, scenario.options.get("base_motion"))
 
 

@@ -14,7 +14,7 @@ from holdfast.view.object_body import box_lines, equivalent_box
 from holdfast.view.scene_writer import FIELD_OF_VIEW, Camera
 
 SEEN_OF = 5  # moments that are to fit into the picture
-MARGIN = 1.2  # picture over what is in it
+MARGIN = 1.1  # picture over what is in it
 
 
 def upward(chain: ClosedChain) -> Array:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from holdfast.dynamics.arm.posture import joint_placement
-from holdfast.dynamics.split import length_scale
 from holdfast.errors import ModelError
 from holdfast.model.arm import Arm
 from holdfast.robots.looks import arm_length
@@ -15,6 +12,7 @@ from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.view import figure_style, meshes
+from holdfast.view.arrow_scale import arrow_scale, one_two_five
 from holdfast.view.cameras import cameras, upward
 from holdfast.view.film import Film
 from holdfast.view.friction_cone import cone_colour, cone_lines
@@ -26,18 +24,9 @@ from holdfast.view.scene_writer import Colour, SceneWriter
 OBJECT_GREY, LINE_GREY = (150, 150, 158), (70, 70, 78)
 UP = np.array([0.0, 0.0, 1.0])
 OBJECT_OPACITY = 0.28
-
-
-class ArrowScale(NamedTuple):
-    """How long arrows are.
-
-    Attributes:
-        force: [m per N].
-        moment: [m per N m].
-    """
-
-    force: float
-    moment: float
+# in lengths of the longest arm
+SHAFT, BESIDE, AXES, CONE, LINE = 0.006, 0.03, 0.05, 0.09, 0.0025
+FOOT_RADIUS, FOOT_HEIGHT, NAME_DEPTH, TOOL_RADIUS, PALM_RADIUS = 0.1, 0.008, 0.07, 0.012, 0.035
 
 
 class ChainScene:
@@ -59,7 +48,7 @@ class ChainScene:
         self._draw_ground()
         self._reserves = {name: film.reserve(name) for name in self._cones}
         for name in film.holding:
-            colour, node, shaft = arm_colour(chain.names.index(name)), _node(name), 0.006 * self._size
+            colour, node, shaft = arm_colour(chain.names.index(name)), _node(name), SHAFT * self._size
             writer.arrows(f"/forces/{node}", 1, colour, shaft)
             writer.arrows(f"/moments/{node}", 2, colour, 0.7 * shaft)
             writer.arrows(f"/squeeze/{node}", 1, figure_style.rgb(figure_style.INTERNAL), 0.8 * shaft)
@@ -92,7 +81,7 @@ class ChainScene:
         writer.point(f"/forces/{node}", np.array([[tip, tip + force]]))
         # a moment's arrow has two heads
         writer.point(f"/moments/{node}", np.array([[tip, tip + share * moment] for share in (1.0, 0.8)]))
-        beside = tip + 0.03 * self._size * _across(internal, -upward(film.chain))
+        beside = tip + BESIDE * self._size * _across(internal, -upward(film.chain))
         writer.point(f"/squeeze/{node}", np.array([[beside, beside + self.scale.force * internal]]))
 
     def _draw_arm(self, index: int, name: str, arm: Arm) -> list[str]:
@@ -112,7 +101,7 @@ class ChainScene:
                 self._writer.mesh(f"{node}/({j})", whole, arm_colour(index) if colour is None else colour)
         for node, mesh in ((nodes[0], self._foot(arm)), (nodes[-1], self._hand(arm))):
             self._writer.mesh(f"{node}/(own)", mesh, arm_colour(index))
-        below = arm.base.R.T @ (-0.07 * self._size * upward(self.film.chain))
+        below = arm.base.R.T @ (-NAME_DEPTH * self._size * upward(self.film.chain))
         self._writer.label(f"{nodes[0]}/(name)", name, below)
         return nodes[1:]
 
@@ -120,15 +109,15 @@ class ChainScene:
         """Return a flat plate that the base stands on, in base axes."""
         up = arm.base.R.T @ upward(self.film.chain)
         plate = Pose(rotation.exp(rotation.align(UP, up)), np.zeros(3))
-        return meshes.cylinder(0.1 * self._size, 0.008 * self._size).at(plate)
+        return meshes.cylinder(FOOT_RADIUS * self._size, FOOT_HEIGHT * self._size).at(plate)
 
     def _hand(self, arm: Arm) -> Mesh:
         """Return a thin tool from the last link's origin to a disc at the tip, in the last link's axes."""
-        thin, length = 0.012 * self._size, float(np.linalg.norm(arm.tip.p))
+        thin, length = TOOL_RADIUS * self._size, float(np.linalg.norm(arm.tip.p))
         # a little beyond the tip, so that it does not flicker with what ends there
         disc = Pose(arm.tip.R, arm.tip.p - 0.4 * thin * arm.tip.R[:, 2])
-        parts = [meshes.cylinder(0.035 * self._size, thin).at(disc)]
-        if length > thin:
+        parts = [meshes.cylinder(PALM_RADIUS * self._size, thin).at(disc)]
+        if length > 3 * thin:
             middle = Pose(rotation.exp(rotation.align(UP, arm.tip.p / length)), arm.tip.p / 2)
             parts.append(meshes.cylinder(thin, length - 2 * thin).at(middle))
         return meshes.joined(parts)
@@ -137,15 +126,15 @@ class ChainScene:
         """Draw object, contact frames and friction cones, which move with it; return whose cones there are."""
         chain, writer = self.film.chain, self._writer
         edges, box = equivalent_box(chain.held_object)
-        thin = 0.0025 * self._size
+        thin = LINE * self._size
         writer.frame("/object", Pose.identity())
         writer.mesh("/object/body", meshes.box(edges).at(box), OBJECT_GREY, OBJECT_OPACITY)
         lines = np.concatenate([box_lines(edges) @ box.R.T + box.p, struts(chain, edges, box)])
         writer.lines("/object/edges", lines, LINE_GREY, thin)
         for name, grasp in chain.grasps.items():
-            writer.frame(f"/object/contacts/{_node(name)}", grasp.frame, 0.05 * self._size)
+            writer.frame(f"/object/contacts/{_node(name)}", grasp.frame, AXES * self._size)
             if grasp.contact is not None:
-                lines = cone_lines(grasp.contact.mu, 0.09 * self._size, grasp.frame)
+                lines = cone_lines(grasp.contact.mu, CONE * self._size, grasp.frame)
                 writer.lines(f"/object/cones/{_node(name)}", lines, cone_colour(1.0), thin)
         return [name for name, grasp in chain.grasps.items() if grasp.contact is not None]
 
@@ -157,28 +146,13 @@ class ChainScene:
         middle = middle + ((bases @ up).min() - middle @ up) * up
         turn = rotation.exp(rotation.align(UP, up))
         span = 2.0 * float(np.linalg.norm(bases - middle, axis=1).max()) + 2.0 * self._size
-        cell = _one_two_five(span / 25)
+        cell = one_two_five(span / 25)
         self._writer.grid("/ground", Pose(turn, middle), float(np.ceil(span / (10 * cell)) * 10 * cell), cell)
 
 
 def arm_colour(index: int) -> Colour:
     """Return the colour of the arm at an index of the chain's order, 0 to 255."""
     return figure_style.rgb(figure_style.arm_look(index)[0])
-
-
-def arrow_scale(film: Film) -> ArrowScale:
-    """Return the scale that makes the film's largest wrench a handy arrow, rounded to 1, 2 or 5.
-
-    A moment is as long as the force that makes it at the contacts' distance from their middle.
-    """
-    size = max(arm_length(arm) for arm in film.chain.arms.values())
-    lever = length_scale([grasp.frame.p for grasp in film.chain.grasps.values()])
-    largest = max(
-        float(np.linalg.norm(film.wrench[..., 3:], axis=-1).max(initial=0.0)),
-        float(np.linalg.norm(film.wrench[..., :3], axis=-1).max(initial=0.0)) / lever,
-    )
-    force = _one_two_five(0.25 * size / largest) if largest > 0 else 1.0
-    return ArrowScale(force, force / lever)
 
 
 def _across(vector: Array, wanted: Array) -> Array:
@@ -192,12 +166,6 @@ def _across(vector: Array, wanted: Array) -> Array:
     return wanted
 
 
-def _one_two_five(x: float) -> float:
-    """Return the largest of 1, 2 and 5 times a power of ten that is not above x > 0."""
-    power = 10.0 ** np.floor(np.log10(x) + 1e-9)
-    return float(power * max(step for step in (1.0, 2.0, 5.0) if step <= x / power + 1e-9))
-
-
 def _node(name: str) -> str:
-    """Return a name that is one step of a path."""
-    return name.replace("/", "_")
+    """Return a name as one step of a path: with a division sign for a slash."""
+    return name.replace("/", "\u2215")

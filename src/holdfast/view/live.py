@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.view.arrow_scale import ArrowScale
 from holdfast.view.cameras import cameras, upward
-from holdfast.view.chain_scene import ArrowScale, ChainScene
+from holdfast.view.chain_scene import ChainScene
 from holdfast.view.film import Film
 from holdfast.view.page_panel import legend, plots
 from holdfast.view.readout import chip, readout

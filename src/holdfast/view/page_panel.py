@@ -11,13 +11,14 @@ import numpy as np
 
 from holdfast.simulation.instant import WORST_CONDITION
 from holdfast.spatial.scalar import Array
+from holdfast.view.arrow_scale import ArrowScale
 from holdfast.view.cameras import cameras
-from holdfast.view.chain_scene import ArrowScale
 from holdfast.view.figure_style import arm_look
 from holdfast.view.film import Film
 
 HERE = Path(__file__).parent
 DIGITS = 4
+GAP = "\u00a0"  # a space at which no line ends
 NOISE = 1e-9  # N m per N: smaller moments are rounding
 
 
@@ -61,8 +62,8 @@ def panel_data(film: Film, scale: ArrowScale) -> dict[str, Any]:
 def legend(film: Film, scale: ArrowScale) -> str:
     """Return how arrows and cones are to be read, in words."""
     words = [
-        f"Arrows, in the arm's colour, are what the arm does to the object: 0.1 m is {0.1 / scale.force:.3g} N,"
-        f" with two heads {0.1 / scale.moment:.3g} N m. Purple: the internal part of the force."
+        f"Arrows, in the arm's colour, are what the arm does to the object: 0.1 m is {0.1 / scale.force:.3g}{GAP}N,"
+        f" with two heads {0.1 / scale.moment:.3g}{GAP}N{GAP}m. Purple: the internal part of the force."
     ]
     if any(grasp.contact is not None for grasp in film.chain.grasps.values()):
         words.append("Friction cones turn from green to red as a contact nears slipping.")
