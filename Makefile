@@ -41,9 +41,10 @@ drift: $(VENV)/.bench
 robots: $(VENV)/.dev
 	$(BIN)/python -m tests.robots.fetch_real_robots results/robots
 
-# The README's picture, from the demo.
-pictures: demo
+# The README's picture, from the demo; needs chromium.
+pictures: demo $(VENV)/.dev
 	cp results/two_pandas/grasp_wrenches.png docs/images/
+	HOLDFAST_RESULT=results/two_pandas HOLDFAST_PICTURE=docs/images/viewer.png $(BIN)/python -m pytest -q tests/view/test_page_in_chromium.py -k readme_picture
 
 # The documentation site, into docs/_build/html; without network, without warnings.
 docs: $(VENV)/.docs

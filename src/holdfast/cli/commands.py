@@ -25,7 +25,7 @@ Target = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RESULT|SCE
 OutFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 OptionalName = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
 Format = Literal["table", "json"]
-TableFormat = Literal["csv", "parquet"]
+TableFormat = Literal["csv", "parquet", "mcap"]
 Switch = tyro.conf.FlagCreatePairsOff[bool]
 
 

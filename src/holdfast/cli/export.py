@@ -7,10 +7,19 @@ from pathlib import Path
 from holdfast.cli import complain
 from holdfast.cli.console import stdout
 from holdfast.errors import ResultError
+from holdfast.interop.mcap_writer import write_mcap
 from holdfast.io.export import export_csv, export_parquet, occurrences_path
-from holdfast.io.result_reader import load_result
+from holdfast.io.result_reader import Result, load_result
+from holdfast.scenario.build import load_scene
 
-EXPORTS = {"csv": export_csv, "parquet": export_parquet}
+
+def _export_mcap(result: Result, path: Path) -> list[Path]:
+    scenario = load_scene(result.folder / "scene.toml")
+    write_mcap(scenario.chain, result.trajectory, path, scenario.options.get("base_motion"))
+    return [path]
+
+
+EXPORTS = {"csv": export_csv, "parquet": export_parquet, "mcap": _export_mcap}
 
 
 def export(folder: Path, format: str, out: Path | None, overwrite: bool) -> int:
@@ -18,7 +27,7 @@ def export(folder: Path, format: str, out: Path | None, overwrite: bool) -> int:
 
     Args:
         folder: the result folder.
-        format: csv or parquet.
+        format: csv, parquet, or mcap (ROS 2 messages).
         out: the file to write; `trajectory.<format>` in the result folder if None.
         overwrite: replace an existing file.
 
@@ -27,7 +36,7 @@ def export(folder: Path, format: str, out: Path | None, overwrite: bool) -> int:
 
     Raises:
         ResultError: no result, or a file in the way.
-        MissingExtra: Parquet without pyarrow.
+        MissingExtra: Parquet without pyarrow, MCAP without mcap-ros2-support.
     """
     result = load_result(folder)
     path = folder / f"trajectory.{format}" if out is None else out
