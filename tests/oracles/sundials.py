@@ -17,6 +17,7 @@ from tests.oracles.arm_kinematics import cross
 from tests.oracles.maximal_kkt import KktSystem
 
 FLOATS = arithmetic(None)
+WRENCH_TOLERANCE = 1e-3  # N m and N
 
 
 def integrated(case: dict, pose: np.ndarray, duration: float, tolerance: float) -> dict[str, np.ndarray]:
@@ -26,7 +27,7 @@ def integrated(case: dict, pose: np.ndarray, duration: float, tolerance: float) 
         case: every arm holds the object; the forces are unique.
         pose: (7,) wxyz_xyz of the object, as the case has it.
         duration: [s].
-        tolerance: rtol and atol.
+        tolerance: rtol and atol of positions and velocities.
     """
     at = copy.deepcopy(case)
     n = sum(len(arm["q"]) for arm in at["arms"])
@@ -44,7 +45,9 @@ def integrated(case: dict, pose: np.ndarray, duration: float, tolerance: float) 
         found[n + 7 :] = system.matrix @ unknowns - system.rhs
 
     algebraic = np.arange(2 * n + 13, len(y))
-    solver = IDA(residual, algebraic_idx=algebraic, rtol=tolerance, atol=tolerance, max_num_steps=10**6)
+    # wrenches are not carried from step to step: their last digits are noise that would stall the steps
+    atol = np.where(np.arange(len(y)) < algebraic[0], tolerance, WRENCH_TOLERANCE)
+    solver = IDA(residual, algebraic_idx=algebraic, rtol=tolerance, atol=atol, max_num_steps=10**5)
     # an output between, because two times alone ask for every step
     result = solver.solve(np.array([0.0, 0.5 * duration, duration]), y, rates)
     assert result.success, result.message

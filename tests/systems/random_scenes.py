@@ -18,7 +18,7 @@ def random_scene(seed: int) -> str:
     height = float(rng.choice([rng.uniform(0.3, 0.8), 2.5], p=[0.95, 0.05]))
     grasps = [_grasp(rng, name, k, count, size) for k, name in enumerate(names)]
     holding = [name for name, grasp in zip(names, grasps, strict=True) if grasp]
-    step, steps = 10 ** rng.uniform(-4, -1.3), int(rng.integers(1, 5))
+    step, steps = 10 ** rng.uniform(-4, -1.3), int(rng.integers(1, 4))
     return "\n".join(
         [
             *(_arm(rng, name, k, count) for k, name in enumerate(names)),
@@ -91,7 +91,7 @@ def _controller(rng, holding: list[str]) -> str:
 def _simulation(rng, step: float, steps: int) -> str:
     lines = [
         f"[simulation]\nstep = {step:.6g}\nduration = {step * steps:.6g}",
-        f'scheme = "{rng.choice(["rk4", "rk4", "midpoint", "dop853"])}"\nrtol = 1e-5',
+        f'scheme = "{rng.choice(["rk4", "midpoint", "dop853"], p=[0.6, 0.3, 0.1])}"\nrtol = 1e-5',
         f'on_slip = "{rng.choice(["stop", "record", "release", "relase"], p=[0.35, 0.3, 0.33, 0.02])}"',
         f'on_limit = "{rng.choice(["record", "stop"], p=[0.7, 0.3])}"',
     ]

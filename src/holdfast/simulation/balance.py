@@ -15,6 +15,7 @@ import numpy as np
 from holdfast.dynamics.energy import power
 from holdfast.dynamics.result import ForwardResult
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.stops import MOMENT
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
@@ -56,13 +57,13 @@ def momentum_imbalance(t: Array, momentum: Array, rate: Array, base_impulse: Arr
     """Return (L, P) less its first value and all impulses since, (samples, 6) [N m s, N s].
 
     Args:
-        t: (samples,) [s]; neighbours closer than 4 units in the last place are the two sides of a jump.
+        t: (samples,) [s]; neighbours about `stops.MOMENT` apart are the two sides of a jump.
         momentum: (samples, 6) [angular; linear] about a fixed point.
         rate: (samples, 6) the wrenches on the whole chain about it.
         base_impulse: (samples, 6) of the bases in impacts so far, about it.
     """
     by_wrenches = np.zeros_like(momentum)
-    jumps = np.flatnonzero(np.diff(t) <= 4 * np.spacing(t[1:])) + 1
+    jumps = np.flatnonzero(np.diff(t) <= np.maximum(4 * np.spacing(t[1:]), 2 * MOMENT)) + 1
     for part in np.split(np.arange(len(t)), jumps):
         if len(part) > 1:
             by_wrenches[part[1:]] = interval_integrals(t[part], rate[part])

@@ -15,7 +15,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import power_terms
 from holdfast.simulation.friction import friction_torque, joint_friction
-from holdfast.simulation.rk4 import rotation_vector_rate
+from holdfast.simulation.runge_kutta import rotation_vector_rate
 from holdfast.simulation.world import World
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State

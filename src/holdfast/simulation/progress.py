@@ -17,6 +17,7 @@ from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.sample import Sums
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import NO_GAPS, Advance
+from holdfast.simulation.stops import just_after
 from holdfast.simulation.verification import Course, look_times, verify
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_wrench
@@ -212,7 +213,8 @@ def _course(at: Progress) -> Course:
 def _jumped(at: Progress) -> Progress:
     """Return the run on the other side of a breakpoint, after the events of that time."""
     plan, leg = at.leg.plan, at.leg
-    t = max(float(plan.stops.times[at.stop]), float(np.nextafter(at.now.t, np.inf)))
+    t = float(plan.stops.times[at.stop])
+    t = t if t > at.now.t else just_after(at.now.t)  # where a grasp has opened just there
     chain, inputs = leg.world.at(t)
     state, event, sums, news, gripped = at.now.state, at.event, at.sums, [], False
     while event < len(plan.events) and plan.events[event].t <= t:
@@ -237,9 +239,9 @@ def _jumped(at: Progress) -> Progress:
 
 
 def _opened(at: Progress, signal: int) -> Progress:
-    """Return the run after a grasp that cannot hold has opened, one float64 later; velocities go on."""
+    """Return the run after a grasp that cannot hold has opened; velocities go on."""
     name = at.leg.signals.names[signal]
-    origin = Origin(float(np.nextafter(at.now.t, np.inf)), at.now.state, at.now.memory)
+    origin = Origin(just_after(at.now.t), at.now.state, at.now.memory)
     grasps = {arm: grasp for arm, grasp in at.leg.world.chain.grasps.items() if arm != name}
     leg = leg_with(at.leg, grasps, origin)
     news = Occurrence(at.now.t, "release", name, f"'{name}' is released: it cannot hold")

@@ -2,7 +2,8 @@
 
 At a breakpoint (torques or inputs may jump) and at an event the run has two samples: one at the last
 float64 before its time, reached by a step that sees nothing of what comes, and one at the time itself,
-reached by no step. So times of samples always increase, and each side of a jump is seen.
+reached by no step. Where a grasp opens because it slips, the second sample is 1e-15 s after the first. So
+times of samples always increase, and each side of a jump is seen.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from holdfast.model import checks
 from holdfast.spatial.scalar import Array
 
 MOST_STEPS = 1_000_000
+MOMENT = 1e-15  # [s]: how far apart the two sides of a jump are, where float64 tells less apart
 ALIKE = 1e-9  # of a step: grid times nearer than this to a breakpoint give way to it
 
 
@@ -52,6 +54,11 @@ def step_times(duration: float, step: float) -> Array:
         return np.append(times, duration)
     times[-1] = duration
     return times
+
+
+def just_after(t: float) -> float:
+    """Return the time of a jump's far side, if the near side is at t [s]."""
+    return max(t + MOMENT, float(np.nextafter(t, np.inf)))
 
 
 def stops(grid: Array, breakpoints: Sequence[float], events: Sequence[float], apart: float) -> Stops:

@@ -56,7 +56,8 @@ class Trajectory:
     """A run sampled at every step; the first axis of every array is the sample.
 
     One sample alone has the same fields without that axis. `UNITS` gives units and axes. Times
-    increase; where torques, inputs or grasps jump there are two samples, 1 unit in the last place apart.
+    increase; where torques, inputs or grasps jump there are two samples, 1e-15 s or a unit in the last
+    place apart.
 
     Attributes:
         t: (samples,) [s].
