@@ -33,7 +33,7 @@ import numpy as np
 from holdfast.errors import ClosureError, HoldfastError, SingularChainError, StateError
 from holdfast.simulation.bracket import crossing, lowest_between
 from holdfast.simulation.instant import Instant
-from holdfast.simulation.stepper import Advance
+from holdfast.simulation.stepper import NO_GAPS, Advance
 from holdfast.spatial.scalar import Array
 
 LOOKS = 8  # a step
@@ -143,16 +143,10 @@ def verify(course: Course, begin: float, times: list[float], watched: Array, act
     if zero is not None:
         end, signal = zero
     elif failure is not None:
-        course.advances[end] = _refused(end, failure)
+        course.advances[end] = Advance(end, None, NO_GAPS, np.zeros(4), failure=failure)
     found, margins = course.table()
     kept = found <= end
     return Found(found[kept], margins[kept], int(np.searchsorted(found, begin)), course.advances[end], signal)
-
-
-def _refused(t: float, failure: HoldfastError) -> Advance:
-    from holdfast.simulation.stepper import NO_GAPS
-
-    return Advance(t, None, NO_GAPS, np.zeros(4), failure=failure)
 
 
 def _look_closer(course: Course, begin: float, watched: Array) -> None:
