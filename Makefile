@@ -16,7 +16,7 @@ test: lint
 
 # The issue's full-size checks: thousands of random systems, multiprecision sweeps.
 bars: $(VENV)/.dev
-	$(BIN)/python -m pytest -m long -n 2 -rP
+	$(BIN)/python -m pytest -m long -n 2 -rP --timeout 3600
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

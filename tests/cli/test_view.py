@@ -79,15 +79,25 @@ def test_another_scene(result, tmp_path, capsys):
     assert not (tmp_path / "page.html").exists()
 
 
+# as at a terminal, whoever runs the tests: shells start what they put into the background with Ctrl-C ignored
+PROGRAM = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from holdfast.cli import main
+sys.exit(main())
+"""
+
+
 def test_a_live_viewer_ends_with_ctrl_c(result):
     """It prints its address, serves the page, and ends cleanly with code 0."""
-    command = [sys.executable, "-c", "import sys; from holdfast.cli import main; sys.exit(main())"]
-    with subprocess.Popen([*command, "view", str(result)], stdout=-1, stderr=-1, text=True) as viewer:
+    command = [sys.executable, "-c", PROGRAM, "view", str(result)]
+    with subprocess.Popen(command, stdout=-1, stderr=-1, text=True) as viewer:
         try:
             address = viewer.stdout.readline().split()[0]
             assert address.startswith("http://127.0.0.1:")
             assert b"<html" in urllib.request.urlopen(address, timeout=10).read(500)
-        finally:
             viewer.send_signal(signal.SIGINT)
             out, err = viewer.communicate(timeout=30)
+        finally:
+            viewer.kill()
     assert (out, err, viewer.returncode) == ("closed\n", "", 0)

@@ -49,7 +49,9 @@ def test_mesh_files(tmp_path):
     for name in ("../meshes/corner.stl", "package://arm/meshes/corner.stl",
                  f"file://{tmp_path}/arm/meshes/corner.stl"):  # fmt: skip
         mirrored = MeshFile(name, (0.1, -0.1, 0.1))
-        ((piece,),) = pieces_of_urdf([[Visual("link", AT, mirrored, (1.0, 0.5, 0.0, 1.0))]], here) or [[None]]
+        found = pieces_of_urdf([[Visual("link", AT, mirrored, (1.0, 0.5, 0.0, 1.0))]], here)
+        assert found.missing == ()
+        ((piece,),) = found.pieces
         assert piece.colour == (255, 128, 0)
         a, b, c = piece.mesh.vertices[piece.mesh.faces[0]]
         assert sorted(map(tuple, (piece.mesh.vertices - AT.p).round(9).tolist())) == [
@@ -61,13 +63,15 @@ def test_mesh_files(tmp_path):
 def test_all_or_nothing(tmp_path):
     """An arm of which one surface is missing is better drawn with simple solids."""
     whole = [[Visual("a", AT, Box((1.0, 2.0, 3.0)), None)], [Visual("b", AT, Sphere(0.1), None)]]
-    found = pieces_of_urdf(whole, tmp_path)
+    found = pieces_of_urdf(whole, tmp_path).pieces
     assert found is not None
     assert [len(link) for link in found] == [1, 1]
     missing = [*whole, [Visual("c", AT, MeshFile("nowhere.stl", (1.0, 1.0, 1.0)), None)]]
-    assert pieces_of_urdf(missing, tmp_path) is None
-    assert pieces_of_urdf([[], []], tmp_path) is None
+    assert pieces_of_urdf(missing, tmp_path) == (None, ("nowhere.stl: no such file",))
+    assert pieces_of_urdf([[], []], tmp_path) == (None, ())
     (tmp_path / "torn.stl").write_text("solid")
-    assert pieces_of_urdf([[Visual("c", AT, MeshFile("torn.stl", (1.0, 1.0, 1.0)), None)]], tmp_path) is None
+    torn = pieces_of_urdf([[Visual("c", AT, MeshFile("torn.stl", (1.0, 1.0, 1.0)), None)]], tmp_path)
+    assert torn.pieces is None
+    assert torn.missing[0].startswith(f"{tmp_path}/torn.stl: ")
     arm = urdf_chain(TWO_ARMED, base="torso", tip="left_grasp", lock_others=True)
-    assert pieces_of_urdf(urdf_visuals(arm), tmp_path) is None  # its finger is in a file
+    assert pieces_of_urdf(urdf_visuals(arm), tmp_path).pieces is None  # its finger is in a file

@@ -36,7 +36,7 @@ def preferred_postures(chain: ClosedChain, given: Mapping[str, Any] | None) -> d
     return {
         name: checks.numbers(given[name], (arm.joint_count,), f"q of '{name}'", StateError)
         if name in given
-        else _usual(arm)
+        else preferred_posture(arm)
         for name, arm in chain.arms.items()
     }
 
@@ -50,7 +50,8 @@ def starting_postures(arm: Arm, preferred: Array, count: int) -> Iterator[Array]
         yield np.clip(preferred + spread * random.uniform(low - high, high - low) / 2, low, high)
 
 
-def _usual(arm: Arm) -> Array:
+def preferred_posture(arm: Arm) -> Array:
+    """Return a built-in robot's home posture, or the middle of the joint limits (0 where there are none), (N,)."""
     home = home_of(arm)
     return np.mean(_range(arm), axis=0) if home is None else home
 

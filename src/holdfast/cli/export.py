@@ -6,15 +6,15 @@ from pathlib import Path
 
 from holdfast.cli import complain
 from holdfast.cli.console import stdout
+from holdfast.cli.recorded import scenario_of
 from holdfast.errors import ResultError
 from holdfast.interop.mcap_writer import write_mcap
 from holdfast.io.export import export_csv, export_parquet, occurrences_path
 from holdfast.io.result_reader import Result, load_result
-from holdfast.scenario.build import load_scene
 
 
 def _export_mcap(result: Result, path: Path) -> list[Path]:
-    scenario = load_scene(result.folder / "scene.toml")
+    scenario = scenario_of(result)
     write_mcap(scenario.chain, result.trajectory, path, scenario.options.get("base_motion"))
     return [path]
 

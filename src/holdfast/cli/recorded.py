@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 from holdfast.cli import complain
 from holdfast.errors import ResultError
+from holdfast.io.fingerprint import fingerprint
 from holdfast.io.result_reader import Result, load_result
 from holdfast.scenario.build import Scenario, load_scene
 
@@ -15,16 +17,36 @@ def recorded(folder: Path) -> tuple[Scenario, Result]:
 
     Raises:
         ResultError: no result, or its scene.toml is of another chain.
-        SceneError, ClosureError: its scene.toml cannot be read any more.
+        SceneError, ClosureError: as for `scenario_of`.
     """
     result = load_result(folder)
-    scenario = load_scene(folder / "scene.toml")
-    joints = scenario.chain.joint_names()
-    if joints != result.meta.joints:
-        raise ResultError(
-            f"{folder / 'scene.toml'}: not the scene of this run: expected the joints {', '.join(result.meta.joints)},"
-            f" got {', '.join(joints)}"
-        )
+    scenario = scenario_of(result)
     if result.note:
         complain(f"{folder}: {result.note}")
     return scenario, result
+
+
+def scenario_of(result: Result) -> Scenario:
+    """Return a result's scenario; say on stderr if it has another model now, since a robot file was changed.
+
+    Raises:
+        ResultError: scene.toml is of another chain.
+        SceneError, ClosureError: it, or a robot file that it names, cannot be read any more.
+    """
+    scene, meta = result.folder / "scene.toml", result.meta
+    scenario = load_scene(scene, meta.scene_folder or None)
+    joints = scenario.chain.joint_names()
+    if joints != meta.joints:
+        raise ResultError(
+            f"{scene}: not the scene of this run: expected the joints {', '.join(meta.joints)}, got {', '.join(joints)}"
+        )
+    if fingerprint(scenario.chain) != meta.model_sha256:
+        complain(f"{scene}: describes another model now than was simulated; is a robot file another one?")
+    return scenario
+
+
+def tell_notes(scenario: Scenario) -> None:
+    """Say on stderr what was read in another way than it stands in robot files, each thing once."""
+    notes = [note for robot in scenario.robots.values() if robot.links is not None for note in robot.links.notes]
+    for note in dict.fromkeys(notes):
+        print(f"note: {note}", file=sys.stderr)

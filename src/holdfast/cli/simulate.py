@@ -12,6 +12,7 @@ from pathlib import Path
 
 from holdfast.cli import INTERRUPTED, REFUSED, complain
 from holdfast.cli.console import stdout
+from holdfast.cli.recorded import tell_notes
 from holdfast.errors import MissingExtra, ResultError, SingularChainError, StateError
 from holdfast.io.result_folder import ResultWriter, run_meta
 from holdfast.io.result_reader import load_result
@@ -49,7 +50,10 @@ def simulate(
         raise ResultError("--resume goes on with a result, --overwrite replaces it; try one of them")
     folder = Path("results") / scene.stem if out is None else out
     scenario = load_scene(scene)
-    meta = run_meta(scenario.chain, scenario.name, scenario.duration, scenario.step)
+    tell_notes(scenario)
+    named = any(robot.file for robot in scenario.robots.values())
+    home = str(scene.parent.resolve()) if named else ""
+    meta = run_meta(scenario.chain, scenario.name, scenario.duration, scenario.step, scene_folder=home)
     if resume:
         writer = ResultWriter.resume(folder, meta, scenario.text)
         if writer.start is None:

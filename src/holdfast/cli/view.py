@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 from holdfast.cli.console import stdout
-from holdfast.cli.recorded import recorded
+from holdfast.cli.recorded import recorded, tell_notes
 from holdfast.errors import ResultError, SceneError, SingularChainError, StateError
+from holdfast.robots.urdf import urdf_visuals
 from holdfast.scenario.build import Scenario, load_scene
 from holdfast.simulation.instant import evaluate
 from holdfast.simulation.world import World
 from holdfast.state import Inputs
-from holdfast.view.film import Film, film_of_instant, film_of_run
+from holdfast.view.film import Film, Looks, film_of_instant, film_of_run
 from holdfast.view.live import watch
 from holdfast.view.page import export_page
+from holdfast.view.pieces import pieces_of_urdf
 
 
 def view(target: Path, page: Path | None, port: int, rate: float, overwrite: bool) -> int:
@@ -57,15 +60,36 @@ def _film(target: Path, rate: float) -> Film:
     if not target.exists():
         raise SceneError(f"{target}: no such file or folder; expected a result folder or a scene file")
     if not target.is_dir():
-        return _film_of_scene(load_scene(target), target)
+        scenario = load_scene(target)
+        tell_notes(scenario)
+        return _film_of_scene(scenario, target)
     scenario, result = recorded(target)
-    return film_of_run(scenario.chain, result.trajectory, scenario.name, rate, scenario.options.get("base_motion"))
+    moving = scenario.options.get("base_motion")
+    return film_of_run(scenario.chain, result.trajectory, scenario.name, rate, moving, _looks(scenario))
 
 
 def _film_of_scene(scenario: Scenario, source: Path) -> Film:
     """Return the one moment in which the scene begins, under its controller's torques."""
     world = World(scenario.chain, scenario.options.get("base_motion", {}), scenario.options.get("inputs") or Inputs())
     try:
-        return film_of_instant(evaluate(world, scenario.controller, 0.0, scenario.state, None), scenario.name)
+        return film_of_instant(
+            evaluate(world, scenario.controller, 0.0, scenario.state, None), scenario.name, _looks(scenario)
+        )
     except (SingularChainError, StateError) as cause:
         raise type(cause)(f"{source}: {cause}") from cause
+
+
+def _looks(scenario: Scenario) -> Looks:
+    """Return the surfaces of arms whose robot files have them; say on stderr whose meshes are not to be had."""
+    looks = {}
+    for name, robot in scenario.robots.items():
+        if robot.links is None or robot.file is None:
+            continue
+        found = pieces_of_urdf(urdf_visuals(robot.links), robot.file.parent)
+        if found.pieces is not None:
+            looks[name] = found.pieces
+        elif found.missing:
+            first, *others = found.missing
+            more = f", and {len(others)} more" if others else ""
+            print(f"note: arm '{name}' is drawn with simple solids: {first}{more}", file=sys.stderr)
+    return looks

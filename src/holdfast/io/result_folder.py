@@ -247,7 +247,9 @@ def require_free(folder: Path, overwrite: bool) -> None:
         raise ResultError(f"{folder}: holds an earlier result; try --resume, --overwrite, or another --out")
 
 
-def run_meta(chain: ClosedChain, name: str, duration: float, step: float, **options: Any) -> ResultMeta:
+def run_meta(
+    chain: ClosedChain, name: str, duration: float, step: float, *, scene_folder: str = "", **options: Any
+) -> ResultMeta:
     """Return what meta.json says before the first sample.
 
     Args:
@@ -255,6 +257,7 @@ def run_meta(chain: ClosedChain, name: str, duration: float, step: float, **opti
         name: of the scene.
         duration: asked for [s].
         step: asked for [s].
+        scene_folder: that names of robot files in the scene start from, if it has any.
         options: whatever else decides the numbers, plain data; a run goes on under the same ones only.
     """
     from holdfast import __version__
@@ -264,6 +267,7 @@ def run_meta(chain: ClosedChain, name: str, duration: float, step: float, **opti
         format=FORMAT,
         format_version=FORMAT_VERSION,
         scene=name,
+        scene_folder=scene_folder,
         model_sha256=fingerprint(chain),
         versions=packages | {"python": platform.python_version(), "processor": platform.machine()},
         arms=list(chain.names),

@@ -37,6 +37,7 @@ class ResultMeta(msgspec.Struct, frozen=True, kw_only=True):
         format, format_version: of the folder.
         scene: the scene's name.
         scene_sha256: of scene.toml.
+        scene_folder: that names of robot files in scene.toml start from.
         model_sha256: of all numbers of the chain, see `fingerprint`; files that a scene names have a part in it.
         versions: of everything that has a part in the last bit.
         arms: their names, in the arrays' order.
@@ -60,6 +61,7 @@ class ResultMeta(msgspec.Struct, frozen=True, kw_only=True):
     format_version: int
     scene: str
     scene_sha256: str = ""
+    scene_folder: str = ""
     model_sha256: str
     versions: dict[str, str]
     arms: list[str]
@@ -87,6 +89,7 @@ class ResultMeta(msgspec.Struct, frozen=True, kw_only=True):
 
 
 _PROGRESS = ("samples", "chunks", "last_time", "checkpoint", "no_checkpoint", "complete", "stopped", "occurrences")
+_ANYWHERE = ("scene_folder",)  # the files may have moved; what they say is in the model
 
 
 def read_meta(folder: Path) -> ResultMeta:
@@ -153,9 +156,10 @@ _WORDS = {"scene_sha256": "the scene's text", "model_sha256": "the model that th
 
 
 def differences(there: ResultMeta, here: ResultMeta) -> list[str]:
-    """Return in words what makes two runs different ones; progress does not."""
+    """Return in words what makes two runs different ones; progress does not, nor do folders."""
     mine, other = (dict(_leaves(msgspec.to_builtins(meta))) for meta in (here, there))
-    found = [key for key in mine | other if key.split(".")[0] not in _PROGRESS and mine.get(key) != other.get(key)]
+    passed = (*_PROGRESS, *_ANYWHERE)
+    found = [key for key in mine | other if key.split(".")[0] not in passed and mine.get(key) != other.get(key)]
     return [_WORDS.get(key) or f"{key} ({other.get(key)!r} there, {mine.get(key)!r} here)" for key in found]
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from holdfast.assembly.assemble import assemble
 from holdfast.dynamics.closing import close
 from holdfast.errors import ClosureError
 from holdfast.io import typed
@@ -19,6 +20,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.scenario import parts
 from holdfast.scenario.controllers import build_controller
+from holdfast.scenario.robot import Robot, robot
 from holdfast.scenario.scene import ReleaseData, SceneData
 from holdfast.scenario.surroundings import pushes, swaying_base
 from holdfast.simulation.events import Attach, Event, Release, in_order
@@ -42,6 +44,7 @@ class Scenario:
         state: initial state at rest, every grasp closed.
         controller: torques.
         duration, step: [s].
+        robots: what the arms are made from, by name.
         options: everything else that `simulate` is to be told, by keyword.
     """
 
@@ -52,27 +55,36 @@ class Scenario:
     controller: Controller
     duration: float
     step: float
+    robots: dict[str, Robot]
     options: dict[str, Any] = field(default_factory=dict)
 
 
-def load_scene(path: str | Path) -> Scenario:
+def load_scene(path: str | Path, folder: str | Path | None = None) -> Scenario:
     """Return the scenario of a TOML file.
+
+    Args:
+        path: the file.
+        folder: that relative names of robot files in it start from; None: the one that it is in.
 
     Raises:
         SceneError: unreadable or invalid, with the path of the first fault.
         ClosureError: an arm cannot reach its grasp.
+        MissingExtra: it names a xacro file, and xacrodoc is not installed.
     """
     source = str(path)
     text = typed.read_bytes(Path(path))
     raw = typed.parse_toml(text, source)
     require_sensible(raw, Place(source))
     data = typed.convert(raw, SceneData, source)
-    return build_scene(data, source, text.decode("utf-8"), data.name or Path(path).stem)
+    home = Path(path).parent if folder is None else Path(folder)
+    return build_scene(data, source, text.decode("utf-8"), data.name or Path(path).stem, home)
 
 
 @np.errstate(all="ignore")  # what overflows is refused where it is found
-def build_scene(data: SceneData, source: str = "scene", text: str = "", name: str = "scene") -> Scenario:
-    """Return the scenario of a scene's data.
+def build_scene(
+    data: SceneData, source: str = "scene", text: str = "", name: str = "scene", folder: Path = Path()
+) -> Scenario:
+    """Return the scenario of a scene's data; relative names of robot files start from a folder.
 
     Raises:
         SceneError: with the path of the first fault.
@@ -81,18 +93,21 @@ def build_scene(data: SceneData, source: str = "scene", text: str = "", name: st
     at = Place(source)
     with (at / "simulation").refusals():
         step_times(data.simulation.duration, data.simulation.step)
-    chain, guess = build_chain(data, at)
+    robots = build_robots(data, folder, at)
+    chain, guess = build_chain(data, robots, at)
+    search = any(arm.q is None and arm.name in chain.grasps for arm in data.arms)
     try:
-        state = close(chain, guess, hold_object=True)
+        state = closed(chain, guess, search)
     except ClosureError as cause:
         raise ClosureError(f"{source}: $.object.pose: {cause}") from cause
     controller = build_controller(data.controller, chain, state, at / "controller")
     options = build_options(data, chain, at)
-    return Scenario(name, text, chain, state, controller, data.simulation.duration, data.simulation.step, options)
+    how = data.simulation
+    return Scenario(name, text, chain, state, controller, how.duration, how.step, robots, options)
 
 
-def build_chain(data: SceneData, at: Place) -> tuple[ClosedChain, State]:
-    """Return the chain and the state that it is to be closed from, at rest.
+def build_robots(data: SceneData, folder: Path, at: Place) -> dict[str, Robot]:
+    """Return what the arms are made from, by name.
 
     Raises:
         SceneError: with the path of the first fault.
@@ -100,11 +115,34 @@ def build_chain(data: SceneData, at: Place) -> tuple[ClosedChain, State]:
     if not data.arms:
         raise (at / "arms").refuse("expected at least one arm, got none")
     _require_names((arm.name for arm in data.arms), at / "arms", "name")
+    return {arm.name: robot(arm, folder, at / "arms" / i) for i, arm in enumerate(data.arms)}
+
+
+def closed(chain: ClosedChain, guess: State, search: bool) -> State:
+    """Return the state with every grasp closed around the object where it is; `search` tries other postures too.
+
+    Raises:
+        ClosureError: an arm cannot reach its grasp.
+    """
+    try:
+        return close(chain, guess, hold_object=True)
+    except ClosureError:
+        if not search:
+            raise
+    q = {name: guess.q[chain.joints[name]] for name in chain.names}
+    return assemble(
+        chain.arms, chain.held_object, chain.grasps, object_pose=guess.object_pose, q=q, gravity=chain.gravity
+    ).state
+
+
+def build_chain(data: SceneData, robots: Mapping[str, Robot], at: Place) -> tuple[ClosedChain, State]:
+    """Return the chain and the state that it is to be closed from, at rest.
+
+    Raises:
+        SceneError: with the path of the first fault.
+    """
     _require_names((grasp.arm for grasp in data.grasps), at / "grasps", "arm")
-    arms, q = {}, []
-    for i, arm in enumerate(data.arms):
-        arms[arm.name], start = parts.arm(arm, at / "arms" / i)
-        q.append(start)
+    arms = {name: robot.arm for name, robot in robots.items()}
     grasps = {}
     for i, grasp in enumerate(data.grasps):
         if grasp.arm not in arms:
@@ -114,7 +152,8 @@ def build_chain(data: SceneData, at: Place) -> tuple[ClosedChain, State]:
     pose = parts.pose(data.object.pose, at / "object" / "pose")
     with at.refusals():
         chain = ClosedChain(arms, held, grasps, np.array(data.gravity))
-    return chain, State(np.concatenate(q), np.zeros(chain.joint_count), pose.wxyz_xyz)
+    q = np.concatenate([robot.q for robot in robots.values()])
+    return chain, State(q, 0 * q, pose.wxyz_xyz)
 
 
 def build_options(data: SceneData, chain: ClosedChain, at: Place) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The parts of a scene: poses, arms, grasps and the object, from their data."""
+"""The parts of a scene: poses, grasps and the object, from their data."""
 
 from __future__ import annotations
 
@@ -8,14 +8,11 @@ import numpy as np
 
 from holdfast.io.place import Place
 from holdfast.model import checks
-from holdfast.model.arm import Arm
 from holdfast.model.grasp import Friction, Grasp, WrenchLimits
 from holdfast.model.held_object import HeldObject
-from holdfast.robots import HOME, ROBOTS
-from holdfast.scenario.scene import ArmData, GraspData, ObjectData, PoseData
+from holdfast.scenario.scene import GraspData, ObjectData, PoseData
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array
 
 
 def pose(data: PoseData | GraspData, at: Place) -> Pose:
@@ -27,20 +24,6 @@ def pose(data: PoseData | GraspData, at: Place) -> Pose:
         return Pose(rotation.from_euler_zyx(yaw, pitch, roll), np.array(data.position, dtype=float))
     with (at / "quaternion").refusals():
         return checks.pose(np.array([*data.quaternion, *data.position]), "pose")
-
-
-def arm(data: ArmData, at: Place) -> tuple[Arm, Array]:
-    """Return an arm where it stands, and the joint positions to start from."""
-    if data.robot not in ROBOTS:
-        raise (at / "robot").refuse(f"no robot '{data.robot}'.{checks.did_you_mean(data.robot, ROBOTS)}")
-    base = pose(data.base, at / "base")
-    tip = None if data.tip is None else pose(data.tip, at / "tip")
-    with at.refusals():
-        built = ROBOTS[data.robot](base=base, tip=tip)
-    q = HOME[data.robot] if data.q is None else np.array(data.q, dtype=float)
-    if q.shape != (built.joint_count,):
-        raise (at / "q").refuse(f"expected {built.joint_count} joint positions for a {data.robot}, got {len(q)}")
-    return built, q
 
 
 def grasp(data: GraspData, at: Place) -> Grasp:

@@ -48,15 +48,32 @@ class BaseMotionData(_Strict):
     smooth_start: float = 0.5
 
 
+class UrdfData(_Strict):
+    """An arm out of a URDF or xacro file, see `load_urdf`; `file` starts from the scene's folder.
+
+    `armature`: inertia of drives felt at their joints [kg m^2 or kg], which URDF has no place for.
+    """
+
+    file: str
+    base: str | None = None
+    tip: str | None = None
+    locked: dict[str, float] = {}
+    lock_others: bool = False
+    xacro_args: dict[str, str] = {}
+    armature: dict[str, float] = {}
+
+
 class ArmData(_Strict):
-    """An arm: a robot's name, where it stands, its tool and where its joints begin.
+    """An arm: a built-in robot's name or a URDF, where its base link stands, its tool and where its joints begin.
 
     `tip` is the pose of a massless tool's tip in the robot's own tip frame. `q` is a guess
-    from which the arm is moved to its grasp; the robot's home posture without it.
+    from which the arm is moved to its grasp. Without it that is the robot's home posture, or
+    the middle of its joints' ranges, and others are tried where it does not lead to the grasp.
     """
 
     name: str
-    robot: str
+    robot: str | None = None
+    urdf: UrdfData | None = None
     base: PoseData = msgspec.field(default_factory=PoseData)
     tip: PoseData | None = None
     q: list[float] | None = None

@@ -32,6 +32,22 @@ class Piece(NamedTuple):
     colour: tuple[int, int, int] | None
 
 
+class UrdfPieces(NamedTuple):
+    """What a URDF says its base and links look like.
+
+    Attributes:
+        pieces: N + 1 lists, base to tip; None if a mesh is missing, or nothing is there to draw.
+        missing: what of the meshes, and why.
+    """
+
+    pieces: list[list[Piece]] | None
+    missing: tuple[str, ...]
+
+
+class _Unreadable(Exception):
+    """A mesh file that is not to be had; the message says why."""
+
+
 def pieces_of_arm(arm: Arm) -> list[list[Piece]]:
     """Return what to draw on the base and on each link of an arm, N + 1 lists, base to tip."""
     return [
@@ -41,16 +57,23 @@ def pieces_of_arm(arm: Arm) -> list[list[Piece]]:
     ]
 
 
-def pieces_of_urdf(visuals: Sequence[Sequence[Visual]], folder: Path) -> list[list[Piece]] | None:
-    """Return what a URDF says its base and links look like, N + 1 lists; None if a mesh file is not to be had.
+def pieces_of_urdf(visuals: Sequence[Sequence[Visual]], folder: Path) -> UrdfPieces:
+    """Return what a URDF says its base and links look like; nothing if a mesh file is not to be had.
 
     Args:
         visuals: of `urdf_visuals`.
         folder: that relative file names start from; a `package://` name is looked for in it and above it.
     """
-    found = [[_of_visual(visual, folder) for visual in link] for link in visuals]
-    whole = [[piece for piece in link if piece is not None] for link in found]
-    return whole if sum(map(len, whole)) and sum(map(len, whole)) == sum(map(len, found)) else None
+    found: list[list[Piece]] = []
+    missing: list[str] = []
+    for link in visuals:
+        found.append([])
+        for visual in link:
+            try:
+                found[-1].append(_of_visual(visual, folder))
+            except _Unreadable as cause:
+                missing.append(str(cause))
+    return UrdfPieces(None if missing or not any(found) else found, tuple(missing))
 
 
 def _of_primitive(solid: Primitive, scale: float) -> Piece:
@@ -59,7 +82,7 @@ def _of_primitive(solid: Primitive, scale: float) -> Piece:
     return Piece(mesh, None if solid.colour == "accent" else COLOURS[solid.colour])
 
 
-def _of_visual(visual: Visual, folder: Path) -> Piece | None:
+def _of_visual(visual: Visual, folder: Path) -> Piece:
     shape = visual.shape
     match shape:
         case Box():
@@ -72,26 +95,24 @@ def _of_visual(visual: Visual, folder: Path) -> Piece | None:
             mesh = meshes.sphere(shape.radius)
         case MeshFile():
             mesh = _from_file(shape, folder)
-    if mesh is None:
-        return None
     red, green, blue, _ = (round(255 * min(max(channel, 0.0), 1.0)) for channel in visual.rgba or UNCOLOURED)
     return Piece(mesh.at(visual.pose), (red, green, blue))
 
 
-def _from_file(shape: MeshFile, folder: Path) -> Mesh | None:
-    """Return the surface in a mesh file, or None if there is no such file or it cannot be read."""
+def _from_file(shape: MeshFile, folder: Path) -> Mesh:
+    """Return the surface in a mesh file."""
     path = _found(shape.filename, folder)
     if path is None:
-        return None
+        raise _Unreadable(f"{shape.filename}: no such file")
     import trimesh  # viser brings it
 
     try:
         solid = trimesh.load_mesh(path)
-    except (ValueError, TypeError, OSError, ImportError, NotImplementedError):
-        return None
+    except (ValueError, TypeError, OSError, ImportError, NotImplementedError) as cause:
+        raise _Unreadable(f"{path}: cannot be read: {cause}") from cause
     faces = np.asarray(solid.faces)
     if not len(faces):
-        return None
+        raise _Unreadable(f"{path}: has no surface")
     mirrored = np.prod(shape.scale) < 0
     return Mesh(np.asarray(solid.vertices, dtype=float) * shape.scale, faces[:, ::-1] if mirrored else faces)
 

@@ -1,0 +1,132 @@
+"""Scenes whose arms come out of URDF files: the same arms as `load_urdf` gives, found from wherever one stands."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from holdfast import ClosureError, SceneError, closure, load_urdf_arms
+from holdfast.cli import main
+from holdfast.dynamics.arm.posture import posture
+from holdfast.scenario.build import load_scene
+from tests.robots.two_armed import TWO_ARMED
+
+HELD = {"lift": 0.1}
+ARMS = load_urdf_arms(
+    TWO_ARMED,
+    {side: ("torso", f"{side}_grasp") for side in ("left", "right")},
+    locked=HELD,
+    lock_others=True,
+)
+POSTURE = {"left": [0.3, 1.0, 0.1], "right": [-0.2, 1.3, 0.15]}
+
+
+def scene(urdf="", arm="", pieces=""):
+    """Return a scene of both arms on one object, balls where the tips are at POSTURE; text goes into each arm."""
+    text = [
+        'controller = { type = "gravity_compensation" }',
+        "simulation = { duration = 0.02, step = 0.005 }",
+        "object = { mass = 2, box = [0.3, 0.3, 0.3] }",
+    ]
+    for side, arm_of_file in ARMS.items():
+        base = arm_of_file.base.p.tolist()
+        file = f'file = "robots/two.urdf", base = "torso", tip = "{side}_grasp", lock_others = true{urdf}'
+        text += ["[[arms]]", f'name = "{side}"', f"base = {{ position = {base} }}", f"urdf = {{ {file} }}", arm]
+        point = posture(arm_of_file, np.array(POSTURE[side])).tip.p.tolist()
+        text += ["[[grasps]]", f'arm = "{side}"', 'kind = "ball"', f"position = {point}"]
+    return "\n".join([*text, pieces])
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder with the robot and a scene of it."""
+    (tmp_path / "robots").mkdir()
+    (tmp_path / "robots" / "two.urdf").write_text(TWO_ARMED)
+    (tmp_path / "two.toml").write_text(scene())
+    return tmp_path
+
+
+def test_same_arms(folder):
+    """Both arms as `load_urdf_arms` has them; without q the search finds postures that close."""
+    found = load_scene(folder / "two.toml")
+    for name, arm in ARMS.items():
+        here = found.chain.arms[name]
+        assert [joint.name for joint in here.joints] == [joint.name for joint in arm.joints]
+        for q in np.random.default_rng(1).uniform(0.1, 1.0, (3, 3)):
+            assert posture(here, q).tip.wxyz_xyz == pytest.approx(posture(arm, q).tip.wxyz_xyz, abs=1e-14)
+        for mine, its in zip(here.links, arm.links, strict=True):
+            assert mine.mass == its.mass
+            assert (mine.inertia == its.inertia).all()
+    assert max(np.abs(gap.position).max() for gap in closure(found.chain, found.state).values()) < 1e-10
+
+
+def test_a_guess_that_misses(folder):
+    """A far guess of the user's own is refused, and without it the arms are led to the object from elsewhere."""
+    (folder / "far.toml").write_text(scene(arm="q = [2.5, 2.4, 0.05]"))
+    with pytest.raises(ClosureError, match="arm 'left' misses its grasp"):
+        load_scene(folder / "far.toml")
+    found = load_scene(folder / "two.toml")
+    for name in ARMS:
+        assert found.state.q[found.chain.joints[name]] == pytest.approx(POSTURE[name], abs=1e-8)
+
+
+def test_drives(folder):
+    """Drive inertia, which URDF has no place for, reaches the joints."""
+    (folder / "two.toml").write_text(scene(urdf=", armature = { left_elbow = 0.25 }").replace("right_elbow", "x", 1))
+    with pytest.raises(SceneError, match=r"\$\.arms\[1\]\.urdf\.armature: no moving joint 'left_elbow'"):
+        load_scene(folder / "two.toml")
+    text = scene().replace('"left_grasp", lock', '"left_grasp", armature = { left_elbow = 0.25 }, lock')
+    (folder / "two.toml").write_text(text)
+    arms = load_scene(folder / "two.toml").chain.arms
+    assert [joint.armature for joint in arms["left"].joints] == [0.0, 0.25, 0.0]
+    assert [joint.armature for joint in arms["right"].joints] == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("urdf = {", "urdfs = {", "$.arms[0]: Object contains unknown field `urdfs`. Did you mean 'urdf'?"),
+        ("urdf = {", 'robot = "panda"\nurdf = {', "$.arms[0]: expected robot or urdf, got both"),
+        ("urdf = { file", "# { file", "$.arms[0]: expected robot or urdf, got neither"),
+        ("robots/two.urdf", "robots/tow.urdf", "$.arms[0].urdf: "),
+        ('tip = "left_grasp"', 'tip = "left_gasp"', "Did you mean 'left_grasp'?"),
+        ("lock_others = true", "lock_others = 1", "$.arms[0].urdf.lock_others: Expected `bool`, got `int`"),
+        ("lock_others = true", "armature = { left_elbow = -1 }, lock_others = true",
+         "$.arms[0].urdf.armature.left_elbow.armature: expected >= 0"),
+        ("lock_others = true", "locked = { neck = 1e12 }", "$.arms[0].urdf.locked.neck: expected a number up to 1e+09"),
+        ("lock_others = true", 'xacro_args = { a = "1" }', "xacro_args: expected none, since this is no .xacro file"),
+        ("urdf = {", "q = [0.1]\nurdf = {", "$.arms[0].q: expected 3 joint positions"),
+    ],
+)  # fmt: skip
+def test_refusals(old, new, message, folder):
+    """One line that names the scene, the place in it, and what is wrong there or in the robot's file."""
+    text = scene()
+    assert old in text
+    (folder / "bad.toml").write_text(text.replace(old, new, 1))
+    with pytest.raises(SceneError) as caught:
+        load_scene(folder / "bad.toml")
+    assert str(caught.value).startswith(f"{folder / 'bad.toml'}: $")
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_result_knows_where_the_robots_are(folder, tmp_path_factory, monkeypatch, capsys):
+    """A result is shown from anywhere; if the robot has changed since, or has gone, that is said."""
+    pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+    monkeypatch.chdir(folder)
+    assert main(["simulate", "two.toml", "--out", str(elsewhere / "result"), "--no-plots"]) == 0
+    assert "note: robots/two.urdf:" in capsys.readouterr().err  # the hand's link without inertia
+    monkeypatch.chdir(elsewhere)
+    show = ["view", "result", "--export", "page.html", "--overwrite"]
+    assert main(show) == 0
+    said = capsys.readouterr()
+    assert "another model" not in said.err
+    assert "note: arm 'left' is drawn with simple solids: " in said.err  # its finger's mesh is not there
+    robot = folder / "robots" / "two.urdf"
+    robot.write_text(TWO_ARMED.replace('<mass value="3"/>', '<mass value="4"/>'))
+    assert main(show) == 0
+    assert "describes another model now than was simulated" in capsys.readouterr().err
+    shutil.move(folder / "robots", folder / "gone")
+    assert main(show) == 2
+    assert f"{robot}: cannot be read: no such file" in capsys.readouterr().err
