@@ -28,6 +28,16 @@ def test_cubics_are_integrated_exactly():
         assert interval_integrals(t, np.array([c(t), -c(t)]).T) == pytest.approx(np.array([exact, -exact]).T, abs=1e-12)
 
 
+def test_corners_are_not_smoothed():
+    """Cubics that meet at samples with other slopes are integrated exactly too, each component with its own corner."""
+    t = np.linspace(0.0, 2.0, 41)
+    corner = np.array([0.5, 1.2])
+    after = np.maximum(t[:, None] - t[np.searchsorted(t, corner - 1e-9)], 0.0)
+    f = t[:, None] ** 3 + [-1.0, 4.0] * after
+    exact = np.diff(t[:, None] ** 4 / 4 + [-0.5, 2.0] * after**2, axis=0)
+    assert interval_integrals(t, f) == pytest.approx(exact, abs=1e-14)
+
+
 @pytest.mark.parametrize("count", [2, 3])
 def test_few_samples(count):
     """Two samples give a trapezium, three a parabola."""

@@ -5,7 +5,8 @@
 
 Work is integrated as further states of the same Runge-Kutta step, so what is left over measures the
 integrator and the projection, not a sampling rule. The integral of the wrenches is taken over the
-samples, by cubics: what is left of it falls with the fourth power of the step like the integrator's error.
+samples, by cubics that do not look around corners: what is left of it falls with the fourth power of
+the step like the integrator's error.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from holdfast.state import Inputs, State
 
 # Columns of every work and power array.
 WORK_TERMS = ("drives", "damping", "base", "external")
+GAUSS = (-1.0 / np.sqrt(3.0), 1.0 / np.sqrt(3.0))  # on -1 .. 1
 
 
 def power_terms(
@@ -71,24 +73,47 @@ def momentum_imbalance(t: Array, momentum: Array, rate: Array, base_impulse: Arr
 
 
 def interval_integrals(t: Array, f: Array) -> Array:
-    """Return the integral of f over every interval, through the four nearest samples, (samples - 1, ...).
+    """Return the integral of f over every interval, by the smoothest cubic through it, (samples - 1, ...).
+
+    Of the cubics through four neighbouring samples that span the interval the one with the smallest third
+    difference is taken, component by component: where f or its slope has a corner at a sample, the one that
+    does not look around it.
 
     Args:
         t: (samples,) increasing, at least two.
         f: (samples, ...).
     """
-    size = min(4, len(t))
-    first = np.clip(np.arange(len(t) - 1) - (size - 2) // 2, 0, len(t) - size)
-    nodes = first[:, None] + np.arange(size)
+    size, last = min(4, len(t)), len(t) - 1
+    flat = f.reshape(len(t), -1)
+    found = np.zeros((last, flat.shape[1]))
+    roughness = np.full(found.shape, np.inf)
+    for before in (1, 0, 2):  # samples of the cubic that lie before the interval; of equals the first
+        first = np.clip(np.arange(last) - before, 0, len(t) - size)
+        nodes = first[:, None] + np.arange(size)
+        total, rough = _through(t, flat, nodes)
+        better = rough < roughness
+        found, roughness = np.where(better, total, found), np.where(better, rough, roughness)
+    return found.reshape(last, *f.shape[1:])
+
+
+def _through(t: Array, f: Array, nodes: Array) -> tuple[Array, Array]:
+    """Return each interval's integral of the polynomial through its nodes, and that polynomial's leading coefficient.
+
+    Args:
+        t: (samples,).
+        f: (samples, components).
+        nodes: (samples - 1, size) indices.
+    """
     half, middle = 0.5 * np.diff(t), 0.5 * (t[1:] + t[:-1])
-    total = np.zeros((len(t) - 1, *f.shape[1:]))
-    for place in (-1.0, 1.0):  # Gauss's two points integrate cubics
-        x = middle + place / np.sqrt(3.0) * half
-        for j in range(size):
-            others = [k for k in range(size) if k != j]
-            gaps = [(x - t[nodes[:, k]]) / (t[nodes[:, j]] - t[nodes[:, k]]) for k in others]
-            total += np.reshape(half * np.prod(gaps, axis=0), (-1, *[1] * (f.ndim - 1))) * f[nodes[:, j]]
-    return total
+    total, leading = (np.zeros((len(nodes), f.shape[1])) for _ in range(2))
+    for j in range(nodes.shape[1]):
+        others = t[np.delete(nodes, j, axis=1)]
+        apart = np.prod(t[nodes[:, j], None] - others, axis=1)
+        # Gauss's two points integrate cubics
+        values = sum(np.prod((middle + place * half)[:, None] - others, axis=1) for place in GAUSS)
+        total += (half * values / apart)[:, None] * f[nodes[:, j]]
+        leading += f[nodes[:, j]] / apart[:, None]
+    return total, np.abs(leading)
 
 
 def energy_moved(kinetic: Array, potential: Array, work: Array, impact: Array) -> float:
