@@ -12,11 +12,11 @@ demo: $(VENV)/.plot
 	$(BIN)/holdfast simulate examples/two_pandas.toml --out results/two_pandas --overwrite
 
 test: lint
-	$(BIN)/python -m pytest -n 2 -m "not long"
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not long"
 
 # The issue's full-size checks: thousands of random systems, multiprecision sweeps.
 bars: $(VENV)/.dev
-	$(BIN)/python -m pytest -m long -n 2 -rP --timeout 3600
+	$(BIN)/python -m pytest -m long -n 2 --dist worksteal -rP --timeout 3600
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

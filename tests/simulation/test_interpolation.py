@@ -1,14 +1,22 @@
-"""The state between two instants."""
+"""The state between two samples."""
 
 import numpy as np
 import pytest
 
 from holdfast import StateError, closure
-from holdfast.simulation.interpolation import interpolant
+from holdfast.simulation.events import Release
+from holdfast.simulation.interpolation import Knot
+from holdfast.simulation.interpolation import interpolant as between_knots
 from holdfast.simulation.runge_kutta import dop853
+from holdfast.simulation.simulate import simulate
 from tests.simulation.runs import differences, numbers, stepper_of
 from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain
+
+
+def interpolant(now, later):
+    """Return the interpolant between two instants."""
+    return between_knots(*(Knot(x.t, x.state, x.result.qdd, x.result.object_acceleration) for x in (now, later)))
 
 
 @pytest.fixture(scope="module")
@@ -75,3 +83,21 @@ def test_no_time_outside(moving, t):
     later = stepper.advance(now, [0.02])[0].instant
     with pytest.raises(StateError, match=r"interpolation: t: expected 0 to 0.02 s, got"):
         interpolant(now, later)(t)
+
+
+def test_any_time_of_a_run(moving):
+    """A run tells its state at any time: at samples theirs, between them the quintic's, at a jump what comes after."""
+    stepper, now = moving
+    chain, step = now.chain, 0.01
+    release = Release(2 * step, chain.names[0])
+    run = simulate(chain, now.state, lambda t, state, memory: (0 * state.q, memory), 3 * step, step, events=[release])
+    for k, t in enumerate(run.t):
+        if t != np.nextafter(2 * step, 0):
+            np.testing.assert_array_equal(numbers(run.state_at(t)), numbers(run.state(k)))
+    exact = stepper.advance(now, [0.4 * step])[0].instant
+    assert (differences(run.state_at(0.4 * step), exact.state) < [1e-10, 1e-7]).all()  # h^6 and h^5
+    assert run.t[3] == 2 * step
+    np.testing.assert_array_equal(numbers(run.state_at(2 * step)), numbers(run.state(3)))
+    for t in (-1e-9, 3.1 * step, np.nan):
+        with pytest.raises(StateError, match=r"run: t: expected 0 to 0.03 s, got"):
+            run.state_at(t)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.result import ForwardResult
@@ -21,7 +22,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
 # (t, state, memory) -> (torques (n,), memory): a pure function, memory None at the start
-Controller = Callable[[float, State, Any], tuple[Array, Any]]
+Controller = Callable[[float, State, Any], tuple[ArrayLike, Any]]
 
 WORST_CONDITION = 1e12  # beyond it no digit of the grasp forces is left
 

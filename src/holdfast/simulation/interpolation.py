@@ -1,20 +1,36 @@
-"""The state between two instants: Hermite's quintic through positions, rates and accelerations at both."""
+"""The state between two samples: Hermite's quintic through positions, rates and accelerations at both."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
 from holdfast.errors import StateError
-from holdfast.simulation.instant import Instant
 from holdfast.spatial.rotation import quaternion_product
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
 
-def interpolant(now: Instant, later: Instant) -> Callable[[float], State]:
-    """Return the state as a function of time between two instants, one step apart.
+class Knot(NamedTuple):
+    """What a quintic goes through.
+
+    Attributes:
+        t: time [s].
+        state: positions and velocities.
+        qdd: (n,) joint accelerations [rad/s^2 or m/s^2].
+        object_acceleration: (6,) [omega_dot; v_dot of C], world axes.
+    """
+
+    t: float
+    state: State
+    qdd: Array
+    object_acceleration: Array
+
+
+def interpolant(now: Knot, later: Knot) -> Callable[[float], State]:
+    """Return the state as a function of time between two knots.
 
     Joint positions, the object's position and the four numbers of its quaternion follow
     quintics; velocities are their slopes. Over a step h positions are good to O(h^6),
@@ -24,7 +40,7 @@ def interpolant(now: Instant, later: Instant) -> Callable[[float], State]:
     the orders are 2 and 1.
 
     Args:
-        now: the earlier instant.
+        now: the earlier knot.
         later: the one after it.
 
     Raises:
@@ -48,21 +64,21 @@ def interpolant(now: Instant, later: Instant) -> Callable[[float], State]:
     return state
 
 
-def _motion(at: Instant, near: Array) -> tuple[Array, Array, Array]:
-    """Return (q, quaternion, p) of an instant, its rates and accelerations, (n + 7,) each.
+def _motion(at: Knot, near: Array) -> tuple[Array, Array, Array]:
+    """Return (q, quaternion, p) of a knot, its rates and accelerations, (n + 7,) each.
 
     With W = [0; omega] the quaternion's rate is W o quaternion / 2. Of the two quaternions of an
     attitude the one nearest to `near` is taken.
     """
-    state, found = at.state, at.result
+    state, acceleration = at.state, at.object_acceleration
     quaternion = state.object_pose[:4] if state.object_pose[:4] @ near >= 0.0 else -state.object_pose[:4]
-    spin, spinning_up = (np.concatenate([[0.0], x[:3]]) for x in (state.object_twist, found.object_acceleration))
+    spin, spinning_up = (np.concatenate([[0.0], x[:3]]) for x in (state.object_twist, acceleration))
     turning = 0.5 * quaternion_product(spin, quaternion)
     turning_up = 0.5 * (quaternion_product(spinning_up, quaternion) + quaternion_product(spin, turning))
     return (
         np.concatenate([state.q, quaternion, state.object_pose[4:]]),
         np.concatenate([state.qd, turning, state.object_twist[3:]]),
-        np.concatenate([found.qdd, turning_up, found.object_acceleration[3:]]),
+        np.concatenate([at.qdd, turning_up, acceleration[3:]]),
     )
 
 

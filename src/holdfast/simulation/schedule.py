@@ -8,11 +8,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.instant import Controller
+from holdfast.spatial.converted import ArrayField, Converted
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
@@ -31,8 +33,8 @@ class TorqueSchedule:
         beside: another controller, whose torques are added.
     """
 
-    knots: Array
-    coefficients: Sequence[Array]
+    knots: ArrayField
+    coefficients: Converted[tuple[Array, ...], Sequence[ArrayLike]]
     beside: Controller | None = None
 
     def __post_init__(self) -> None:

@@ -66,7 +66,7 @@ def simulate(
             if it has one, is asked for a controller whenever a grasp closes or opens.
         duration: [s].
         step: h [s]; the last step is shorter where h does not divide the duration. An adaptive scheme
-            chooses its own steps.
+            takes shorter ones where it must, none across a multiple of h; every step is a sample.
         base_motion: t -> (pose, twist, acceleration) of moving bases, by arm name.
         inputs: external wrenches, constant or a function of t.
         events: `Attach` and `Release` at given times.
@@ -95,7 +95,7 @@ def simulate(
     state.fits(chain)
     ordered = in_order(events, chain, float(grid[-1]))
     jumps = [*breakpoints, *getattr(controller, "breakpoints", ())]
-    ends = stops(grid[[0, -1]] if named.adaptive else grid, jumps, [one.t for one in ordered], ALIKE * step)
+    ends = stops(grid, jumps, [one.t for one in ordered], ALIKE * step)
     world = World(chain, base_motion or {}, Inputs() if inputs is None else inputs)
     policy, tolerance = Policy(on_slip, on_limit), Tolerance(rtol, atol)
     make = make_stepper or partial(stepper_for, steps=len(grid) - 1)

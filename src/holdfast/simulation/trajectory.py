@@ -7,7 +7,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from holdfast.errors import StateError
 from holdfast.simulation.balance import imbalance, momentum_imbalance
+from holdfast.simulation.interpolation import Knot, interpolant
 from holdfast.simulation.occurrence import Occurrence
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -120,6 +122,25 @@ class Trajectory:
     def state(self, k: int) -> State:
         """Return the state of sample k."""
         return State(self.q[k], self.qd[k], self.object_pose[k], self.object_twist[k])
+
+    def state_at(self, t: float) -> State:
+        """Return the state at any time of the run; between samples by quintics, see `interpolation.interpolant`.
+
+        Where the grasps or velocities jump, the state after the jump.
+
+        Args:
+            t: time [s].
+
+        Raises:
+            StateError: a time before the first sample or after the last.
+        """
+        if not self.t[0] <= t <= self.t[-1]:
+            raise StateError(f"run: t: expected {self.t[0]:.9g} to {self.t[-1]:.9g} s, got {t:.9g} s")
+        k = int(np.searchsorted(self.t, t, side="right")) - 1
+        return self.state(k) if self.t[k] == t else interpolant(self._knot(k), self._knot(k + 1))(t)
+
+    def _knot(self, k: int) -> Knot:
+        return Knot(float(self.t[k]), self.state(k), self.qdd[k], self.object_acceleration[k])
 
     @property
     def imbalance(self) -> Array:

@@ -8,15 +8,15 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs
 
 # t [s] -> pose of the base (a Pose or wxyz_xyz), its twist (6,) and acceleration (6,), world axes
-BaseMotion = Callable[[float], tuple[Any, Array, Array]]
+BaseMotion = Callable[[float], tuple[Any, ArrayLike, ArrayLike]]
 
 
 @dataclass(frozen=True, eq=False)

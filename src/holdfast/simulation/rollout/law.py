@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from holdfast.compiler.program import Shape
 from holdfast.errors import ModelError
 from holdfast.model import checks
+from holdfast.spatial.converted import ArrayField, Converted, by_default
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.state import State
 
-Torque = Callable[[Scalar, State, Array, Mapping[str, Array]], tuple[Array, Array]]
+Torque = Callable[[Scalar, State, Array, Mapping[str, Array]], tuple[ArrayLike, ArrayLike]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +36,8 @@ class ControlLaw:
     """
 
     torque: Torque
-    memory: Array = field(default_factory=lambda: np.zeros(0))
-    parameters: Mapping[str, Shape] = field(default_factory=dict)
+    memory: ArrayField = by_default(lambda: np.zeros(0))
+    parameters: Converted[Mapping[str, Shape], Mapping[str, Sequence[int]]] = by_default(dict)
     key: str = ""
 
     def __post_init__(self) -> None:
@@ -43,12 +45,12 @@ class ControlLaw:
         put(self, "memory", checks.numbers(self.memory, (np.size(self.memory),), "control law: memory"))
         put(self, "parameters", {name: _shape(name, shape) for name, shape in self.parameters.items()})
 
-    def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
+    def __call__(self, t: float, state: State, memory: Any) -> tuple[ArrayLike, Any]:
         """Return the torques on floats, as any controller does: (t, state, memory) -> (torques, memory)."""
         return self.torque(t, state, self.memory if memory is None else memory, {})
 
 
-def _shape(name: str, shape: Shape) -> Shape:
+def _shape(name: str, shape: Sequence[int]) -> Shape:
     """Return a parameter's shape as a tuple, or refuse it."""
     if not isinstance(shape, tuple | list) or not all(isinstance(k, int | np.integer) and k >= 0 for k in shape):
         raise ModelError(f"control law: parameter '{name}': expected a shape such as (), (3,), got {shape!r}")
