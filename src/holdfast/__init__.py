@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from holdfast.dynamics.forward import forward_dynamics
     from holdfast.dynamics.impulse import Attachment, attach, release
     from holdfast.dynamics.inverse import inverse_dynamics
+    from holdfast.dynamics.kinematics import joint_mass_matrix, link_poses, tip_jacobian, tip_pose
     from holdfast.dynamics.margin_range import MarginRange, margin_range
     from holdfast.dynamics.margins import JointMargins, grasp_margins, joint_margins
     from holdfast.dynamics.methods import METHODS, Method
@@ -125,9 +126,11 @@ _LATER = {
     "holding_torques": "holdfast.control.holding_torques",
     "inverse_dynamics": "holdfast.dynamics.inverse",
     "joint_margins": "holdfast.dynamics.margins",
+    "joint_mass_matrix": "holdfast.dynamics.kinematics",
     "kinetic_energy": "holdfast.dynamics.energy",
     "last_joint_wrenches": "holdfast.dynamics.wrist",
     "linear_first": "holdfast.interop.joint_order",
+    "link_poses": "holdfast.dynamics.kinematics",
     "load_cases": "holdfast.io.case_file",
     "load_mjcf": "holdfast.interop.mjcf_reader",
     "load_result": "holdfast.io.result_reader",
@@ -151,6 +154,8 @@ _LATER = {
     "simulate": "holdfast.simulation.simulate",
     "split": "holdfast.dynamics.split",
     "state_from_joints": "holdfast.dynamics.object_from_joints",
+    "tip_jacobian": "holdfast.dynamics.kinematics",
+    "tip_pose": "holdfast.dynamics.kinematics",
     "to_mjcf": "holdfast.interop.mjcf_writer",
     "urdf_chain": "holdfast.robots.urdf",
     "wrist_wrenches": "holdfast.dynamics.wrist",
@@ -241,9 +246,11 @@ __all__ = [
     "holding_torques",
     "inverse_dynamics",
     "joint_margins",
+    "joint_mass_matrix",
     "kinetic_energy",
     "last_joint_wrenches",
     "linear_first",
+    "link_poses",
     "load_cases",
     "load_mjcf",
     "load_result",
@@ -267,6 +274,8 @@ __all__ = [
     "simulate",
     "split",
     "state_from_joints",
+    "tip_jacobian",
+    "tip_pose",
     "to_mjcf",
     "urdf_chain",
     "wrist_wrenches",

@@ -1,0 +1,74 @@
+"""Where an arm's links are and how they move, for users: the arm's texts with checked arguments."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.mass_matrix import mass_matrix
+from holdfast.dynamics.arm.posture import Posture, posture
+from holdfast.errors import StateError
+from holdfast.model import checks
+from holdfast.model.arm import Arm
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+
+
+def tip_pose(arm: Arm, q: ArrayLike) -> Pose:
+    """Return the pose of an arm's tip frame in the world. O(N).
+
+    Args:
+        arm: the arm.
+        q: (N,) joint positions, base to tip [rad or m].
+
+    Raises:
+        StateError: positions of a wrong number, or not finite.
+    """
+    return _posture(arm, q).tip
+
+
+def link_poses(arm: Arm, q: ArrayLike) -> list[Pose]:
+    """Return the pose of every link frame in the world, base to tip; its origin lies on the link's joint. O(N).
+
+    Args:
+        arm: the arm.
+        q: (N,) joint positions, base to tip [rad or m].
+
+    Raises:
+        StateError: positions of a wrong number, or not finite.
+    """
+    at = _posture(arm, q)
+    return [Pose(R, at.tip.p - reach) for R, reach in zip(at.R, at.reach, strict=True)]
+
+
+def tip_jacobian(arm: Arm, q: ArrayLike) -> Array:
+    """Return J (6, N) with [omega; v] = J qd of the tip frame about its origin, world axes: J = B^T phi^T H^T (5.1b).
+
+    Pinocchio's LOCAL_WORLD_ALIGNED with the halves exchanged (`linear_first(J, axis=0)`). O(N).
+
+    Args:
+        arm: the arm.
+        q: (N,) joint positions, base to tip [rad or m].
+
+    Raises:
+        StateError: positions of a wrong number, or not finite.
+    """
+    return np.asarray(jacobian(arm, _posture(arm, q)), dtype=float)
+
+
+def joint_mass_matrix(arm: Arm, q: ArrayLike) -> Array:
+    """Return M (N, N) with 1/2 qd^T M qd the arm's kinetic energy, drives' inertia included (5.1a). O(N^2).
+
+    Args:
+        arm: the arm, alone.
+        q: (N,) joint positions, base to tip [rad or m].
+
+    Raises:
+        StateError: positions of a wrong number, or not finite.
+    """
+    return np.asarray(mass_matrix(arm, _posture(arm, q))[0], dtype=float)
+
+
+def _posture(arm: Arm, q: ArrayLike) -> Posture:
+    return posture(arm, checks.numbers(q, (arm.joint_count,), "q", StateError))
