@@ -33,6 +33,7 @@ from holdfast.state import Inputs, State
 CLOSED = 1e-14  # m and rad: no round beyond this
 ROUNDS = 8
 FARTHEST = 1e-2  # m and rad: a state further off was not produced by a sound step
+LEFT_OPEN = 1e-9  # m and rad: what is left beyond this is no rounding
 
 
 def constraint_impulses(
@@ -90,7 +91,7 @@ def project(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> t
     given = (inputs or Inputs()).shaped(chain)
     tau = np.zeros(chain.joint_count)
     motion = chain_motion(chain, state, tau, given)
-    before = np.inf
+    before = size = np.inf
     for _ in range(ROUNDS):
         gaps = position_mismatch(motion, state)
         size = max((float(np.abs(gap).max()) for gap in gaps), default=0.0)
@@ -104,6 +105,11 @@ def project(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> t
         dq, dx, _ = constraint_impulses(motion, [position_contact(c) for c in motion.contacts], gaps)
         state = moved(state, dq, dx)
         motion = chain_motion(chain, state, tau, given)
+    if size > LEFT_OPEN:
+        raise ClosureError(
+            f"the grasps stay open by {size:.3g} (m or rad): Newton's method does not close them; try a smaller time"
+            " step"
+        )
     state = project_velocities(motion, state)
     return state, chain_motion(chain, state, tau, given)
 

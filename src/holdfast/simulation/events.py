@@ -54,20 +54,35 @@ def in_order(events: Sequence[Event], chain: ClosedChain, duration: float) -> li
         ModelError: an event outside the run, of an arm that is not there, or one that no arm can follow: to
             grip with a grasp, or to let go without one.
     """
-    holding = set(chain.grasps)
+    holding = frozenset(chain.grasps)
     ordered = sorted(events, key=lambda event: event.t)
     for event in ordered:
-        what = f"{type(event).__name__.lower()} of '{event.arm}' at t = {event.t} s"
-        t = checks.number(event.t, f"{what}: t", above=0.0)
-        if t > duration:
-            raise ModelError(f"{what}: expected a time within the run of {duration:g} s")
-        if event.arm not in chain.arms:
-            raise ModelError(f"{what}: no such arm.{checks.did_you_mean(event.arm, chain.arms)}")
-        if isinstance(event, Attach) == (event.arm in holding):
-            state = "has a grasp already; try a release before it" if event.arm in holding else "has no grasp then"
-            raise ModelError(f"{what}: the arm {state}")
-        holding ^= {event.arm}
+        holding = holding_after(event, holding, chain, duration)
     return ordered
+
+
+def holding_after(event: Event, holding: frozenset[str], chain: ClosedChain, duration: float) -> frozenset[str]:
+    """Return the names of the arms that hold the object after an event.
+
+    Args:
+        event: what happens.
+        holding: the arms that hold it before.
+        chain: the arms.
+        duration: of the run [s].
+
+    Raises:
+        ModelError: as for `in_order`.
+    """
+    what = f"{type(event).__name__.lower()} of '{event.arm}' at t = {event.t} s"
+    t = checks.number(event.t, f"{what}: t", above=0.0)
+    if t > duration:
+        raise ModelError(f"{what}: expected a time within the run of {duration:g} s")
+    if event.arm not in chain.arms:
+        raise ModelError(f"{what}: no such arm.{checks.did_you_mean(event.arm, chain.arms)}")
+    if isinstance(event, Attach) == (event.arm in holding):
+        state = "has a grasp already; try a release before it" if event.arm in holding else "has no grasp then"
+        raise ModelError(f"{what}: the arm {state}")
+    return holding ^ {event.arm}
 
 
 def happen(event: Event, chain: ClosedChain, state: State, inputs: Inputs) -> tuple[ClosedChain, State, Occurrence]:

@@ -39,7 +39,7 @@ class TorqueSchedule:
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "knots", checks.numbers(self.knots, (np.size(self.knots),), "schedule: knots"))
+        put(self, "knots", checks.vector(self.knots, "schedule: knots"))
         if not len(self.knots) or (np.diff(self.knots) <= 0).any():
             raise ModelError(f"schedule: knots: expected increasing times, got {self.knots.tolist()}")
         if len(self.coefficients) != len(self.knots):
@@ -71,7 +71,8 @@ class TorqueSchedule:
 
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
         """Return the torques (n,) [N m or N]; the memory is the other controller's."""
-        others, memory = (0.0, memory) if self.beside is None else self.beside(t, state, memory)
+        found, memory = (0.0, memory) if self.beside is None else self.beside(t, state, memory)
+        others = np.asarray(found)
         piece = int(np.searchsorted(self.knots, t, side="right")) - 1
         if piece < 0:
             return others + np.zeros(len(self.coefficients[0])), memory

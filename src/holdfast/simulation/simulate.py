@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -38,7 +38,7 @@ def simulate(
     base_motion: Mapping[str, BaseMotion] | None = None,
     inputs: Inputs | Callable[[float], Inputs] | None = None,
     events: Sequence[Event] = (),
-    breakpoints: Sequence[float] = (),
+    breakpoints: Iterable[float] = (),
     on_slip: OnSlip = "stop",
     on_limit: OnLimit = "record",
     scheme: str = "rk4",

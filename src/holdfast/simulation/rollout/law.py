@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from holdfast.compiler.program import Shape
 from holdfast.errors import ModelError
 from holdfast.model import checks
-from holdfast.spatial.converted import ArrayField, Converted, by_default
+from holdfast.spatial.converted import ArrayField, Converted, making
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.state import State
 
@@ -36,18 +36,19 @@ class ControlLaw:
     """
 
     torque: Torque
-    memory: ArrayField = by_default(lambda: np.zeros(0))
-    parameters: Converted[Mapping[str, Shape], Mapping[str, Sequence[int]]] = by_default(dict)
+    memory: ArrayField = field(default_factory=making(np.zeros, 0))
+    parameters: Converted[Mapping[str, Shape], Mapping[str, Sequence[int]]] = field(default_factory=making(dict))
     key: str = ""
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "memory", checks.numbers(self.memory, (np.size(self.memory),), "control law: memory"))
+        put(self, "memory", checks.vector(self.memory, "control law: memory"))
         put(self, "parameters", {name: _shape(name, shape) for name, shape in self.parameters.items()})
 
-    def __call__(self, t: float, state: State, memory: Any) -> tuple[ArrayLike, Any]:
+    def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
         """Return the torques on floats, as any controller does: (t, state, memory) -> (torques, memory)."""
-        return self.torque(t, state, self.memory if memory is None else memory, {})
+        tau, kept = self.torque(t, state, self.memory if memory is None else memory, {})
+        return np.asarray(tau), kept
 
 
 def _shape(name: str, shape: Sequence[int]) -> Shape:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -173,7 +173,7 @@ class Rollout:
         step: float,
         *,
         every: int = 1,
-        record: tuple[str, ...] = RECORDED,
+        record: Sequence[str] = RECORDED,
         least_margin: float = -np.inf,
         threads: int = 1,
         **given: Any,

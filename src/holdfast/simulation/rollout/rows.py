@@ -91,8 +91,8 @@ def failure(code: float) -> HoldfastError | None:
         )
     if code == OPEN:
         return ClosureError(
-            f"the step leaves a grasp open by more than {FARTHEST:g} (m or rad), expected its rounding; try a smaller"
-            " time step"
+            f"the step leaves a grasp open by more than {FARTHEST:g} (m or rad), or by more than two rounds of Newton's"
+            " method close; try a smaller time step"
         )
     if code == BROKEN:
         return StateError("the step overflows float64, or its inputs are not finite; try a smaller time step")

@@ -16,7 +16,7 @@ from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import FIRST_BAD
 from holdfast.compiler.stage import Stage, stage
 from holdfast.dynamics.margins import friction_conditions, least_margin, limit_conditions
-from holdfast.dynamics.projection import FARTHEST, moved
+from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, moved
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import GraspKind
 from holdfast.simulation.friction import friction_torque, joint_friction
@@ -245,6 +245,7 @@ def verdict(sizes: Mapping[str, int], grasps: int) -> Stage:
     """
     kept: dict[str, Shape] = {name: (size,) for name, size in sizes.items()}
     now: dict[str, Shape] = {"worst": (2,), "drift": (2,), "gaps": (2,), "work": (4,), "t": (), "least_margin": ()}
+    now["held"] = ()
     books: dict[str, Shape] = {"work": (4,), "gaps": (4,), "code": (), "count": ()}
     if "memory" in sizes:
         books["before"] = (sizes["memory"],)
@@ -261,6 +262,8 @@ def verdict(sizes: Mapping[str, int], grasps: int) -> Stage:
         fault = where(x["worst"][0] <= WORST_CONDITION, fault, float(SINGULAR))
         fault = where(x["worst"][1] < FIRST_BAD, fault, float(SINGULAR))
         fault = where(x["drift"][0] <= FARTHEST, fault, float(OPEN))
+        left = where(x["held"][()] > 0.5, 0.0, x["gaps"][0])  # what is held is not closed
+        fault = where(left <= LEFT_OPEN, fault, float(OPEN))
         fault = where(total < float("inf"), fault, float(BROKEN))
         code = where(x["last.code"][()] > 0.5, x["last.code"][()], fault)
         on = code < 0.5
