@@ -6,10 +6,12 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.converted import NOT_GIVEN, ArrayField, Converted, OptionalArrayField, making
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
@@ -25,16 +27,15 @@ class State:
         object_twist: (6,) [omega; v of C], world axes [rad/s, m/s].
     """
 
-    q: Array
-    qd: Array
-    object_pose: Array
-    object_twist: Array = field(default_factory=lambda: np.zeros(6))
+    q: ArrayField
+    qd: ArrayField
+    object_pose: Converted[Array, Pose | ArrayLike]
+    object_twist: ArrayField = field(default_factory=making(np.zeros, 6))
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        n = np.size(self.q)
-        put(self, "q", checks.numbers(self.q, (n,), "state: q", StateError))
-        put(self, "qd", checks.numbers(self.qd, (n,), "state: qd", StateError))
+        put(self, "q", checks.vector(self.q, "state: q", StateError))
+        put(self, "qd", checks.numbers(self.qd, self.q.shape, "state: qd", StateError))
         pose = self.object_pose.wxyz_xyz if isinstance(self.object_pose, Pose) else self.object_pose
         pose = checks.numbers(pose, (7,), "state: object_pose", StateError)
         if pose.dtype != object:
@@ -76,10 +77,15 @@ class Inputs:
         base_accelerations: (arms, 6) its plain derivative [omega_dot; v_dot].
     """
 
-    object_wrench: Array | None = None
-    link_wrenches: Array | None = None
-    base_twists: Array | None = None
-    base_accelerations: Array | None = None
+    object_wrench: OptionalArrayField = NOT_GIVEN
+    link_wrenches: OptionalArrayField = NOT_GIVEN
+    base_twists: OptionalArrayField = NOT_GIVEN
+    base_accelerations: OptionalArrayField = NOT_GIVEN
+
+    def __post_init__(self) -> None:
+        for name, given in vars(self).items():
+            if given is not None and not isinstance(given, np.ndarray):  # `shaped` asks for its shape
+                object.__setattr__(self, name, checks.numbers(given, None, f"inputs: {name}", StateError))
 
     def shaped(self, chain: ClosedChain) -> Inputs:
         """Return the inputs as checked arrays of the chain's shapes; only link wrenches stay None."""

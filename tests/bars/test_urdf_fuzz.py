@@ -16,12 +16,14 @@ from holdfast import HoldfastError
 from holdfast.robots.urdf import UrdfChain, load_urdf_arms, read_urdf, urdf_chain, urdf_tree, urdf_visuals
 from tests.robots.arm_dynamics import mass_jacobian_bias
 from tests.robots.two_armed import TWO_ARMED
+from tests.systems import mutated_text
+from tests.systems.mutated_text import bytes_flipped
 
 SECONDS = 10.0  # a file of 100,000 elements, all others take milliseconds
 GIGABYTES = 1.0
 TAG = re.compile(r"<[a-z0-9_]+[^<>]*>")
 VALUE = re.compile(r'"([^"]*)"')
-WORD = re.compile(r"[A-Za-z_]{3,}")
+ATTRIBUTE = re.compile(r' [a-z]+="[^"]*"')
 ODD_VALUES = (
     *(
         "",
@@ -106,17 +108,12 @@ def deep(text: str, dice: random.Random) -> str:
 def encoded(text: str, dice: random.Random) -> bytes:
     """Return the text in one encoding, declared as another, perhaps cut or with stray bytes."""
     declared = text.replace("UTF-8", dice.choice(ENCODINGS)).replace("two_armed", "zw\u00f6i\u2713", 1)
-    data = declared.encode(dice.choice(["utf-8", "utf-16", "utf-16-be", "utf-32", "latin-1", "cp037"]), "replace")
-    stray = dice.choice([b"", b"", b"\x00", b"\xff\xfe", b"\xef\xbb\xbf", b"\xc3\x28", b"\xed\xa0\x80"])
-    at = dice.choice([0, dice.randrange(len(data))])
-    return data[:at] + stray + data[at : dice.choice([len(data), dice.randrange(at, len(data))])]
+    return mutated_text.recoded(declared, dice)
 
 
 def mistyped(text: str, dice: random.Random) -> str:
     """Return the text with one letter of one word changed, dropped or doubled."""
-    word = dice.choice(list(WORD.finditer(text)))
-    k = dice.randrange(word.start(), word.end())
-    return text[:k] + dice.choice(["", text[k] * 2, dice.choice("abcxyz<>&\"'/= "), text[k].swapcase()]) + text[k + 1 :]
+    return mutated_text.mistyped(text, dice, "abcxyz<>&\"'/= ")
 
 
 def odd_value(text: str, dice: random.Random) -> str:
@@ -129,42 +126,18 @@ def odd_value(text: str, dice: random.Random) -> str:
 
 def deleted(text: str, dice: random.Random) -> str:
     """Return the text without one tag, one attribute, one line, or everything beyond a point."""
-    if (kind := dice.randrange(4)) == 0:
-        return text[: dice.randrange(len(text))]
-    if kind == 1:
-        lines = text.splitlines(keepends=True)
-        del lines[dice.randrange(len(lines))]
-        return "".join(lines)
-    pattern = TAG if kind == 2 else re.compile(r' [a-z]+="[^"]*"')
-    gone = dice.choice(list(pattern.finditer(text)))
-    return text[: gone.start()] + text[gone.end() :]
+    return mutated_text.deleted(text, dice, TAG, ATTRIBUTE)
 
 
 def duplicated(text: str, dice: random.Random) -> str:
     """Return the text with one tag, line or block repeated, a few or very many times, here or elsewhere."""
-    lines = text.splitlines(keepends=True)
-    first = dice.randrange(2, len(lines))
-    block = lines[first : first + dice.choice([1, 1, 1, 6, 12])] * dice.choice([1, 1, 2, 3000])
-    where = dice.choice([first, dice.randrange(len(lines))])
-    return "".join(lines[:where] + block + lines[where:])
+    return mutated_text.duplicated(text, dice, first=2)
 
 
 def shuffled(text: str, dice: random.Random) -> str:
     """Return the text with two attribute values exchanged: links re-hung, joints in circles."""
-    kind = dice.choice([r'link="([^"]*)"', r'joint="([^"]*)"', r'name="([^"]*)"', r'"([^"]*)"', r'type="([^"]*)"'])
-    found = list(re.finditer(kind, text))
-    a, b = sorted(dice.sample(found, 2), key=re.Match.start) if len(found) > 1 else (found[0], found[0])
-    if a is b:
-        return text
-    return text[: a.start(1)] + b[1] + text[a.end(1) : b.start(1)] + a[1] + text[b.end(1) :]
-
-
-def bytes_flipped(text: str, dice: random.Random) -> bytes:
-    """Return the text with a few random bytes."""
-    data = bytearray(text.encode())
-    for _ in range(dice.choice([1, 3, 30])):
-        data[dice.randrange(len(data))] = dice.randrange(256)
-    return bytes(data)
+    kinds = (r'link="([^"]*)"', r'joint="([^"]*)"', r'name="([^"]*)"', r'"([^"]*)"', r'type="([^"]*)"')
+    return mutated_text.exchanged(text, dice, *kinds)
 
 
 def hollow(text: str, dice: random.Random) -> str:

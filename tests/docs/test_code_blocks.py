@@ -3,7 +3,8 @@
 A page is one test: its blocks run in order, in one namespace and one folder of their own. `python` runs, its
 `>>>` compared with what stands below; in `console` the lines `$ holdfast ...` run, and what stands below a
 command is compared with what it prints; `toml` and `xml` whose first line is a comment with a file's name are
-written to that file, for the blocks after them. A block that is not run says why: `<!--- skip: next "..." -->`.
+written to that file, for the blocks after them; `toml` is a scene and must load. A block that is not run says why:
+`<!--- skip: next "..." -->`.
 """
 
 import contextlib
@@ -21,12 +22,12 @@ from sybil.example import Example
 from sybil.parsers.myst import CodeBlockParser, PythonCodeBlockParser, SkipParser
 
 from holdfast.cli import main
+from holdfast.scenario.build import load_scene
 from tests.docs.pages import PAGES, fences, name
 
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 RUN = {"python", "console", "toml", "xml"}
-SHOWN = {"text", "bibtex"}  # output, listings: nothing that could run
-INDENTED = {"docs/results.md"}  # the format's listings: tests/io runs what they show
+SHOWN = {"text", "bibtex", "matlab"}  # output, listings: nothing that could run
 FILE_NAME = re.compile(r"(?:#|<!--)\s*([\w/.-]+\.\w+)\b")
 UNREASONED = re.compile(r"skip: (?:next|start)(?! (?:if\(.*)?\"[^\"]{8,}\")")
 COMMAND = re.compile(r"^\$ (.*)\n", re.MULTILINE)
@@ -54,11 +55,19 @@ def write_file(example: Example) -> None:
         path.write_text(example.parsed, encoding="utf-8")
 
 
+def load_scene_file(example: Example) -> None:
+    """Write a scene to its file and load it: it becomes a chain, closed, that can be simulated."""
+    named = FILE_NAME.match(example.parsed)
+    assert named, "a scene without a name is not loaded; try a first line such as '# lift.toml: ...'"
+    write_file(example)
+    load_scene(named[1])
+
+
 BLOCKS = Sybil(
     parsers=[
         PythonCodeBlockParser(doctest_optionflags=FLAGS),
         CodeBlockParser("console", run_commands),
-        CodeBlockParser("toml", write_file),
+        CodeBlockParser("toml", load_scene_file),
         CodeBlockParser("xml", write_file),
         SkipParser(),
     ],
@@ -95,5 +104,4 @@ def test_blocks_are_known(page):
         assert language in RUN | SHOWN or language.startswith("{"), f"{language!r} would never run"
     assert not UNREASONED.findall(text)
     indented = [token.content for token in MarkdownIt("commonmark").parse(text) if token.type == "code_block"]
-    if name(page) not in INDENTED:
-        assert all(block.startswith("make ") for block in indented), "an indented block never runs; try a fence"
+    assert all(block.startswith("make ") for block in indented), "an indented block never runs; try a fence"

@@ -10,6 +10,7 @@ from tests.model.parts import chain
 POSE = np.r_[1.0, np.zeros(6)]
 REFUSED = {
     "q": ({"q": [[0.0, 0.0]]}, r"state: q: expected shape"),
+    "q ragged": ({"q": [[0.0], [0.0, 0.0]]}, r"state: q: expected an array of numbers, got"),
     "q nan": ({"q": [0.0, np.nan]}, r"state: q: expected finite"),
     "qd length": ({"qd": [0.0]}, r"state: qd: expected shape \(2,\), got shape \(1,\)"),
     "pose shape": ({"object_pose": POSE[:6]}, r"state: object_pose: expected shape \(7,\)"),
@@ -71,3 +72,10 @@ def test_inputs():
             Inputs(**{field: np.zeros((9, 9))}).shaped(made)
         with pytest.raises(StateError, match=rf"inputs: {field}: expected finite"):
             Inputs(**{field: np.full(shape, np.nan)}).shaped(made)
+
+
+def test_inputs_of_lists():
+    """Whatever is given, arrays are held; what is none is refused at once."""
+    assert isinstance(Inputs(object_wrench=[0, 0, 0, 0, 0, 1]).object_wrench, np.ndarray)
+    with pytest.raises(StateError, match="inputs: base_twists: expected an array of numbers, got"):
+        Inputs(base_twists=[[0], [0, 0]])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from holdfast import Pose
+from holdfast import ModelError, Pose
 from tests.systems.random_parts import rotation
 
 
@@ -54,3 +54,17 @@ def test_translation():
     np.testing.assert_array_equal(there.R, np.eye(3))
     np.testing.assert_array_equal(there.p, [1.0, 2.0, 3.0])
     np.testing.assert_array_equal(there.wxyz_xyz, [1, 0, 0, 0, 1, 2, 3])
+
+
+def test_lists():
+    """Whatever is given, arrays are held; what is none is refused."""
+    pose = Pose([[0, -1, 0], [1, 0, 0], [0, 0, 1]], (1, 2, 3))
+    assert isinstance(pose.R, np.ndarray) and isinstance(pose.p, np.ndarray)
+    assert_same(pose @ pose.inverse(), Pose.identity())
+    assert isinstance(Pose.from_wxyz_xyz([1, 0, 0, 0, 1, 2, 3]).p, np.ndarray)
+    for R, p, message in [
+        (np.eye(3), [1, 2], r"pose: p: expected shape \(3,\), got shape \(2,\)"),
+        ([1, [2]], np.zeros(3), r"pose: R: expected numbers of shape \(3, 3\), got \[1, \[2\]\]"),
+    ]:
+        with pytest.raises(ModelError, match=message):
+            Pose(R, p)

@@ -9,7 +9,8 @@ import numpy as np
 
 from holdfast.model import checks
 from holdfast.spatial import rotation
-from holdfast.spatial.pose import Pose
+from holdfast.spatial.converted import ArrayField, making
+from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array, Scalar, maximum, minimum
 
 
@@ -42,9 +43,9 @@ class RestToRest:
         duration: of the motion [s].
     """
 
-    start: Pose
-    displacement: Array = field(default_factory=lambda: np.zeros(3))
-    turn: Array = field(default_factory=lambda: np.zeros(3))
+    start: PoseField
+    displacement: ArrayField = field(default_factory=making(np.zeros, 3))
+    turn: ArrayField = field(default_factory=making(np.zeros, 3))
     begin: float = 0.0
     duration: float = 1.0
 

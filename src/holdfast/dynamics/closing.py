@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
@@ -20,6 +18,7 @@ ACCEPTED = 1e-10  # the same: what counts as closed
 MAX_ITERATIONS = 200
 LONGEST_STEP = 0.5  # rad, or part of the arms' reach, in one iteration
 WORTH_NAMING = 1e-2  # of the largest miss: a smaller one was only waiting for it
+MOST_NAMED = 4  # arms in one message
 
 
 def close(
@@ -34,7 +33,7 @@ def close(
 
     Positions by damped Gauss-Newton steps of least length on the position rows (lengths in
     units of the arms' reach), joints kept within their limits; then velocities by
-    `project_velocity`. O(l^3) a step.
+    `project_velocity`. O(l^3) a step; O(l) with the object held.
 
     Args:
         chain: the chain.
@@ -47,15 +46,12 @@ def close(
         ClosureError: naming the arms that cannot reach, and by how much.
     """
     guess.fits(chain)
-    given = (inputs or Inputs()).shaped(chain)
     low, high = np.concatenate([arm.position_limits for arm in chain.arms.values()]).T
     if not limits:
         low, high = np.full_like(low, -np.inf), np.full_like(high, np.inf)
     state = _clipped(guess, np.zeros(chain.joint_count + 6), low, high)
-    # with the object held each arm is alone, and none waits for one that cannot reach
-    for names in [{name} for name in chain.grasps] if hold_object else [set(chain.grasps)]:
-        state = _brought_together(chain, state, given, names, hold_object, low, high)
-    _require_reached(chain, state, given)
+    state = (_arms_brought if hold_object else _brought_together)(chain, state, low, high)
+    _require_reached(chain, state)
     return project_velocity(chain, state, hold_object=hold_object, inputs=inputs)
 
 
@@ -78,25 +74,34 @@ def project_velocity(
     return State(state.q, state.qd + step[:n], state.object_pose, state.object_twist + step[n:])
 
 
-def _brought_together(
-    chain: ClosedChain, state: State, given: Inputs, names: set[str], hold_object: bool, low: Array, high: Array
-) -> State:
-    """Return the state with the named grasps closed, as far as they can be."""
+def _arms_brought(chain: ClosedChain, state: State, low: Array, high: Array) -> State:
+    """Return the state with the grasps closed, the object held: each arm is alone, none waits for one that cannot."""
+    q = np.array(state.q)
+    for name, grasp in chain.grasps.items():
+        part = chain.joints[name]
+        alone = ClosedChain({name: chain.arms[name]}, chain.held_object, {name: grasp})
+        start = State(q[part], state.qd[part], state.object_pose)
+        q[part] = _brought_together(alone, start, low[part], high[part], hold_object=True).q
+    return State(q, state.qd, state.object_pose, state.object_twist)
+
+
+def _brought_together(chain: ClosedChain, state: State, low: Array, high: Array, *, hold_object: bool = False) -> State:
+    """Return the state with the grasps closed, as far as they can be."""
     n = chain.joint_count
-    motion, gap = _gap(chain, state, given, names)
+    motion, gap = _gap(chain, state)
     damping = 1e-6
     for _ in range(MAX_ITERATIONS):
         size = float(np.abs(gap).max(initial=0.0))
         if size <= CLOSED:
             break
         sizes = coordinate_sizes(motion)
-        rows = _position_rows(motion, names) * sizes
+        rows = _position_rows(motion) * sizes
         if hold_object:
             rows[:, n:] = 0.0
         step = _inward_step(rows, gap, damping, state.q <= low, state.q >= high)
         step *= min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
         trial = _clipped(state, sizes * step, low, high)
-        trial_motion, trial_gap = _gap(chain, trial, given, names)
+        trial_motion, trial_gap = _gap(chain, trial)
         if float(np.linalg.norm(trial_gap)) < float(np.linalg.norm(gap)):
             state, motion, gap = trial, trial_motion, trial_gap
             damping = max(damping / 10, 1e-9)
@@ -107,28 +112,26 @@ def _brought_together(
     return state
 
 
-def _gap(chain: ClosedChain, state: State, given: Inputs, names: Iterable[str]) -> tuple[ChainMotion, Array]:
-    """Return the motion and the named grasps' position residuals, lengths over the arms' reach."""
-    motion = chain_motion(chain, state, np.zeros(chain.joint_count), given)
+def _gap(chain: ClosedChain, state: State) -> tuple[ChainMotion, Array]:
+    """Return the motion and the position residuals, lengths over the arms' reach; base motion has no part in them."""
+    motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
     reach = coordinate_sizes(motion)[-1]
     parts = []
-    for name, gap in residuals(motion, state).items():
-        if name in names:
-            lengths = np.arange(len(gap.position)) >= len(gap.position) - 3
-            parts.append(np.where(lengths, gap.position / reach, gap.position))
+    for gap in residuals(motion, state).values():
+        lengths = np.arange(len(gap.position)) >= len(gap.position) - 3
+        parts.append(np.where(lengths, gap.position / reach, gap.position))
     return motion, np.concatenate(parts) if parts else np.zeros(0)
 
 
-def _position_rows(motion: ChainMotion, names: Iterable[str]) -> Array:
+def _position_rows(motion: ChainMotion) -> Array:
     """Return d(gap)/d(q, object): the velocity rows, without a soft finger's spin."""
     rows = constraint_rows(motion)
     reach = coordinate_sizes(motion)[-1]
     matrix = -np.hstack([rows.joints, rows.object])
-    keep = np.zeros(len(matrix), dtype=bool)
-    for name, c, part in zip(motion.chain.grasps, motion.contacts, rows.slices, strict=True):
+    keep = np.ones(len(matrix), dtype=bool)
+    for c, part in zip(motion.contacts, rows.slices, strict=True):
         matrix[part.stop - 3 : part.stop] /= reach
-        first = part.start + (1 if c.grasp.kind == "softfinger" else 0)  # its moment about the normal
-        keep[first : part.stop] = name in names
+        keep[part.start] = c.grasp.kind != "softfinger"  # its moment about the normal
     return matrix[keep]
 
 
@@ -159,18 +162,19 @@ def _clipped(state: State, step: Array, low: Array, high: Array) -> State:
     return State(np.clip(there.q, low, high), there.qd, there.object_pose, there.object_twist)
 
 
-def _require_reached(chain: ClosedChain, state: State, given: Inputs) -> None:
-    motion, gap = _gap(chain, state, given, chain.grasps)
+def _require_reached(chain: ClosedChain, state: State) -> None:
+    motion, gap = _gap(chain, state)
     if float(np.abs(gap).max(initial=0.0)) <= ACCEPTED:
         return
     missed = {name: float(np.abs(gap.position).max()) for name, gap in residuals(motion, state).items()}
     worst = max(missed.values())
-    listed = ", ".join(
+    named = [
         f"arm '{name}' misses its grasp by {gap:.3g} (m or rad)"
         for name, gap in missed.items()
         if gap > WORTH_NAMING * worst
-    )
+    ]
+    more = f", and {len(named) - MOST_NAMED} more" if len(named) > MOST_NAMED else ""
     raise ClosureError(
-        f"cannot close the chains: {listed}. Try a closer object pose, another guess for q, other base poses, or wider"
-        " joint limits"
+        f"cannot close the chains: {', '.join(named[:MOST_NAMED])}{more}. Try a closer object pose, another guess for"
+        " q, other base poses, or wider joint limits"
     )

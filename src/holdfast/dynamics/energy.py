@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.posture import Posture, posture
 from holdfast.dynamics.arm.velocity import link_twists
@@ -94,7 +95,7 @@ def centre_of_mass(chain: ClosedChain, state: State) -> Array:
     return np.sum([body.com for body in every], axis=0) / sum(body.inertia.m for body in every)
 
 
-def momentum(chain: ClosedChain, state: State, about: Array | None = None, inputs: Inputs | None = None) -> Array:
+def momentum(chain: ClosedChain, state: State, about: ArrayLike | None = None, inputs: Inputs | None = None) -> Array:
     """Return [angular; linear] momentum of links and object about a world point, (6,).
 
     The drives' rotors (armature) turn inside the arms and are not counted.
@@ -136,7 +137,9 @@ class Power(NamedTuple):
         return self.drives + self.damping + self.base + self.external
 
 
-def power(chain: ClosedChain, state: State, tau: Array, result: ForwardResult, inputs: Inputs | None = None) -> Power:
+def power(
+    chain: ClosedChain, state: State, tau: ArrayLike, result: ForwardResult, inputs: Inputs | None = None
+) -> Power:
     """Return the power that drives, damping, bases and external wrenches put in.
 
     Args:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from holdfast.dynamics import indeterminate, rank
 from holdfast.dynamics.arm.free_dynamics import tip_acceleration
@@ -29,7 +30,7 @@ NO_INERTIA = 1e-14  # of the arm's largest articulated inertia: what is left is 
 def forward_dynamics(
     chain: ClosedChain,
     state: State,
-    tau: Array,
+    tau: ArrayLike,
     *,
     inputs: Inputs | None = None,
     method: str | FreeDynamics = "sequential",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.newton_euler import drive_torques
 from holdfast.dynamics.closed.chain_motion import chain_motion
@@ -14,7 +15,7 @@ from holdfast.state import Inputs, State
 
 
 def inverse_dynamics(
-    chain: ClosedChain, state: State, qdd: Array, grasp_wrench: Array, inputs: Inputs | None = None
+    chain: ClosedChain, state: State, qdd: ArrayLike, grasp_wrench: ArrayLike, inputs: Inputs | None = None
 ) -> Array:
     """Return tau = M qdd + C + J^T f + damping qd, arm by arm (2.1a). O(n).
 

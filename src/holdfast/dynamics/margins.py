@@ -19,6 +19,7 @@ from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -64,7 +65,7 @@ class JointMargins(NamedTuple):
     effort: Array
 
 
-def grasp_margins(chain: ClosedChain, state: State, grasp_wrench: Array) -> Array:
+def grasp_margins(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> Array:
     """Return the margin of every grasp, in the order of `chain.grasps`, (grasps,) [N].
 
     Args:
@@ -136,7 +137,7 @@ def limit_conditions(moment: Scalar, force: Scalar, lever: Scalar) -> tuple[Cond
     return Condition(force, none, unit[3:]), Condition(moment / lever, none, unit[:3] / lever)
 
 
-def joint_margins(chain: ClosedChain, state: State, tau: Array) -> JointMargins:
+def joint_margins(chain: ClosedChain, state: State, tau: ArrayLike) -> JointMargins:
     """Return how far every joint is from its limits.
 
     Args:

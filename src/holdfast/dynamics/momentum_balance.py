@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from holdfast.dynamics.energy import bodies
 from holdfast.dynamics.result import ForwardResult
@@ -19,7 +20,7 @@ def momentum_rate(
     chain: ClosedChain,
     state: State,
     result: ForwardResult,
-    about: Array | None = None,
+    about: ArrayLike | None = None,
     inputs: Inputs | None = None,
 ) -> Array:
     """Return the rate of `energy.momentum` about a fixed world point, (6,) [angular; linear] [N m, N].

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.motion import ArmInputs, arm_motion
 from holdfast.dynamics.closed.chain_motion import chain_motion
@@ -16,7 +17,7 @@ from holdfast.state import Inputs, State
 
 
 def state_from_joints(
-    chain: ClosedChain, q: Array, qd: Array, *, inputs: Inputs | None = None, check: bool = True
+    chain: ClosedChain, q: ArrayLike, qd: ArrayLike, *, inputs: Inputs | None = None, check: bool = True
 ) -> State:
     """Return the state whose object pose and twist follow from the joints.
 

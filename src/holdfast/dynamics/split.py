@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -36,7 +37,7 @@ class Split(NamedTuple):
     length: float
 
 
-def split(chain: ClosedChain, state: State, grasp_wrench: Array, length: float | None = None) -> Split:
+def split(chain: ClosedChain, state: State, grasp_wrench: ArrayLike, length: float | None = None) -> Split:
     """Return the motion and internal parts of grasp wrenches. Both can be transmitted.
 
     Args:

@@ -13,25 +13,38 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from holdfast.errors import SceneError
-from holdfast.io.place import Place
+from holdfast.io.place import Place, refusal
 from holdfast.model import checks
 
 T = TypeVar("T")
 
+LARGEST_FILE = 32 * 2**20  # [bytes]
+# Keys of a path `a.b.c`: tomllib takes memory by the square of their number, and a scene needs seven.
+_PATH_OF_KEYS = re.compile(r"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}""")
 
-def read_bytes(path: Path) -> bytes:
+
+def read_bytes(path: Path, most: int = LARGEST_FILE) -> bytes:
     """Return a file's bytes.
 
+    Args:
+        path: the file.
+        most: how many it may have.
+
     Raises:
-        SceneError: if it cannot be read.
+        SceneError: if it cannot be read, or is larger.
     """
     try:
-        return path.read_bytes()
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise OSError("is not a file")  # a device or a pipe, which might never end
+        with path.open("rb") as file:
+            content = file.read(most + 1)
     except OSError as cause:
-        raise SceneError(f"{path}: cannot be read: {cause.strerror or cause}") from cause
+        raise refusal(str(path), f"cannot be read: {cause.strerror or cause}") from cause
     except ValueError as cause:  # a path that no file system takes
-        raise SceneError(f"{str(path)!r}: cannot be read: {cause}") from cause
+        raise refusal(str(path), f"cannot be read: {cause}") from cause
+    if len(content) > most:
+        raise refusal(str(path), f"expected at most {most / 2**20:g} MiB, got more")
+    return content
 
 
 def parse_json(text: bytes, source: str) -> Any:
@@ -43,7 +56,7 @@ def parse_json(text: bytes, source: str) -> Any:
     try:
         return msgspec.json.decode(text)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as cause:
-        raise SceneError(f"{source}: {_json_fault(text) or f'not valid JSON: {cause}'}") from cause
+        raise refusal(source, _json_fault(text) or f"not valid JSON: {cause}") from cause
 
 
 def _json_fault(text: bytes) -> str:
@@ -76,12 +89,22 @@ def parse_toml(text: bytes, source: str) -> Any:
     """Return plain data from TOML text.
 
     Raises:
-        SceneError: if it is not valid TOML, with line and column.
+        SceneError: if it is not valid TOML, with line and column, or nested beyond all need.
     """
     try:
-        return tomllib.loads(text.decode("utf-8"))
-    except (ValueError, RecursionError) as cause:  # a ValueError: bad TOML, bad UTF-8, an endless integer
-        raise SceneError(f"{source}: not valid TOML: {cause}") from cause
+        said = text.decode("utf-8-sig")
+    except UnicodeDecodeError as cause:
+        raise refusal(source, f"not valid TOML: {cause}; try saving it as UTF-8") from cause
+    if found := _PATH_OF_KEYS.search(said):
+        line = said.count("\n", 0, found.start()) + 1
+        raise refusal(source, f"not valid TOML: expected a key of fewer than 100 parts (at line {line})")
+    try:
+        return tomllib.loads(said)
+    except RecursionError as cause:
+        raise refusal(source, "not valid TOML: nested too deeply") from cause
+    except ValueError as cause:
+        fault = cause if isinstance(cause, tomllib.TOMLDecodeError) else "an integer of more than 4300 digits"
+        raise refusal(source, f"not valid TOML: {fault}") from cause
 
 
 def convert(data: Any, kind: type[T], source: str, root: str = "$") -> T:
@@ -103,6 +126,7 @@ def convert(data: Any, kind: type[T], source: str, root: str = "$") -> T:
         found = re.search(r" - at `(?:key in )?(\$[^`]*)`", text)
         path = found[1] if found else "$"
         problem = re.sub(r" - at `[^`]*`", "", text)
+        problem = re.sub(r"(?<=[`'])([^`']{57})[^`']{4,}(?=[`'])", r"\1...", problem)
         raise Place(source, root + path[1:]).refuse(problem + _hint(kind, path, problem)) from cause
 
 
@@ -148,7 +172,7 @@ def _hint(kind: Any, path: str, problem: str) -> str:
         ]
     else:
         return ""
-    return "." + checks.did_you_mean(found[1], pool) if pool else ""
+    return "." + checks.did_you_mean(found[1], dict.fromkeys(pool)) if pool else ""
 
 
 def _literals(kind: Any) -> list[str]:

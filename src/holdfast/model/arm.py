@@ -13,7 +13,8 @@ from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
-from holdfast.spatial.pose import Pose
+from holdfast.spatial.converted import making
+from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
 
 
@@ -31,8 +32,8 @@ class Arm:
 
     joints: Sequence[Joint]
     links: Sequence[Link]
-    tip: Pose = field(default_factory=Pose.identity)
-    base: Pose = field(default_factory=Pose.identity)
+    tip: PoseField = field(default_factory=making(Pose.identity))
+    base: PoseField = field(default_factory=making(Pose.identity))
     name: str = ""
 
     def __post_init__(self) -> None:

@@ -18,8 +18,8 @@ ROTATION_TOLERANCE = 1e-6  # further from orthogonal or unit length is an error;
 INERTIA_TOLERANCE = 1e-6  # relative violation of the triangle inequality that is still rounding
 
 
-def numbers(value: Any, shape: tuple[int, ...], what: str, error: type[HoldfastError] = ModelError) -> Array:
-    """Return a read-only finite array of the shape, floats unless it holds traced scalars."""
+def numbers(value: Any, shape: tuple[int, ...] | None, what: str, error: type[HoldfastError] = ModelError) -> Array:
+    """Return a read-only finite array of the shape (None: of any), floats unless it holds traced scalars."""
     try:
         a = np.array(value)
         if a.dtype.kind in "cSUmM":  # complex numbers, texts and dates would be converted silently
@@ -28,7 +28,7 @@ def numbers(value: Any, shape: tuple[int, ...], what: str, error: type[HoldfastE
             a = a.astype(float)
     except (TypeError, ValueError, OverflowError) as cause:
         raise error(f"{what}: expected {_numbers_of(shape)}, got {_short(value)}") from cause
-    if a.shape != shape:
+    if shape is not None and a.shape != shape:
         raise error(f"{what}: expected shape {shape}, got shape {a.shape}")
     if a.dtype != object and not np.isfinite(a).all():
         raise error(f"{what}: expected finite numbers, got {_short(value)}")
@@ -36,7 +36,17 @@ def numbers(value: Any, shape: tuple[int, ...], what: str, error: type[HoldfastE
     return a
 
 
-def _numbers_of(shape: tuple[int, ...]) -> str:
+def vector(value: Any, what: str, error: type[HoldfastError] = ModelError) -> Array:
+    """Return a read-only finite array of one axis, as `numbers` does."""
+    a = numbers(value, None, what, error)
+    if a.ndim != 1:
+        raise error(f"{what}: expected shape ({a.size},), got shape {a.shape}")
+    return a
+
+
+def _numbers_of(shape: tuple[int, ...] | None) -> str:
+    if shape is None:
+        return "an array of numbers"
     return f"numbers of shape {shape}" if shape else "a number"
 
 

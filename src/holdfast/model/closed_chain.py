@@ -13,7 +13,7 @@ from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.converted import ArrayField, making
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 
@@ -32,7 +32,7 @@ class ClosedChain:
     arms: Mapping[str, Arm]
     held_object: HeldObject
     grasps: Mapping[str, Grasp]
-    gravity: Array = field(default_factory=lambda: np.array(STANDARD_GRAVITY))
+    gravity: ArrayField = field(default_factory=making(np.array, STANDARD_GRAVITY))
 
     def __post_init__(self) -> None:
         put = object.__setattr__

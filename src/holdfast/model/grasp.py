@@ -11,7 +11,8 @@ import numpy as np
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
-from holdfast.spatial.pose import Pose
+from holdfast.spatial.converted import making
+from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
 
 GraspKind = Literal["rigid", "hinge", "softfinger", "ball"]
@@ -87,7 +88,7 @@ class Grasp:
     """
 
     kind: GraspKind
-    frame: Pose = field(default_factory=Pose.identity)
+    frame: PoseField = field(default_factory=making(Pose.identity))
     contact: Friction | None = None
     wrench_limits: WrenchLimits | None = None
 

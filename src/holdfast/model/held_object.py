@@ -9,8 +9,8 @@ import numpy as np
 
 from holdfast.model import checks
 from holdfast.spatial import inertia as spatial_inertia
+from holdfast.spatial.converted import ArrayField, making
 from holdfast.spatial.inertia import RigidInertia
-from holdfast.spatial.scalar import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +25,8 @@ class HeldObject:
     """
 
     mass: float
-    inertia: Array
-    com: Array = field(default_factory=lambda: np.zeros(3))
+    inertia: ArrayField
+    com: ArrayField = field(default_factory=making(np.zeros, 3))
     physical: bool = True
 
     def __post_init__(self) -> None:

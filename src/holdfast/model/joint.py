@@ -8,10 +8,12 @@ from numbers import Real
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
-from holdfast.spatial.pose import Pose
+from holdfast.spatial.converted import ArrayField, Converted, making
+from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import outer, skew
 
@@ -39,10 +41,10 @@ class Joint:
     """
 
     kind: Literal["revolute", "prismatic"] = "revolute"
-    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
-    placement: Pose = field(default_factory=Pose.identity)
+    axis: ArrayField = field(default_factory=making(np.array, [0.0, 0.0, 1.0]))
+    placement: PoseField = field(default_factory=making(Pose.identity))
     name: str = ""
-    position_limits: tuple[float, float] = UNBOUNDED
+    position_limits: Converted[tuple[float, float], ArrayLike] = field(default_factory=making(tuple, UNBOUNDED))
     rate_limit: float = np.inf
     effort_limit: float = np.inf
     armature: float = 0.0

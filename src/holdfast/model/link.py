@@ -10,8 +10,8 @@ import numpy as np
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.spatial import inertia as spatial_inertia
+from holdfast.spatial.converted import ArrayField, making
 from holdfast.spatial.inertia import RigidInertia
-from holdfast.spatial.scalar import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +28,8 @@ class Link:
     """
 
     mass: float
-    com: Array = field(default_factory=lambda: np.zeros(3))
-    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    com: ArrayField = field(default_factory=making(np.zeros, 3))
+    inertia: ArrayField = field(default_factory=making(np.zeros, (3, 3)))
     name: str = ""
     physical: bool = True
 

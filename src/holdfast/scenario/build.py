@@ -15,7 +15,7 @@ from holdfast.assembly.assemble import assemble
 from holdfast.dynamics.closing import close
 from holdfast.errors import ClosureError
 from holdfast.io import typed
-from holdfast.io.place import Place
+from holdfast.io.place import LONGEST_NAME, Place, one_line
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.scenario import parts
@@ -23,14 +23,17 @@ from holdfast.scenario.controllers import build_controller
 from holdfast.scenario.robot import Robot, robot
 from holdfast.scenario.scene import ReleaseData, SceneData
 from holdfast.scenario.surroundings import pushes, swaying_base
-from holdfast.simulation.events import Attach, Event, Release, in_order
+from holdfast.simulation.events import Attach, Event, Release, holding_after
 from holdfast.simulation.instant import Controller
 from holdfast.simulation.stops import step_times
 from holdfast.simulation.tolerance import Tolerance
 from holdfast.state import State
 
 LARGEST = 1e9
-ARM_NAME = re.compile(r"\w[\w.-]*")
+LARGEST_FILE = 2 * 2**20  # [bytes]; seconds of reading
+DEEPEST = 20  # levels; a scene needs seven
+MOST_ARMS = 64
+ARM_NAME = re.compile(r"\w[\w.-]{0,63}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,12 +75,13 @@ def load_scene(path: str | Path, folder: str | Path | None = None) -> Scenario:
         MissingExtra: it names a xacro file, and xacrodoc is not installed.
     """
     source = str(path)
-    text = typed.read_bytes(Path(path))
+    text = typed.read_bytes(Path(path), LARGEST_FILE)
     raw = typed.parse_toml(text, source)
     require_sensible(raw, Place(source))
     data = typed.convert(raw, SceneData, source)
     home = Path(path).parent if folder is None else Path(folder)
-    return build_scene(data, source, text.decode("utf-8"), data.name or Path(path).stem, home)
+    name = data.name or one_line(Path(path).stem, LONGEST_NAME)
+    return build_scene(data, source, text.decode("utf-8"), name, home)
 
 
 @np.errstate(all="ignore")  # what overflows is refused where it is found
@@ -91,6 +95,8 @@ def build_scene(
         ClosureError: an arm cannot reach its grasp.
     """
     at = Place(source)
+    if one_line(data.name, LONGEST_NAME) != data.name:
+        raise (at / "name").refuse(f"expected up to {LONGEST_NAME} printable characters on one line, got {data.name!r}")
     with (at / "simulation").refusals():
         step_times(data.simulation.duration, data.simulation.step)
     robots = build_robots(data, folder, at)
@@ -99,7 +105,7 @@ def build_scene(
     try:
         state = closed(chain, guess, search)
     except ClosureError as cause:
-        raise ClosureError(f"{source}: $.object.pose: {cause}") from cause
+        raise ClosureError((at / "object" / "pose").said(str(cause))) from cause
     controller = build_controller(data.controller, chain, state, at / "controller")
     options = build_options(data, chain, at)
     how = data.simulation
@@ -114,6 +120,8 @@ def build_robots(data: SceneData, folder: Path, at: Place) -> dict[str, Robot]:
     """
     if not data.arms:
         raise (at / "arms").refuse("expected at least one arm, got none")
+    if len(data.arms) > MOST_ARMS:
+        raise (at / "arms").refuse(f"expected at most {MOST_ARMS} arms, got {len(data.arms)}")
     _require_names((arm.name for arm in data.arms), at / "arms", "name")
     return {arm.name: robot(arm, folder, at / "arms" / i) for i, arm in enumerate(data.arms)}
 
@@ -194,28 +202,36 @@ def build_events(data: SceneData, chain: ClosedChain, at: Place) -> list[Event]:
         else:
             made.append((i, Attach(one.t, one.arm, parts.grasp(one, at / i), one.here)))
     made.sort(key=lambda placed: placed[1].t)
-    for k, (i, _) in enumerate(made):  # with one more each time, the refusal is of the last
+    holding = frozenset(chain.grasps)
+    for i, event in made:
         with (at / i).refusals():
-            in_order([event for _, event in made[: k + 1]], chain, data.simulation.duration)
+            holding = holding_after(event, holding, chain, data.simulation.duration)
     return [event for _, event in made]
 
 
-def require_sensible(raw: Any, at: Place) -> None:
-    """Refuse NaN, infinity and astronomical numbers: TOML can say them, a scene cannot mean them.
+def require_sensible(raw: Any, at: Place, levels: int = DEEPEST) -> None:
+    """Refuse NaN, infinity, astronomical numbers and depths: TOML can say them, a scene cannot mean them.
+
+    Args:
+        raw: what the file says.
+        at: its place.
+        levels: how deep it may go.
 
     Raises:
         SceneError: with the path of the first one.
     """
+    if not levels:
+        raise at.refuse(f"expected at most {DEEPEST} levels of tables and arrays")
     if isinstance(raw, float) and not math.isfinite(raw):
         raise at.refuse(f"expected a finite number, got {raw}")
     if isinstance(raw, int | float) and abs(raw) > LARGEST:
         raise at.refuse(f"expected a number up to {LARGEST:g} in SI units, got a larger one")
     if isinstance(raw, dict):
         for key, value in raw.items():
-            require_sensible(value, at / str(key))
+            require_sensible(value, at / str(key), levels - 1)
     if isinstance(raw, list):
         for i, value in enumerate(raw):
-            require_sensible(value, at / i)
+            require_sensible(value, at / i, levels - 1)
 
 
 def _require_names(names: Iterable[str], at: Place, key: str) -> None:
@@ -223,7 +239,7 @@ def _require_names(names: Iterable[str], at: Place, key: str) -> None:
     first: dict[str, int] = {}
     for i, name in enumerate(names):
         if not ARM_NAME.fullmatch(name):
-            raise (at / i / key).refuse(f"expected letters, digits, '_', '-' and '.', got {name!r}")
+            raise (at / i / key).refuse(f"expected letters, digits, '_', '-' and '.', at most 64, got {name!r}")
         if name in first:
             raise (at / i / key).refuse(f"'{name}' stands already at {(at / first[name] / key).path}")
         first[name] = i

@@ -84,7 +84,7 @@ def _of_file(data: UrdfData, folder: Path, base: Pose, tool: Pose | None, at: Pl
             xacro_args=data.xacro_args,
         )
     except HoldfastError as cause:  # it names file and line
-        raise type(cause)(f"{(at / 'urdf').source}: {(at / 'urdf').path}: {cause}") from cause
+        raise type(cause)((at / "urdf").said(str(cause))) from cause
     arm = links.arm if tool is None else links.arm.with_tip(links.arm.tip @ tool)
     if data.armature:
         arm = replace(arm, joints=_driven(arm, data.armature, at / "urdf" / "armature"))

@@ -18,7 +18,7 @@ INTERNAL, DANGER = PURPLE, VERMILLION
 
 DPI = 200
 COLUMN = 3.5  # inches: one column of a two-column page
-STYLE = {
+STYLE: dict[Any, Any] = {  # keys and values of matplotlib's rcParams
     "font.size": 8,
     "axes.titlesize": 8,
     "axes.labelsize": 8,

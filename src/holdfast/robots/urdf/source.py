@@ -57,8 +57,7 @@ def _read_bytes(path: str, name: str) -> bytes:
     """Return at most one byte more than the largest file may have."""
     try:
         if not Path(path).is_file():  # a directory, or a pipe that would never end
-            reason = "is not a file" if Path(path).exists() else "no such file"
-            raise SceneError(f"{name}: cannot be read: {reason}")
+            raise OSError("is not a file" if Path(path).exists() else "no such file")
         with open(path, "rb") as file:
             return file.read(LARGEST_FILE + 1)
     except OSError as cause:

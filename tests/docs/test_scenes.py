@@ -1,0 +1,95 @@
+"""The page of the scene format has every key with its default, every word, and nothing that is not there."""
+
+import re
+import tomllib
+import typing
+
+import msgspec
+import pytest
+
+from holdfast.robots import ROBOTS
+from holdfast.scenario import scene
+from tests.docs.pages import DOCS
+
+PAGE = (DOCS / "scenes.md").read_text(encoding="utf-8")
+TABLE = re.compile(r"^\| (?P<of>[^\n|]+) \| value \| default \| meaning \|\n\|[-|]+\|\n(?P<rows>(?:\|.*\n)+)", re.MULTILINE)
+NONE = "–"
+
+
+def structs(kind) -> list[type[msgspec.Struct]]:
+    """Return the structures inside a type such as `list[ArmData] | None`."""
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        return [kind]
+    return [found for argument in typing.get_args(kind) for found in structs(argument)]
+
+
+def words(kind) -> set[str]:
+    """Return the values of every Literal inside a type."""
+    if typing.get_origin(kind) is typing.Literal:
+        return set(typing.get_args(kind))
+    return {word for argument in typing.get_args(kind) for word in words(argument)}
+
+
+def reached(struct) -> set[type[msgspec.Struct]]:
+    """Return a structure and all those that its keys hold."""
+    inside = {found for key in msgspec.structs.fields(struct) for found in structs(key.type)}
+    return {struct}.union(*(reached(found) for found in inside))
+
+
+STRUCTS = reached(scene.SceneData)
+
+
+def holder(of: str) -> type[msgspec.Struct]:
+    """Return the structure of a table's heading: a `type = "tag"`, else names of keys that hold one and the same."""
+    if tag := re.fullmatch(r"`type = \"(\w+)\"`", of):
+        (found,) = {struct for struct in STRUCTS if struct.__struct_config__.tag == tag[1]}
+        return found
+    names = set(re.findall(r"\w+", " ".join(re.findall(r"`([^`]+)`", of))))
+    if not names:
+        return scene.SceneData
+    held = [key for struct in STRUCTS for key in msgspec.structs.fields(struct) if key.name in names]
+    (found,) = {struct for key in held for struct in structs(key.type)}
+    return found
+
+
+ROWS: dict[type[msgspec.Struct], list[list[str]]] = {
+    holder(table["of"]): [[cell.strip() for cell in row.split("|")[1:-1]] for row in table["rows"].splitlines()]
+    for table in TABLE.finditer(PAGE)
+}
+
+
+def own_keys(struct) -> dict[str, msgspec.structs.FieldInfo]:
+    """Return the keys of a structure by name, without those that it has from another one of the page."""
+    keys = {key.name: key for key in msgspec.structs.fields(struct)}
+    return {name: key for name, key in keys.items() if not any(hasattr(above, name) for above in struct.__bases__)}
+
+
+def test_every_table():
+    """Each structure that a scene can hold has a table, and no other."""
+    assert set(ROWS) == STRUCTS
+
+
+@pytest.mark.parametrize("struct", sorted(STRUCTS, key=lambda struct: struct.__name__))
+def test_every_key(struct):
+    """Its table has its keys, all, in their order, and their defaults as one would write them."""
+    keys = own_keys(struct)
+    assert {name.strip("`") for name, *_ in ROWS[struct]} == set(keys)
+    assert len(ROWS[struct]) == len(keys)
+    for name, _, default, _ in ROWS[struct]:
+        key = keys[name.strip("`")]
+        if key.required or default == "required":
+            assert key.required and default == "required", name
+        elif default == NONE:
+            assert key.default is None, name
+        else:
+            given = key.default if key.default_factory is msgspec.NODEFAULT else key.default_factory()
+            written = tomllib.loads(f"default = {default.strip('`')}")["default"]
+            assert msgspec.convert(written, key.type) == given, name
+
+
+def test_every_word():
+    """Each word that a key takes is there as one would write it, the robots' names too."""
+    types = [key.type for struct in STRUCTS for key in msgspec.structs.fields(struct)]
+    tags = {str(struct.__struct_config__.tag) for struct in STRUCTS} - {"None"}
+    for word in set(ROBOTS) | tags | {word for kind in types for word in words(kind)}:
+        assert f'`"{word}"`' in PAGE, word
