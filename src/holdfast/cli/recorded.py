@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 from holdfast.cli import complain
@@ -43,10 +42,3 @@ def scenario_of(result: Result) -> Scenario:
     if fingerprint(scenario.chain) != meta.model_sha256:
         complain(f"{scene}: describes another model now than was simulated; is a robot file another one?")
     return scenario
-
-
-def tell_notes(scenario: Scenario) -> None:
-    """Say on stderr what was read in another way than it stands in robot files, each thing once."""
-    notes = [note for robot in scenario.robots.values() if robot.links is not None for note in robot.links.notes]
-    for note in dict.fromkeys(notes):
-        print(f"note: {note}", file=sys.stderr)

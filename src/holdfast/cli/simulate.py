@@ -12,7 +12,7 @@ from pathlib import Path
 
 from holdfast.cli import INTERRUPTED, REFUSED, complain
 from holdfast.cli.console import stdout
-from holdfast.cli.recorded import tell_notes
+from holdfast.cli.robot_notes import tell_notes
 from holdfast.errors import MissingExtra, ResultError, SingularChainError, StateError
 from holdfast.io.result_folder import ResultWriter, run_meta
 from holdfast.io.result_reader import load_result

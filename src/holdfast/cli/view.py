@@ -6,7 +6,8 @@ import sys
 from pathlib import Path
 
 from holdfast.cli.console import stdout
-from holdfast.cli.recorded import recorded, tell_notes
+from holdfast.cli.recorded import recorded
+from holdfast.cli.robot_notes import tell_notes
 from holdfast.errors import ResultError, SceneError, SingularChainError, StateError
 from holdfast.robots.urdf import urdf_visuals
 from holdfast.scenario.build import Scenario, load_scene
