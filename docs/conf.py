@@ -38,7 +38,7 @@ autodoc_default_options = {"members": True}
 autodoc_type_aliases = {
     name: name
     for name in ("Array", "Scalar", "Controller", "FreeDynamics", "BaseMotion", "Torque", "MakeStepper", "GraspKind")
-}
+} | {"ArrayLike": "ArrayLike"}
 python_use_unqualified_type_names = True
 maximum_signature_line_length = 100
 napoleon_use_ivar = True

@@ -12,8 +12,10 @@ from holdfast.scenario import scene
 from tests.docs.pages import DOCS
 
 PAGE = (DOCS / "scenes.md").read_text(encoding="utf-8")
-TABLE = re.compile(r"^\| (?P<of>[^\n|]+) \| value \| default \| meaning \|\n\|[-|]+\|\n(?P<rows>(?:\|.*\n)+)", re.MULTILINE)
-NONE = "–"
+TABLE = re.compile(
+    r"^\| (?P<of>[^\n|]+) \| value \| default \| meaning \|\n\|[-|]+\|\n(?P<rows>(?:\|.*\n)+)", re.MULTILINE
+)
+NONE = "\N{EN DASH}"
 
 
 def structs(kind) -> list[type[msgspec.Struct]]:
@@ -71,7 +73,7 @@ def test_every_table():
 
 @pytest.mark.parametrize("struct", sorted(STRUCTS, key=lambda struct: struct.__name__))
 def test_every_key(struct):
-    """Its table has its keys, all, in their order, and their defaults as one would write them."""
+    """Its table has its keys, all of them once, and their defaults as one would write them."""
     keys = own_keys(struct)
     assert {name.strip("`") for name, *_ in ROWS[struct]} == set(keys)
     assert len(ROWS[struct]) == len(keys)

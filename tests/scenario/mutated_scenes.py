@@ -74,7 +74,7 @@ NESTS = (
     *(Token("[" + "0.5," * count + "]") for count in (100, 100_000)),
     *(Token("[" + "[0.5]," * count + "]") for count in (14, 10_000)),
 )
-MANY = (30, 300, 10_000)
+MANY = (12, 300, 10_000)
 
 
 def prepare(folder: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 from numbers import Real
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +17,7 @@ from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import outer, skew
 
-UNBOUNDED = (-np.inf, np.inf)
+UNBOUNDED: Any = (-np.inf, np.inf)  # to a type checker no tuple is a `Converted`
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Joint:
     axis: ArrayField = field(default_factory=making(np.array, [0.0, 0.0, 1.0]))
     placement: PoseField = field(default_factory=making(Pose.identity))
     name: str = ""
-    position_limits: Converted[tuple[float, float], ArrayLike] = field(default_factory=making(tuple, UNBOUNDED))
+    position_limits: Converted[tuple[float, float], ArrayLike] = UNBOUNDED
     rate_limit: float = np.inf
     effort_limit: float = np.inf
     armature: float = 0.0

@@ -92,6 +92,21 @@ def test_stagewise(name, moving, by):
     agree(StagewiseStepper.of(world, stubborn, rank, scheme(by), Tolerance(1e-9)), reference, state)
 
 
+@pytest.mark.parametrize(("name", "moving", "by"), [("one", False, "dop853"), ("five", True, "rk4")])
+def test_stagewise_with_a_law(name, moving, by):
+    """A law of time, state and memory is machine code too where bases move or errors are estimated."""
+    chain, state = problem(name)
+    law, rank = swinging_law(chain.joint_count), generic_rank(chain, state)
+    bases = {arm: shaken(chain.arms[arm].base, k) for k, arm in enumerate(chain.names) if k % 2 == 0}
+    world = World(chain, bases, wind) if moving else pushed(chain)
+
+    def controller(t, state, memory):
+        return law.torque(t, state, memory, {})
+
+    reference = ReferenceStepper(world, controller, rank, scheme(by), Tolerance(1e-9))
+    agree(StagewiseStepper.of(world, law, rank, scheme(by), Tolerance(1e-9), law), reference, state, law.memory)
+
+
 def test_failures_are_each_ends_own():
     """One end too far away does not spoil the others; the reason is the reference's."""
     chain, state = problem("one")

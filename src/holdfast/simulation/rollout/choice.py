@@ -16,7 +16,7 @@ from holdfast.simulation.stepper import ReferenceStepper, Stepper
 from holdfast.simulation.tolerance import Tolerance
 from holdfast.simulation.world import World
 
-WORTH_COMPILING = 30  # steps: fewer are taken by the readable texts in the time that compiling takes
+WORTH_COMPILING = 45  # steps: fewer are taken by the readable texts in the time that compiling takes
 LOOKED_AT = 16  # steps that the looks inside one come to, where something is limited
 
 
@@ -30,8 +30,9 @@ def stepper_for(
 ) -> Stepper:
     """Return the stepper that suits a run; all of them give the same answers to rounding.
 
-    A `ControlLaw`, or a controller that says it is `traceable`, becomes part of the machine code,
-    if bases stand still and no error is to be estimated. Any other one is asked from Python.
+    A `ControlLaw`, or a controller that says it is `traceable`, becomes part of the machine code;
+    any other one is asked from Python. So are moving bases, and schemes that estimate their
+    errors go stage by stage.
 
     Args:
         world: the chain and what acts on it.
@@ -46,12 +47,12 @@ def stepper_for(
         CompileError: a law does what cannot be traced.
     """
     few = steps * (LOOKED_AT if len(Signals(world.chain).limited) else 1) < WORTH_COMPILING
-    if few or _acting_on_links(world):
+    if (few and not scheme.adaptive) or _acting_on_links(world):
         return ReferenceStepper(world, controller, generic_rank, scheme, tolerance)
-    law = None if scheme.adaptive or moving(world) else law_of(controller, world.chain)
-    if law is not None:
-        return FusedStepper.of(world, law, scheme, generic_rank)
-    return StagewiseStepper.of(world, controller, generic_rank, scheme, tolerance)
+    law = law_of(controller, world.chain)
+    if law is None or scheme.adaptive or moving(world):
+        return StagewiseStepper.of(world, controller, generic_rank, scheme, tolerance, law)
+    return FusedStepper.of(world, law, scheme, generic_rank)
 
 
 def law_of(controller: Controller | ControlLaw, chain: ClosedChain) -> ControlLaw | None:

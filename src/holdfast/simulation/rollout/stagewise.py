@@ -1,4 +1,4 @@
-"""Steps under any Python controller, in any world: only forward dynamics and projection are machine code."""
+"""Steps of any scheme in any world, stage by stage: dynamics, projection and a traced law are machine code."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.instant import Controller, Instant
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
-from holdfast.simulation.rollout.law import held_torques
+from holdfast.simulation.rollout.law import ControlLaw, held_torques
 from holdfast.simulation.rollout.rows import failure, gaps_of, instant_of, state_of, state_rows
 from holdfast.simulation.runge_kutta import RK4, Tableau, rotation_vector_rate, weighted
 from holdfast.simulation.step import Gaps, displaced
@@ -32,32 +32,32 @@ class Moment:
         t: time [s].
         chain: its bases where they are.
         inputs: shaped.
-        tau: (n,) torques of the controller.
+        tau: (n,) torques of the controller; None where they are machine code's.
         memory: what it carries on.
     """
 
     t: float
     chain: ClosedChain
     inputs: Inputs
-    tau: Array
+    tau: Array | None
     memory: Any
 
 
 @dataclass(frozen=True, eq=False)
 class StagewiseStepper:
-    """Steps that ask the controller and the world from Python at every stage; see `Stepper`.
+    """Steps that ask the world from Python at every stage, and a controller that is no machine code; see `Stepper`.
 
     Attributes:
         world: the chain and what acts on it; no wrenches on links.
-        controller: torques.
-        kernel: a step under given torques, of which only the end is used: states closed, or evaluated.
+        controller: torques; None where they are part of the kernel.
+        kernel: a step, of which only the end is used: states closed, or evaluated.
         generic_rank: rank of the constraint away from singular configurations.
         scheme: the Runge-Kutta scheme.
         tolerance: what `Advance.error` compares the scheme's estimates with.
     """
 
     world: World
-    controller: Controller
+    controller: Controller | None
     kernel: StepKernel
     generic_rank: int
     scheme: Tableau
@@ -65,16 +65,22 @@ class StagewiseStepper:
 
     @classmethod
     def of(
-        cls, world: World, controller: Controller, generic_rank: int, scheme: Tableau, tolerance: Tolerance
+        cls,
+        world: World,
+        controller: Controller,
+        generic_rank: int,
+        scheme: Tableau,
+        tolerance: Tolerance,
+        law: ControlLaw | None = None,
     ) -> StagewiseStepper:
-        """Return the stepper of a controller."""
-        law = held_torques(world.chain.joint_count)
-        kernel = StepKernel(world.chain, law, RK4, generic_rank, base_motion=moving(world))
-        return cls(world, controller, kernel, generic_rank, scheme, tolerance)
+        """Return the stepper of a controller; a `law` that gives the same torques is asked in its place."""
+        ours = held_torques(world.chain.joint_count) if law is None else law
+        kernel = StepKernel(world.chain, ours, RK4, generic_rank, base_motion=moving(world))
+        return cls(world, controller if law is None else None, kernel, generic_rank, scheme, tolerance)
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
         """Return the chain at a given state, projected onto the grasps; see `Stepper`."""
-        closed = self._run([t], [state], [self._still(t)], held=False)
+        closed = self._run([t], [state], [self._still(t)], None, held=False)
         _refuse(closed)
         return self.evaluate(t, state_of(closed, 0), memory), gaps_of(closed, 0)
 
@@ -106,7 +112,7 @@ class StagewiseStepper:
             slopes.append(slope)
         y = steps * weighted(self.scheme.b, slopes)
         estimates = [steps * weighted(e, slopes) for e in self.scheme.error]
-        closed = self._run(ends, _displaced(now.state, y), [self._still(t) for t in ends], held=False)
+        closed = self._run(ends, _displaced(now.state, y), [self._still(t) for t in ends], None, held=False)
         _refuse(closed)
         states = [state_of(closed, row) for row in range(len(ends))]
         found, moments = self._evaluated(ends, states, now.memory)
@@ -119,15 +125,19 @@ class StagewiseStepper:
         return answers
 
     def _instant(self, systems: Systems, row: int, at: Moment) -> Instant:
-        return instant_of(systems, row, at.t, at.chain, at.inputs, at.tau, at.memory, self.generic_rank)
+        tau = systems["drive"][row].copy() if at.tau is None else at.tau
+        kept = systems["memory"][row].copy() if at.tau is None and "memory" in systems else at.memory
+        return instant_of(systems, row, at.t, at.chain, at.inputs, tau, kept, self.generic_rank)
 
     def _evaluated(self, times: list[float], states: list[State], memory: Any) -> tuple[Systems, list[Moment]]:
         """Return what follows from the states under the controller's torques."""
         moments = [self._told(t, state, memory) for t, state in zip(times, states, strict=True)]
-        return self._run(times, states, moments, held=True), moments
+        return self._run(times, states, moments, memory, held=True), moments
 
     def _told(self, t: float, state: State, memory: Any) -> Moment:
         chain, inputs = self._world_at(t)
+        if self.controller is None:
+            return Moment(t, chain, inputs, None, memory)
         tau, kept = self.controller(t, state, memory)
         tau = checks.numbers(tau, (chain.joint_count,), "controller: torques", StateError)
         return Moment(t, chain, inputs, tau, kept)
@@ -147,17 +157,18 @@ class StagewiseStepper:
             )
         return chain, shaped
 
-    def _run(self, times: list[float], states: list[State], moments: list[Moment], held: bool) -> Systems:
+    def _run(self, times: list[float], states: list[State], moments: list[Moment], memory: Any, held: bool) -> Systems:
         """Return the systems after a step of length zero."""
-        systems = self.kernel.systems(state_rows(states))
+        systems = self.kernel.systems(state_rows(states), memory if "memory" in self.kernel.carried else None)
         inputs = {
             "begin": np.array(times),
             "step": np.array(0.0),
             "held": np.array(float(held)),
             "least_margin": np.array(-np.inf),
             "object_wrench": np.array([m.inputs.object_wrench for m in moments]),
-            "control.tau": np.array([m.tau for m in moments]),
         }
+        if self.controller is not None:
+            inputs["control.tau"] = np.array([m.tau for m in moments])
         self.kernel.run(systems, inputs, self._bases(moments), 1, 1)
         return systems
 
