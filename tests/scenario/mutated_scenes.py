@@ -8,7 +8,8 @@ import os
 import random
 import re
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,6 @@ SEEDS = (
     *(random_scene(seed) for seed in (0, 1, 4, 6, 8, 9, 12)),
 )
 SOUND = [tomllib.loads(text) for text in SEEDS]
-FOLDED = "robots/two.urdf"
 
 
 class Token(str):
@@ -60,6 +60,7 @@ FILES = (
         "robots/loop.urdf",
         "robots/empty.urdf",
         "robots/long.urdf",
+        "robots/endless.urdf",
         "robots/two.urdf/",
         "robots//two.urdf",
         "scene.toml",
@@ -81,15 +82,17 @@ def prepare(folder: Path) -> None:
     """Put what scenes name into a folder: robots, and things that are none."""
     robots = folder / "robots"
     robots.mkdir()
-    (folder / FOLDED).write_text(TWO_ARMED)
+    (robots / "two.urdf").write_text(TWO_ARMED)
     (robots / "empty.urdf").write_text("")
     (robots / "empty.xacro").write_text("")
-    (robots / "long.urdf").write_text(_long_arm(2000))
+    (robots / "long.urdf").write_text(_arm(300))
+    (robots / "endless.urdf").write_text(_arm(3000))
     (robots / "loop.urdf").symlink_to(robots / "loop.urdf")
     os.mkfifo(robots / "fifo")
 
 
-def _long_arm(joints: int) -> str:
+def _arm(joints: int) -> str:
+    """Return the URDF of an arm of so many joints."""
     body = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
     links = [f'<link name="l{k}">{body}</link>' for k in range(joints + 1)]
     axis = '<axis xyz="0 0 1"/><origin xyz="0.01 0 0.01" rpy="0.1 0.2 0.3"/>'
@@ -213,22 +216,17 @@ def doubled(data: dict, dice: random.Random) -> None:
 
 
 def multiplied(data: dict, dice: random.Random) -> None:
-    """Give a scene very many arms, grasps, events, wrenches, breakpoints or pieces; alike, or each its own."""
-    keys = [*data.get("controller", {}), *data.get("simulation", {}), *data]
-    key = dice.choice([key for key in keys if key in ("arms", "grasps", "events", "wrenches", "pieces")] or ["arms"])
-    count, own = dice.choice(MANY), dice.random() < 0.6
-    if dice.random() < 0.15:
-        data["simulation"]["breakpoints"] = [k * 1e-5 for k in range(count)]
-        return
-    holder = data["controller"] if key == "pieces" else data
-    items = holder[key]
-    holder[key] = [_numbered(items[k % len(items)], k, len(items)) if own else items[0] for k in range(count)]
+    """Give a scene very many arms, events, pieces, coefficients or the like; alike, or each its own."""
+    data["simulation"].setdefault("breakpoints", [1e-5])
+    where = chosen(data, dice, list)
+    items, count, own = at(data, where), dice.choice(MANY), dice.random() < 0.6
+    put(data, where, [_numbered(items[k % len(items)], k, len(items)) if own else items[0] for k in range(count)])
 
 
-def _numbered(item: dict, k: int, first: int) -> dict:
+def _numbered(item: Any, k: int, first: int) -> Any:
     """Return an item as the k-th of many: names and times of its own after the first ones."""
-    if k < first:
-        return item
+    if k < first or not isinstance(item, dict):
+        return item + 1e-6 * k if isinstance(item, float) else item
     names = {key: f"{item[key]}{k}" for key in ("name",) if key in item}
     return item | names | {key: item[key] + 1e-6 * k for key in ("t", "begin") if key in item}
 
@@ -326,39 +324,47 @@ def hollow(text: str, dice: random.Random) -> str:
     return dice.choice([*kinds, "# nothing", "a.b.c = 1", text.replace('"', ""), text.replace("=", ":"), text * 2])
 
 
-OF_STRUCTURE = (
-    *(odd_number, other_number, odd_text, odd_file, other_type, taken_out, renamed, exchanged, grafted, doubled),
-    multiplied,
-)
-OF_TEXT = (mistyped, deleted, duplicated, shuffled, stretched, spelt, bytes_flipped, recoded, hollow)
-WEIGHTS = dict(zip(OF_STRUCTURE, (20, 40, 8, 3, 8, 6, 3, 6, 14, 2, 5), strict=True))
-WEIGHTS |= dict(zip(OF_TEXT, (8, 6, 4, 8, 2, 4, 4, 2, 1), strict=True))
-MUTATIONS = tuple(WEIGHTS)
+OF_STRUCTURE: dict[Callable[[dict, random.Random], None], int] = {  # how often
+    odd_number: 20,
+    other_number: 40,
+    odd_text: 8,
+    odd_file: 3,
+    other_type: 8,
+    taken_out: 6,
+    renamed: 3,
+    exchanged: 6,
+    grafted: 14,
+    doubled: 2,
+    multiplied: 5,
+}
+OF_TEXT: dict[Callable[[str, random.Random], str | bytes], int] = {
+    mistyped: 8,
+    deleted: 6,
+    duplicated: 4,
+    shuffled: 8,
+    stretched: 2,
+    spelt: 4,
+    bytes_flipped: 4,
+    recoded: 2,
+    hollow: 1,
+}
 
 
 def mutated(seed: int) -> tuple[str, bytes]:
     """Return the name of a mutation, and the mutated scene; often mutated more than once."""
     dice = random.Random(seed)
-    mutation = dice.choices(MUTATIONS, list(WEIGHTS.values()))[0]
-    which = dice.randrange(len(SEEDS))
-    data, text = copy.deepcopy(SOUND[which]), SEEDS[which]
-    before = [dice.choice(OF_STRUCTURE[:-1]) for _ in range(dice.choice([0, 0, 0, 1, 2]))]
-    steps = [*before, mutation] if mutation in OF_STRUCTURE else before
+    which, spoil_text = dice.randrange(len(SEEDS)), dice.random() < 0.25
+    count = dice.choice([0, 0, 1, 2] if spoil_text else [1, 1, 1, 2, 3])
+    steps = dice.choices(list(OF_STRUCTURE), list(OF_STRUCTURE.values()), k=count)
+    data = copy.deepcopy(SOUND[which])
     for step in steps:
-        try:
+        with suppress(IndexError, KeyError, TypeError, AttributeError, ValueError):  # nothing is left for this one
             step(data, dice)
-        except (IndexError, KeyError, TypeError, AttributeError, ValueError):  # nothing is left for this one
-            continue
-    text = written(data) if steps else text
-    made: str | bytes = text
-    if mutation in OF_TEXT:
-        try:
-            made = mutation(text, dice)
-        except (IndexError, ValueError):
-            made = text
-    return mutation.__name__, made if isinstance(made, bytes) else made.encode("utf-8", "surrogatepass")
-
-
-def mutations() -> Iterator[str]:
-    """Yield the names of all mutations."""
-    yield from (mutation.__name__ for mutation in MUTATIONS)
+    made: str | bytes = written(data) if steps else SEEDS[which]
+    name = steps[-1].__name__ if steps else ""
+    if spoil_text:
+        (mutation,) = dice.choices(list(OF_TEXT), list(OF_TEXT.values()))
+        name = mutation.__name__
+        with suppress(IndexError, ValueError):
+            made = mutation(made, dice)
+    return name, made if isinstance(made, bytes) else made.encode("utf-8", "surrogatepass")

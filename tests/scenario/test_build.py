@@ -1,5 +1,6 @@
 """A scene becomes the chain it describes, closed and at rest; a bad one is refused on one line."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -199,9 +200,21 @@ BAD_SCENES = {
     "unknown policy": ("step = 0.002", 'step = 0.002\non_slip = "relase"', "$.simulation.on_slip: Invalid enum value"
                        " 'relase'. Did you mean 'release'?"),
     "unknown scheme": ("step = 0.002", 'step = 0.002\nscheme = "rk5"', "Did you mean 'rk4'?"),
-    "negative tolerance": ("step = 0.002", "step = 0.002\nrtol = -1e-6", "$.simulation.rtol: expected > 0, got -1e-06"),
+    "negative tolerance": ("step = 0.002", "step = 0.002\nrtol = -1e-6", "$.simulation.rtol: expected >= 1e-15, got"
+                           " -1e-06"),
     "base that jumps": ("[object]", "base_motion = { smooth_start = 0 }\n[object]",
-                        "$.arms[1].base_motion.smooth_start: expected > 0, got 0.0"),
+                        "$.arms[1].base_motion.smooth_start: expected >= 1e-06, got 0.0"),
+    "base that sets out in no time": ("[object]", "base_motion = { smooth_start = 1e-300 }\n[object]",
+                                      "$.arms[1].base_motion.smooth_start: expected >= 1e-06, got 1e-300"),
+    "base that shakes": ("[object]", "base_motion = { turn = { amplitude = [1, 1, 1], frequency = [0, -1e9, 0] } }\n"
+                         "[object]", "$.arms[1].base_motion.frequency: expected at most 10000 Hz, got 1e+09"),
+    "no error at all": ("step = 0.002", 'step = 0.002\nscheme = "dop853"\nrtol = 1e-300\natol = 1e-300',
+                        "$.simulation.rtol: expected >= 1e-15, got 1e-300"),
+    "name that clears the screen": ('name = "two pandas', 'name = "\\u001b[2J',
+                                    r"$.name: expected up to 200 printable characters on one line, got '\x1b[2J"),
+    "name without end": ('name = "left"', f'name = "{"x" * 300_000}"', "'.', at most 64, got 'xxxxx"),
+    "key without end": ("squeeze = 20.0", f"{'squeeze' * 50_000} = 20.0", "unknown field `squeezesqueeze"),
+    "key of another program": ("squeeze", '"\\u0000\\u2028"', r"unknown field `\x00\u2028`"),
     "not TOML": ("mass = 3.0", "mass = = 3.0", "not valid TOML: Invalid value"),
     "unknown key": ("squeeze = 20.0", "squeze = 20.0", "$.controller: Object contains unknown field `squeze`. Did you"
                     " mean 'squeeze'?"),
@@ -283,9 +296,18 @@ def test_bad_scene_is_refused(case, tmp_path):
         ("arms = []\n" + TEXT[TEXT.index("[object]") :], "$.arms: expected at least one arm, got none"),
         (TEXT[: TEXT.index("[[grasps]]")] + TEXT[TEXT.index("[controller]") :], "object_tracking needs a grasp"),
         (b"name = '\xff'", "not valid TOML"),
-        ("a = " + 3000 * "[" + 3000 * "]", "not valid TOML"),
+        (TEXT.encode("utf-16"), "not valid TOML: 'utf-8' codec"),
+        ("a = " + 3000 * "[" + 3000 * "]", "not valid TOML: nested too deeply"),
+        ("\n" + 20_000 * "a." + "a = 1", "not valid TOML: expected a key of fewer than 100 parts (at line 2)"),
+        ("a = " + 100 * ("{" + 90 * "a." + "a =") + "1" + 100 * "}", "expected at most 20 levels of tables and arrays"),
+        ("a = " + 5000 * "9", "not valid TOML: an integer of more than 4300 digits"),
+        (3_000_000 * "#", "expected at most 2 MiB, got more"),
+        (TEXT.replace(LEFT_ARM, "".join(LEFT_ARM.replace("left", f"left{k}") for k in range(64))),
+         "$.arms: expected at most 64 arms, got 65"),
+        (with_schedule("[1.0, 2.0]", "[" + 3000 * "0.1," + "]"),
+         "$.controller.pieces[0].torques[0]: expected at most 20 coefficients, got 3000"),
     ],
-)
+)  # fmt: skip
 def test_gutted_scene_is_refused(text, message, tmp_path):
     """Files with whole parts missing, or that are no text."""
     path = tmp_path / "bad.toml"
@@ -294,13 +316,27 @@ def test_gutted_scene_is_refused(text, message, tmp_path):
         load_scene(path)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) <= 600
 
 
-@pytest.mark.parametrize("what", ["missing.toml", "."])
+@pytest.mark.parametrize("spelt", [b"\xef\xbb\xbf" + TEXT.encode(), TEXT.replace("\n", "\r\n").encode()])
+def test_editors(spelt, tmp_path):
+    """A byte order mark and other line ends change nothing, and the text stays as it was."""
+    path = tmp_path / "edited.toml"
+    path.write_bytes(spelt)
+    scenario = load_scene(path)
+    assert scenario.text.encode() == spelt
+    assert (scenario.state.q == load_scene(EXAMPLE).state.q).all()
+
+
+@pytest.mark.parametrize("what", ["missing.toml", ".", "/dev/zero", "pipe", "two\nlines", "\0", 3000 * "long"])
 def test_unreadable_file(what, tmp_path):
-    """A file that is not there, a folder."""
-    with pytest.raises(SceneError, match="cannot be read"):
+    """A file that is not there, a folder, what would never end, names that no file has."""
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(SceneError, match=": cannot be read: ") as caught:
         load_scene(tmp_path / what)
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) <= 600
 
 
 def test_unreachable_object(tmp_path):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from holdfast.simulation.bracket import crossing, lowest_between
+from holdfast.simulation.bracket import crossing, search_lowest, together
 
 
 def counted(f):
@@ -36,7 +36,7 @@ def test_lowest(shape):
     for place in rng.uniform(0.1, 0.9, 50):
         g, asked = counted(lambda x, place=place: f(x - place))
         inside = place + rng.uniform(-0.05, 0.0)
-        x, value = lowest_between(g, 0.0, inside, 1.0, 1e-7)
+        ((x, value),) = together([search_lowest(0.0, inside, 1.0, 1e-7)], lambda places, g=g: [g(places[0])])
         assert value == g(x)
         assert value - f(0.0) <= most_above
         assert len(asked) <= most
@@ -53,3 +53,19 @@ def test_crossing(f, down):
             assert x == pytest.approx(place, abs=1.1e-13)
             assert (g(x) < 0) == (g(b) < 0)
         assert len(asked) < 150
+
+
+def test_searches_go_side_by_side():
+    """Several at once find what each finds alone, and ask for all their places in one call a round."""
+    lows, calls = [0.2, 0.5, 0.9], []
+
+    def values(asked):
+        calls.append(len(asked))
+        return [(x - lows[k]) ** 2 - k for k, x in asked.items()]
+
+    found = together([search_lowest(0.0, low, 1.0, 1e-7) for low in lows], values)
+    assert [x for x, _ in found] == pytest.approx(lows, abs=1e-6)
+    assert [value for _, value in found] == pytest.approx([0.0, -1.0, -2.0], abs=1e-12)
+    assert calls[0] == 3
+    assert len(calls) < 40
+    assert together([], values) == []

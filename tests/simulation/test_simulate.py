@@ -59,6 +59,15 @@ def test_closed_after_every_step(grasps):
             assert np.abs(gap.velocity).max() <= 1e-12
 
 
+def test_steps_are_bounded(monkeypatch):
+    """An adaptive run that would take steps without end is stopped, and says what to try."""
+    monkeypatch.setattr("holdfast.simulation.simulate.MOST_STEPS", 3)
+    p = problem(arms=1, joints=4, grasps="ball")
+    run = simulate(p.chain, p.state, limp, 1.0, 1.0, scheme="dop853", rtol=1e-12)
+    assert run.stopped == f"stopped after t = {run.t[-1]:.6g} s: more than 3 steps; try a larger rtol"
+    assert len(run) == 5
+
+
 def test_free_fall_keeps_energy():
     """Two limp arms fall with their object: T + V stays what it was."""
     p = problem(seed=3, arms=2, joints=7, grasps="rigid")

@@ -46,8 +46,10 @@ def test_work_is_not_controlled():
     assert tolerance.ratio([np.zeros(20), np.ones(20)], BEFORE, AFTER) == 0.0
 
 
-@pytest.mark.parametrize(("what", "given"), [("rtol", (0.0,)), ("rtol", (np.nan,)), ("atol", (1e-8, -1.0))])
+@pytest.mark.parametrize(
+    ("what", "given"), [("rtol", (0.0,)), ("rtol", (1e-16,)), ("rtol", (np.nan,)), ("atol", (1e-8, -1.0))]
+)
 def test_refused(what, given):
-    """A tolerance that is not positive is refused by name."""
+    """A tolerance that is not positive, or finer than floats, is refused by name."""
     with pytest.raises(ModelError, match=f"tolerance: {what}: expected"):
         Tolerance(*given)

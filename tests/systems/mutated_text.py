@@ -46,7 +46,7 @@ def deleted(text: str, dice: random.Random, *patterns: re.Pattern[str]) -> str:
 
 
 def duplicated(text: str, dice: random.Random, first: int = 0) -> str:
-    """Return the text with one line, or a block, from the `first` on repeated, once or very often, here or elsewhere."""
+    """Return the text with one line or block, from the `first` on, repeated a few or very many times, anywhere."""
     lines = text.splitlines(keepends=True)
     first = dice.randrange(first, len(lines))
     block = lines[first : first + dice.choice([1, 1, 1, 6, 12])] * dice.choice([1, 1, 2, 3000])

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
 from holdfast.cli.console import stdout
 from holdfast.cli.recorded import recorded
 from holdfast.cli.robot_notes import tell_notes
-from holdfast.errors import ResultError, SceneError, SingularChainError, StateError
+from holdfast.errors import ResultError, SingularChainError, StateError
+from holdfast.io.place import refusal
 from holdfast.robots.urdf import urdf_visuals
 from holdfast.scenario.build import Scenario, load_scene
 from holdfast.simulation.instant import evaluate
@@ -58,8 +60,8 @@ def _announce(address: str) -> None:
 
 
 def _film(target: Path, rate: float) -> Film:
-    if not target.exists():
-        raise SceneError(f"{target}: no such file or folder; expected a result folder or a scene file")
+    if not os.path.exists(target):  # Path.exists raises at names that are too long
+        raise refusal(str(target), "no such file or folder; expected a result folder or a scene file")
     if not target.is_dir():
         scenario = load_scene(target)
         tell_notes(scenario)

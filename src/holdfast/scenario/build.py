@@ -32,7 +32,7 @@ from holdfast.state import State
 LARGEST = 1e9
 LARGEST_FILE = 2 * 2**20  # [bytes]; seconds of reading
 DEEPEST = 20  # levels; a scene needs seven
-MOST_ARMS = 64
+MOST_ARMS, MOST_JOINTS = 64, 1000
 ARM_NAME = re.compile(r"\w[\w.-]{0,63}")
 
 
@@ -96,7 +96,9 @@ def build_scene(
     """
     at = Place(source)
     if one_line(data.name, LONGEST_NAME) != data.name:
-        raise (at / "name").refuse(f"expected up to {LONGEST_NAME} printable characters on one line, got {data.name!r}")
+        raise (at / "name").refuse(
+            f"expected up to {LONGEST_NAME} printable characters on one line, got '{one_line(data.name, 60)}'"
+        )
     with (at / "simulation").refusals():
         step_times(data.simulation.duration, data.simulation.step)
     robots = build_robots(data, folder, at)
@@ -123,7 +125,13 @@ def build_robots(data: SceneData, folder: Path, at: Place) -> dict[str, Robot]:
     if len(data.arms) > MOST_ARMS:
         raise (at / "arms").refuse(f"expected at most {MOST_ARMS} arms, got {len(data.arms)}")
     _require_names((arm.name for arm in data.arms), at / "arms", "name")
-    return {arm.name: robot(arm, folder, at / "arms" / i) for i, arm in enumerate(data.arms)}
+    robots, joints = {}, 0
+    for i, arm in enumerate(data.arms):
+        robots[arm.name] = robot(arm, folder, at / "arms" / i)
+        joints += robots[arm.name].arm.joint_count
+        if joints > MOST_JOINTS:
+            raise (at / "arms" / i).refuse(f"expected at most {MOST_JOINTS} joints in all, got {joints} up to here")
+    return robots
 
 
 def closed(chain: ClosedChain, guess: State, search: bool) -> State:
@@ -179,13 +187,15 @@ def build_options(data: SceneData, chain: ClosedChain, at: Place) -> dict[str, A
     }
     with (at / "simulation").refusals():
         Tolerance(how.rtol, how.atol)
+        if how.largest_drift is not None:
+            checks.number(how.largest_drift, "simulation: largest_drift", above=0.0)
     return {
         "events": build_events(data, chain, at / "events"),
         "base_motion": swaying,
         "inputs": pushed if data.wrenches else None,
         # a base that has set out moves on with another jerk
         "breakpoints": [*how.breakpoints, *pushed.breakpoints, *(base.smooth_start for base in swaying.values())],
-        **{name: getattr(how, name) for name in ("on_slip", "on_limit", "scheme", "rtol", "atol")},
+        **{name: getattr(how, name) for name in ("on_slip", "on_limit", "scheme", "rtol", "atol", "largest_drift")},
     }
 
 
@@ -239,7 +249,9 @@ def _require_names(names: Iterable[str], at: Place, key: str) -> None:
     first: dict[str, int] = {}
     for i, name in enumerate(names):
         if not ARM_NAME.fullmatch(name):
-            raise (at / i / key).refuse(f"expected letters, digits, '_', '-' and '.', at most 64, got {name!r}")
+            raise (at / i / key).refuse(
+                f"expected letters, digits, '_', '-' and '.', at most 64, got '{one_line(name, 60)}'"
+            )
         if name in first:
             raise (at / i / key).refuse(f"'{name}' stands already at {(at / first[name] / key).path}")
         first[name] = i

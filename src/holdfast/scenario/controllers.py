@@ -15,6 +15,7 @@ from holdfast.simulation.schedule import TorqueSchedule
 from holdfast.state import State
 
 GAINS = ("squeeze", "joint_damping", "stiffness", "damping")
+MOST_COEFFICIENTS = 20  # of a polynomial; powers of higher order are noise
 
 
 def build_controller(
@@ -53,6 +54,8 @@ def _schedule(data: TorqueScheduleData, chain: ClosedChain, state: State, at: Pl
         for k, row in enumerate(piece.torques):
             if not row:
                 raise (here / k).refuse("expected at least one coefficient, got none")
+            if len(row) > MOST_COEFFICIENTS:
+                raise (here / k).refuse(f"expected at most {MOST_COEFFICIENTS} coefficients, got {len(row)}")
         width = max(map(len, piece.torques))
         tables.append(np.array([row + [0.0] * (width - len(row)) for row in piece.torques]))
     beside = None if data.beside is None else build_controller(data.beside, chain, state, at / "beside")

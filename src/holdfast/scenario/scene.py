@@ -184,7 +184,7 @@ class SimulationData(_Strict):
     """How long, in which steps, and what is done about slipping grasps and passed limits.
 
     At `breakpoints` steps end; knots of a schedule, events and ends of wrenches are such times anyway. `rtol` and
-    `atol` are for an adaptive scheme.
+    `atol` are for an adaptive scheme, `largest_drift` for the others: see `simulate`.
     """
 
     duration: float
@@ -192,6 +192,7 @@ class SimulationData(_Strict):
     scheme: Literal["rk4", "midpoint", "dop853"] = "rk4"
     rtol: float = RTOL
     atol: float | None = None
+    largest_drift: float | None = None
     on_slip: OnSlip = "stop"
     on_limit: OnLimit = "record"
     breakpoints: list[float] = []

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from holdfast.control.paths import quintic
+from holdfast.errors import ModelError
 from holdfast.io.place import Place
 from holdfast.model import checks
 from holdfast.scenario.scene import BaseMotionData, SwayData, WrenchData
@@ -16,6 +17,9 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import cross
 from holdfast.state import Inputs
+
+QUICKEST_START = 1e-6  # [s]; a quicker one jumps
+FASTEST = 1e4  # [Hz]; no base shakes faster
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +32,9 @@ class SwayingBase:
     Attributes:
         rest: the pose it sways about.
         amplitude: (6,) [rad, m].
-        frequency: (6,) [Hz].
+        frequency: (6,), sizes up to 10 kHz [Hz].
         phase: (6,) [rad].
-        smooth_start: > 0 [s].
+        smooth_start: at least 1e-6 [s].
     """
 
     rest: Pose
@@ -42,7 +46,9 @@ class SwayingBase:
     def __post_init__(self) -> None:
         for name in ("amplitude", "frequency", "phase"):
             object.__setattr__(self, name, checks.numbers(getattr(self, name), (6,), f"base motion: {name}"))
-        checks.number(self.smooth_start, "base motion: smooth_start", above=0.0)
+        checks.number(self.smooth_start, "base motion: smooth_start", at_least=QUICKEST_START)
+        if (fastest := float(np.abs(self.frequency).max())) > FASTEST:
+            raise ModelError(f"base motion: frequency: expected at most {FASTEST:g} Hz, got {fastest:g}")
 
     def __call__(self, t: float) -> tuple[Pose, Array, Array]:
         """Return pose, twist and acceleration (plain derivative) of the base at time t, world axes."""

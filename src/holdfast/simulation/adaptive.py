@@ -115,7 +115,8 @@ def _stuck(t: float, reached: Advance) -> HoldfastError:
     """Return the error of a step that cannot be made shorter."""
     if reached.failure is not None:
         return type(reached.failure)(f"no step leads on from t = {t:.9g} s, however short: {reached.failure}")
+    error = f"{reached.error:.3g} times the tolerance" if math.isfinite(reached.error) else "beyond all numbers"
     return StateError(
-        f"no step leads on from t = {t:.9g} s: at {reached.t - t:.3g} s the error is still {reached.error:.3g} times"
-        " the tolerance; try a larger rtol, or end steps where controller or inputs jump"
+        f"no step leads on from t = {t:.9g} s: at {reached.t - t:.3g} s the error is still {error}; try a larger rtol,"
+        " or end steps where controller or inputs jump"
     )

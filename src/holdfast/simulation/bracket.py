@@ -6,30 +6,60 @@ Both searches shrink a bracket and need no derivative, so a kink costs steps, ne
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Mapping, Sequence
 
 GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))
 MOST_TRIES = 100
 ALIKE = 1e-13  # values nearer than this, relative or absolute below 1, differ by rounding
 
 Function = Callable[[float], float]
+Search = Generator[float, float, tuple[float, float]]
 
 
-def lowest_between(f: Function, a: float, b: float, c: float, precision: float) -> tuple[float, float]:
-    """Return where f is lowest in [a, c], and its value there (R. P. Brent's search, 1973).
+def together(
+    searches: Sequence[Search], values_at: Callable[[Mapping[int, float]], Sequence[float]]
+) -> list[tuple[float, float]]:
+    """Return what searches find that go on side by side, so that many places are looked at in one call.
+
+    Args:
+        searches: each yields places and is sent the values there.
+        values_at: values at places, which are given by the number of the search that asks.
+    """
+    found: dict[int, tuple[float, float]] = {}
+    asked = {k: next(search) for k, search in enumerate(searches)}
+    while asked:
+        for k, value in zip(list(asked), values_at(asked), strict=True):
+            try:
+                asked[k] = searches[k].send(value)
+            except StopIteration as end:
+                found[k] = end.value
+                del asked[k]
+    return [found[k] for k in range(len(searches))]
+
+
+def search_lowest(a: float, b: float, c: float, precision: float) -> Search:
+    """Return the search for where a function is lowest in [a, c] (R. P. Brent, 1973).
 
     Parabolas through the three best points, golden sections where these do not shrink the
     bracket. Ends when two parabolas in a row have found nothing lower, or where the bracket is as
     small as asked for.
 
     Args:
-        f: with f(b) <= f(a) and f(b) <= f(c).
         a: the bracket's lower end.
-        b: between a and c.
+        b: between a and c, where the function is at most what it is at both.
         c: its upper end.
         precision: on the place.
+
+    Yields:
+        Places; each is to be sent the value there.
+
+    Returns:
+        The place, and the value there.
     """
-    (fx, x), (fw, w), (fv, v) = sorted((f(place), place) for place in (a, b, c))
+    points = []
+    for place in (a, b, c):
+        points.append(((yield place), place))
+    (fx, x), (fw, w), (fv, v) = sorted(points)
     moved = before = c - a
     idle = 0
     for _ in range(MOST_TRIES):
@@ -46,7 +76,7 @@ def lowest_between(f: Function, a: float, b: float, c: float, precision: float) 
             step = GOLDEN * before
         moved = math.copysign(max(abs(step), precision), step)
         u = x + moved
-        fu = f(u)
+        fu = yield u
         idle = idle + 1 if parabolic and abs(fu - fx) <= ALIKE * max(1.0, abs(fx)) else 0
         if fu <= fx:
             a, c = (x, c) if u > x else (a, x)

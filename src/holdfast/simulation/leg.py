@@ -15,6 +15,7 @@ from holdfast.simulation.policy import Policy
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.stepper import Stepper
 from holdfast.simulation.stops import Stops
+from holdfast.simulation.subdivision import SubdividingStepper
 from holdfast.simulation.tolerance import Tolerance
 from holdfast.simulation.world import World
 from holdfast.spatial.scalar import Array
@@ -32,6 +33,7 @@ class Plan:
         make_stepper: (world, controller, generic rank, scheme, tolerance) -> what takes the steps.
         scheme: Runge-Kutta scheme.
         tolerance: of a scheme that estimates its error.
+        largest_drift: of a step of one that does not, see `subdivision` [m or rad]; None: any.
         policy: what is done about violations.
         events: in order of time.
         stops: times that steps end at.
@@ -42,6 +44,7 @@ class Plan:
     make_stepper: MakeStepper
     scheme: Tableau
     tolerance: Tolerance
+    largest_drift: float | None
     policy: Policy
     events: list[Event]
     stops: Stops
@@ -65,9 +68,12 @@ class Leg:
 
     @cached_property
     def stepper(self) -> Stepper:
-        """What takes the steps."""
+        """What takes the steps; those of a scheme that does not choose its own are taken in parts where need be."""
         plan = self.plan
-        return plan.make_stepper(self.world, self.controller, self.generic_rank, plan.scheme, plan.tolerance)
+        whole = plan.make_stepper(self.world, self.controller, self.generic_rank, plan.scheme, plan.tolerance)
+        if plan.scheme.adaptive or plan.largest_drift is None:
+            return whole
+        return SubdividingStepper(whole, plan.largest_drift)
 
     @cached_property
     def signals(self) -> Signals:

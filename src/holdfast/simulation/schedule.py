@@ -97,6 +97,8 @@ class TorqueSchedule:
 
 def _turning_points(coefficients: Array) -> list[float]:
     """Return where the polynomial's slope vanishes; of a complex pair, which rounding may make of two, both."""
+    if len(coefficients) < 3:
+        return []
     slope = np.polynomial.Polynomial(coefficients).deriv().trim()
     if not np.isfinite(slope.coef).all() or slope.degree() < 1:
         return []

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from holdfast.errors import HoldfastError
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.events import Event, in_order
@@ -20,7 +21,7 @@ from holdfast.simulation.rollout.choice import stepper_for
 from holdfast.simulation.rollout.law import ControlLaw
 from holdfast.simulation.runge_kutta import scheme as scheme_named
 from holdfast.simulation.sample import sample
-from holdfast.simulation.stops import ALIKE, step_times, stops
+from holdfast.simulation.stops import ALIKE, MOST_STEPS, step_times, stops
 from holdfast.simulation.tolerance import RTOL, Tolerance
 from holdfast.simulation.trajectory import Trajectory, array_names, stacked
 from holdfast.simulation.world import BaseMotion, World
@@ -44,6 +45,7 @@ def simulate(
     scheme: str = "rk4",
     rtol: float = RTOL,
     atol: float | None = None,
+    largest_drift: float | None = None,
     start: Checkpoint | None = None,
     progress: Callable[[float], None] | None = None,
     on_sample: Callable[[Trajectory], None] | None = None,
@@ -77,6 +79,8 @@ def simulate(
         scheme: "rk4", "midpoint" or "dop853" (adaptive, order 8).
         rtol: relative tolerance of an adaptive scheme, see `tolerance.Tolerance`.
         atol: absolute tolerance.
+        largest_drift: a fixed step that leaves the grasps open by more than this before projection, 1e-10 say, is
+            too long for the motion and taken in equal parts [m or rad]; None: every step is taken whole.
         start: where to go on instead of at the beginning; `state` is not used then, and the samples returned
             are those after it.
         progress: called with the time after every step.
@@ -99,7 +103,8 @@ def simulate(
     world = World(chain, base_motion or {}, Inputs() if inputs is None else inputs)
     policy, tolerance = Policy(on_slip, on_limit), Tolerance(rtol, atol)
     make = make_stepper or partial(stepper_for, steps=len(grid) - 1)
-    plan = Plan(world, controller, make, named, tolerance, policy, ordered, ends)
+    limit = None if largest_drift is None else checks.number(largest_drift, "simulation: largest_drift", above=0.0)
+    plan = Plan(world, controller, make, named, tolerance, limit, policy, ordered, ends)
 
     samples: list[Trajectory] = []
     at = begun(plan, state) if start is None else resumed(plan, start)
@@ -121,6 +126,9 @@ def simulate(
         except HoldfastError as cause:
             later = f"stopped after t = {at.now.t:.6g} s: {cause}"
         if not isinstance(later, Progress):
+            break
+        if len(samples) > MOST_STEPS + len(ends.times):  # of its own an adaptive scheme would go on for ever
+            later = f"stopped after t = {at.now.t:.6g} s: more than {MOST_STEPS} steps; try a larger rtol"
             break
         if later.now.t > at.now.t:
             keep(later)

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from holdfast.errors import ClosureError, HoldfastError, SingularChainError, StateError
+from holdfast.errors import ClosureError, HoldfastError, ModelError, SingularChainError, StateError
 from holdfast.simulation.instant import Controller, Instant, evaluate
 from holdfast.simulation.runge_kutta import RK4, Tableau
 from holdfast.simulation.step import Gaps, back_on_constraint, take_step
@@ -112,5 +112,8 @@ class ReferenceStepper:
             step = take_step(self.world, self.controller, now, end, self.generic_rank, self.scheme)
         except (SingularChainError, ClosureError, StateError) as cause:
             return Advance(end, None, NO_GAPS, np.zeros(4), failure=cause)
+        except ModelError:  # the arm is sound: what its inertia is computed from has overflowed
+            failure = StateError("the step overflows float64; try a smaller time step")
+            return Advance(end, None, NO_GAPS, np.zeros(4), failure=failure)
         error = self.tolerance.ratio(step.estimates, now.state, step.instant.state)
         return Advance(end, step.instant, step.gaps, step.work, error)

@@ -13,6 +13,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
 RTOL = 1e-8
+SMALLEST_RTOL = 1e-15  # float64 has no more digits
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ class Tolerance:
     than the others; an attitude counts as 1 rad. The work done is integrated, not controlled.
 
     Attributes:
-        rtol: > 0.
+        rtol: at least 1e-15.
         atol: > 0 [rad, m, rad/s or m/s]; rtol where it is None.
     """
 
@@ -33,7 +34,7 @@ class Tolerance:
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        put(self, "rtol", checks.number(self.rtol, "tolerance: rtol", above=0.0))
+        put(self, "rtol", checks.number(self.rtol, "tolerance: rtol", at_least=SMALLEST_RTOL))
         atol = self.rtol if self.atol is None else self.atol
         put(self, "atol", checks.number(atol, "tolerance: atol", above=0.0))
 

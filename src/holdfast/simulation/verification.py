@@ -1,7 +1,8 @@
 """Margins inside a step: every dip below zero is found, its beginning to 1e-12 s, its depth to rounding.
 
 The margins are known at the step's start. They are looked at after every eighth of the step and at the
-scheme's stage times, each point reached by one shorter step from the start (never an interpolant).
+scheme's stage times, each point reached by one shorter step from the start, in parts where `subdivision` asks
+for them (never an interpolant).
 
 What is found for certain: *every dip below zero that lasts a quarter of a step*. Looks are at most h/8
 apart, from step to step too, so any interval of h/4 holds at least two of them: the dip shows as a
@@ -24,14 +25,14 @@ where one of them is smooth. The searches do not rely on it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from holdfast.errors import ClosureError, HoldfastError, SingularChainError, StateError
-from holdfast.simulation.bracket import crossing, lowest_between
+from holdfast.simulation.bracket import crossing, search_lowest, together
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.stepper import NO_GAPS, Advance
 from holdfast.spatial.scalar import Array
@@ -168,7 +169,7 @@ def _look_closer(course: Course, begin: float, watched: Array) -> None:
 
 
 def _refine_minima(course: Course, watched: Array, lowest: Array, precision: float) -> None:
-    """Search every bracketed minimum that may be negative, or lower than any before."""
+    """Search every bracketed minimum that may be negative, or lower than any before, all of them side by side."""
     times, margins = course.table()
     m = margins[:, watched]
     drop = np.maximum(m[:-2], m[2:]) - m[1:-1]
@@ -178,9 +179,15 @@ def _refine_minima(course: Course, watched: Array, lowest: Array, precision: flo
     possible = m[1:-1] - DROPS * drop
     worthwhile = possible < least - FLAT * sizes
     worthwhile |= (m[1:-1] >= 0.0) & (possible < 0.0)
-    for k, i in np.argwhere(bracket & worthwhile):
-        a, b, c = times[k : k + 3].tolist()
-        lowest_between(course.signal(int(watched[i])), a, b, c, precision)
+    found = [(times[k : k + 3].tolist(), int(watched[i])) for k, i in np.argwhere(bracket & worthwhile)]
+
+    def margins_at(asked: Mapping[int, float]) -> list[float]:
+        failure = course.look(sorted(set(asked.values())))
+        if failure is not None:
+            raise failure
+        return [float(course.margins[t][found[k][1]]) for k, t in asked.items()]
+
+    together([search_lowest(*places, precision) for places, _ in found], margins_at)
 
 
 def _first_zero(course: Course, begin: float, acting: Array) -> tuple[float, int] | None:

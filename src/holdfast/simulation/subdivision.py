@@ -1,0 +1,78 @@
+"""Steps that are too long for the motion are taken in parts.
+
+How far a step leaves the grasps open before projection is an estimate of its error that costs nothing. Of order
+p + 1 in the step h for a scheme of order p, it says how many equal parts the step needs to stay below a limit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from holdfast.errors import ClosureError
+from holdfast.simulation.instant import Instant
+from holdfast.simulation.runge_kutta import Tableau
+from holdfast.simulation.step import Gaps
+from holdfast.simulation.stepper import Advance, Stepper
+from holdfast.state import State
+
+MOST_PARTS = 32
+
+
+@dataclass(frozen=True, eq=False)
+class SubdividingStepper:
+    """Takes another stepper's steps, those whose drift passes a limit in equal parts; see `Stepper`.
+
+    The controller's memory moves on once a step, as without parts.
+
+    Attributes:
+        whole: takes steps and parts.
+        limit: of the grasps' position gaps before projection, as far as parts can keep it [m or rad].
+    """
+
+    whole: Stepper
+    limit: float
+
+    @property
+    def scheme(self) -> Tableau:
+        """The Runge-Kutta scheme."""
+        return self.whole.scheme
+
+    def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
+        """Return the chain at a given state, projected onto the grasps; see `Stepper`."""
+        return self.whole.start(t, state, memory)
+
+    def evaluate(self, t: float, state: State, memory: Any) -> Instant:
+        """Return the chain at a given state, taken as it is."""
+        return self.whole.evaluate(t, state, memory)
+
+    def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
+        """Return where one step leads, in parts where it must be; see `Stepper`."""
+        return [self._in_parts(now, reached, self._parts(reached)) for reached in self.whole.advance(now, ends)]
+
+    def _parts(self, reached: Advance) -> int:
+        """Return how many parts a step needs."""
+        if isinstance(reached.failure, ClosureError):
+            return MOST_PARTS
+        drift = float(reached.gaps.position[0])
+        if reached.failure is not None or drift <= self.limit:
+            return 1
+        return min(MOST_PARTS, math.ceil((drift / self.limit) ** (1.0 / (self.scheme.order + 1))))
+
+    def _in_parts(self, now: Instant, reached: Advance, parts: int) -> Advance:
+        if parts == 1:
+            return reached
+        at, work, gaps = now, np.zeros(4), []
+        for k in range(1, parts + 1):
+            end = reached.t if k == parts else now.t + k / parts * (reached.t - now.t)
+            (part,) = self.whole.advance(at, [end])
+            if part.instant is None:
+                return replace(reached, instant=None, failure=part.failure)
+            at, work = replace(part.instant, memory=now.memory), work + part.work
+            gaps.append(part.gaps)
+        worst = Gaps(np.max([g.position for g in gaps], axis=0), np.max([g.velocity for g in gaps], axis=0))
+        return replace(part, gaps=worst, work=work)
