@@ -61,7 +61,7 @@ class SubdividingStepper:
         drift = float(reached.gaps.position[0])
         if reached.failure is not None or drift <= self.limit:
             return 1
-        return min(MOST_PARTS, math.ceil((drift / self.limit) ** (1.0 / (self.scheme.order + 1))))
+        return math.ceil(min(MOST_PARTS, (drift / self.limit) ** (1.0 / (self.scheme.order + 1))))
 
     def _in_parts(self, now: Instant, reached: Advance, parts: int) -> Advance:
         if parts == 1:
