@@ -66,7 +66,7 @@ class SubdividingStepper:
     def _in_parts(self, now: Instant, reached: Advance, parts: int) -> Advance:
         if parts == 1:
             return reached
-        at, work, gaps = now, np.zeros(4), []
+        at, part, work, gaps = now, reached, np.zeros(4), []
         for k in range(1, parts + 1):
             end = reached.t if k == parts else now.t + k / parts * (reached.t - now.t)
             (part,) = self.whole.advance(at, [end])

@@ -187,7 +187,7 @@ def _refine_minima(course: Course, watched: Array, lowest: Array, precision: flo
             raise failure
         return [float(course.margins[t][found[k][1]]) for k, t in asked.items()]
 
-    together([search_lowest(*places, precision) for places, _ in found], margins_at)
+    together([search_lowest(a, b, c, precision) for (a, b, c), _ in found], margins_at)
 
 
 def _first_zero(course: Course, begin: float, acting: Array) -> tuple[float, int] | None:
