@@ -97,7 +97,8 @@ def test_instants_of_slip():
     chain, run = lifted()
     # mu (40 - 30 t) = m g / 2, linear in t
     t = (40.0 - 0.5 * 3.0 * 9.81 / 0.8) / 30.0
-    assert slips(chain, run) == [("left", pytest.approx(t)), ("right", pytest.approx(t))]
+    # both at once: their order is rounding
+    assert sorted(slips(chain, run)) == [("left", pytest.approx(t)), ("right", pytest.approx(t))]
     logged = (Occurrence(0.7, "violation", "left", "slips", "grasp"), Occurrence(0.8, "violation", "a/b", "", "rate"))
     run = replace(run, occurrences=logged)
     assert slips(chain, run) == [("left", 0.7)]

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from holdfast.errors import StateError
 from holdfast.simulation.adaptive import Proposal, first_proposal, next_step
 from holdfast.simulation.checkpoint import Checkpoint, Origin
 from holdfast.simulation.events import Attach, happen
@@ -22,6 +23,8 @@ from holdfast.simulation.verification import Course, look_times, verify
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.state import State
+
+FASTEST = 1e30  # rad/s or m/s: what is faster ends in numbers that are none
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +168,8 @@ def _stepped(at: Progress) -> Progress:
     if end.instant is None:
         assert end.failure is not None
         raise end.failure
+    if not np.abs(end.instant.state.qd).max() < FASTEST:
+        raise StateError(f"the motion diverges, a joint rate passes {FASTEST:g}; try a smaller time step")
     ledger, news = at.ledger.after(found, course, leg.signals)
     first = min(found.start, 1)  # the look before belongs to the instant before
     margins = found.margins[first:]

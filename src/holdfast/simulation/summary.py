@@ -101,13 +101,13 @@ def summarise(chain: ClosedChain, run: Trajectory) -> Summary:
 def _largest(wrenches: Array) -> tuple[Array, Array]:
     """Return the largest |moment| and |force| of every arm."""
     halves = wrenches[:, :, :3], wrenches[:, :, 3:]
-    moment, force = (np.linalg.norm(half, axis=2).max(axis=0) for half in halves)
+    moment, force = (np.hypot.reduce(half, axis=2).max(axis=0) for half in halves)
     return moment, force
 
 
 def _halves(momentum: Array) -> tuple[float, float]:
     """Return the largest |angular| and |linear| momentum."""
-    angular, linear = (float(np.linalg.norm(half, axis=1).max()) for half in (momentum[:, :3], momentum[:, 3:]))
+    angular, linear = (float(np.hypot.reduce(half, axis=1).max()) for half in (momentum[:, :3], momentum[:, 3:]))
     return angular, linear
 
 
