@@ -113,7 +113,7 @@ def test_singular(case):
     with pytest.raises(SingularChainError) as expected:
         holdfast.forward_dynamics(p.chain, p.state, p.tau)
     for _ in range(2):  # the second time the generic rank is known
-        with pytest.raises(SingularChainError, match=str(expected.value)[:50]):
+        with pytest.raises(SingularChainError, match=str(expected.value)[:44]):  # why may be told otherwise
             fast.forward_dynamics(**given)
 
 

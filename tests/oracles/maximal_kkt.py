@@ -145,7 +145,7 @@ def _rounded(arrays) -> list[np.ndarray]:
     return [np.asarray(array).astype(float) for array in arrays]
 
 
-def solve(case: dict, digits: int | None = None) -> dict:
+def solve(case: dict, digits: int | None = None, softness: float = 0.0) -> dict:
     """Solve a case's forward dynamics with one LU of the full KKT system.
 
     W is derived by projecting omega_object - omega_tip on the contact axes; a W stored
@@ -158,6 +158,10 @@ def solve(case: dict, digits: int | None = None) -> dict:
             ``object.wrench`` (6, about C, world axes), ``arms[i].grasp`` None.
         digits: None for float64; otherwise this many decimal digits throughout, the
             float64 inputs taken as exact and the answer rounded at the end.
+        softness: compliance of the grasps, J qdd - A alpha_C + H^T W_dot - softness f = ...
+            With 1e-20 and 50 digits a grasp is still rigid to 1e-14 where a unit force moves something
+            by 1e-6, and forces that move less than 1e-14, the rounding of right angles in
+            float64, are left out: accelerations are then those of the ideal chain.
 
     Returns:
         Per arm ``qdd`` (N,), ``f`` (6,) [moment about the contact; force] on the object,
@@ -170,6 +174,9 @@ def solve(case: dict, digits: int | None = None) -> dict:
     """
     numbers = arithmetic(digits)
     system = KktSystem(case, numbers)
+    for part in system.f:
+        for i in range(part.start, part.stop):
+            system.matrix[i, i] -= softness
     return system.answer(numbers.solve(system.matrix, system.rhs))
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.packing import symmetric, upper, upper_count
+from holdfast.compiled.packing import upper
 from holdfast.compiled.structure import Options
 from holdfast.compiler.program import Shape
 from holdfast.compiler.stage import Stage, stage
@@ -19,7 +19,7 @@ from holdfast.dynamics.arm.free_dynamics import tip_acceleration
 from holdfast.dynamics.arm.motion import ArmInputs, ArmMotion, arm_motion
 from holdfast.dynamics.arm.regrouping import regrouped
 from holdfast.dynamics.closed.contact import contact
-from holdfast.dynamics.closed.measurement import measurement, mobility_ratio
+from holdfast.dynamics.closed.measurement import Measurement, measurement
 from holdfast.dynamics.closed.tip_response import Route, TipResponse, tip_response
 from holdfast.model.arm import Arm
 from holdfast.model.grasp import Grasp
@@ -27,7 +27,6 @@ from holdfast.model.link import Link
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, concatenate, maximum, where
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
-from holdfast.spatial.symmetric import symmetric6
 
 BASE_MOTION = ("base_twist", "base_acceleration")  # parameters, if bases move
 LINKS = ("link_mass", "link_com", "link_inertia")  # parameters, if the links' inertias are
@@ -49,6 +48,7 @@ SHAPES: dict[str, Shape] = {
     "object_p": (3,),
     "object_twist": (6,),
 }  # of ports that are alike for all arms
+CENTRE: dict[str, Shape] = {"centre": (3,), "centripetal": (3,)}  # the object's mass centre
 
 
 class ArmType:
@@ -121,29 +121,38 @@ def held_arm(of: ArmType, route: Route) -> Stage:
 
     def text(*arrays: Array) -> Phases:
         given = dict(zip(parameters, arrays, strict=True))
-        *own, object_R, object_twist, mobility = yield ()
+        *own, object_R, object_twist, centre, centripetal = yield ()
         motion = of.motion(given, dict(zip(inputs, own, strict=True)))
         c = contact(of.held(given), Pose(object_R, np.zeros(3)), object_twist, motion.tip_twist)
         tip = tip_response(motion, route)
-        m = measurement(c, tip, symmetric6(symmetric(mobility)))
-        seen = (upper(m.R), m.r, mobility_ratio(m))
-        from_arm, alpha = yield seen if of.kind == "rigid" else (*seen, m.C, m.object_size)
-        f = c.transmissible(shift_wrench(-c.offset, from_arm))
+        about = c.about(centre, centripetal)
+        m = measurement(about, tip)
+        from_arm, alpha = yield outward_of(m)
+        f = c.transmissible(shift_wrench(-about.offset, from_arm))
         qdd, base = tip.back(f)
         gap = shift_twist(c.offset, alpha) + c.a - tip_acceleration(motion, qdd) - c.g
         return _sound(tip, qdd), f, base, gap[:3] @ c.h
 
-    outward = ("noise", "measured", "ratio") + (() if of.kind == "rigid" else ("rows", "object_size"))
     return stage(
         f"arm_{of.kind}",
         text,
         [
             parameters,
-            inputs | {"object_R": (3, 3), "object_twist": (6,), "mobility": (upper_count(6),)},
+            inputs | {"object_R": (3, 3), "object_twist": (6,)} | CENTRE,
             {"from_arm": (6,), "alpha": (6,)},
         ],
-        [(), outward, ("qdd", "grasp_wrench", "base_wrench", "contact_acceleration")],
+        [(), outward_names(of), ("qdd", "grasp_wrench", "base_wrench", "contact_acceleration")],
     )
+
+
+def outward_of(m: Measurement) -> tuple[Array, ...]:
+    """Return what the object's filter needs to know of an arm."""
+    return (upper(m.R), m.r, m.extent) if m.carried else (upper(m.R), m.r, m.extent, m.C)
+
+
+def outward_names(of: ArmType) -> tuple[str, ...]:
+    """Return the ports of the same."""
+    return ("noise", "measured", "extent") if of.kind == "rigid" else ("noise", "measured", "extent", "rows")
 
 
 def lone_arm(of: ArmType, route: Route) -> Stage:

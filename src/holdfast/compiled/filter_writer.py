@@ -19,7 +19,7 @@ from holdfast.model.grasp import Grasp
 Run = tuple[str, tuple[int, ...]]  # arms of one type that follow each other in the filter
 
 # What an arm's stage and the filter hand to each other.
-BETWEEN = ("noise", "measured", "ratio", "rows", "object_size", "from_arm")
+BETWEEN = ("noise", "measured", "extent", "rows", "from_arm")
 
 
 class FilterWriter(ScheduleWriter):
@@ -36,10 +36,10 @@ class FilterWriter(ScheduleWriter):
         self.dense_first = bool(rows) and structure.parallel(rows[0])
         self.dense_last = bool(rows) and structure.parallel(rows[-1])
         self._made: dict[str, Stage] = {}
-        replaced = {"x": 6, "kept": 1, "weakest": 1, "share": 1, "s": 6, "P": upper_count(6), "D": 6, "w": 36}
+        replaced = {"x": 6, "kept": 1, "weakest": 1, "size": 2, "s": 6, "P": upper_count(6), "D": 6, "w": 36}
         for name, size in replaced.items():
             self.internals[name] = Internal(1, size, replaced=True)
-        for name, size in {"R": 9, "mobility": upper_count(6), "size": 6, "alpha": 6}.items():
+        for name, size in {"R": 9, "centre": 3, "centripetal": 3, "own_size": 2, "alpha": 6}.items():
             self.internals[name] = Internal(1, size)
 
     def arm_groups(self, prefix: str, stage_of: Callable[[int], Stage], by_joint: Iterable[str] = ()) -> None:
@@ -63,7 +63,7 @@ class FilterWriter(ScheduleWriter):
         row_count: int,
         turning: Mapping[str, Wire] | None = None,
     ) -> None:
-        """Add the calls of one filter, arms included; `R`, `mobility`, `size`, `x`, ... are those of the object.
+        """Add the calls of one filter, arms included; `R`, `centre`, `x`, ... are those of the object.
 
         Args:
             prefix: of the arms' groups, and of the filter's.
@@ -75,7 +75,7 @@ class FilterWriter(ScheduleWriter):
         runs = self._filter(prefix, kind_of)
         for group, rows in arms:
             self.calls.append(Call(group, 1, tuple(range(len(rows)))))
-        self._share(prefix, kind_of)
+        self._most_mobile(prefix, kind_of)
         wires = dict(turning or {})
         if self.dense_last:
             runs, last = self._without_last(runs)
@@ -108,12 +108,9 @@ class FilterWriter(ScheduleWriter):
             stage = self._arm_in_filter(row, kind_of(row))
             count = self.groups[group].count
             wires = {
-                port: Wire(f"{group}.{port}", tuple(range(count))) for port in ("noise", "measured", "rows", "from_arm")
+                port: Wire(f"{group}.{port}", tuple(range(count)))
+                for port in ("noise", "measured", "extent", "rows", "from_arm")
             }
-            own_size = f"{group}.object_size" in self.internals
-            wires["size"] = Wire(f"{group}.object_size" if own_size else "size", tuple(range(count)))
-            if not own_size:
-                wires["size"] = Wire("size", (0,) * count)
             self.group(name, stage, count, wires)
         return runs
 
@@ -135,19 +132,19 @@ class FilterWriter(ScheduleWriter):
         """Return the runs without their last arm, and what that one's ports are tied to."""
         *before, (name, items) = runs
         wires = {}
-        for port in ("noise", "measured", "from_arm"):
+        for port in ("noise", "measured", "extent", "from_arm"):
             wire = self.groups[name].wires[port]
             wires[port] = Wire(wire.array, (wire.places[items[-1]],))
         return [*before, *([(name, items[:-1])] if len(items) > 1 else [])], wires
 
-    def _share(self, prefix: str, kind_of: Callable[[int], str | None]) -> None:
-        """The arms' share in the scale of pivots."""
-        stage = self.once("share", object_stages.share)
+    def _most_mobile(self, prefix: str, kind_of: Callable[[int], str | None]) -> None:
+        """The size of the most mobile arm, by which pivots are judged."""
+        stage = self.once("most_mobile", object_stages.most_mobile)
         for k, rows in enumerate(self.structure.types.values()):
             if kind_of(rows[0]):
-                wires = {"ratio": Wire(f"{prefix}arms{k}.ratio", tuple(range(len(rows))))}
-                self.group(f"{prefix}share{k}", stage, len(rows), wires)
-                self.calls.append(Call(f"{prefix}share{k}", 0, tuple(range(len(rows)))))
+                wires = {"extent": Wire(f"{prefix}arms{k}.extent", tuple(range(len(rows))))}
+                self.group(f"{prefix}most_mobile{k}", stage, len(rows), wires)
+                self.calls.append(Call(f"{prefix}most_mobile{k}", 0, tuple(range(len(rows)))))
 
     def _outward(self, prefix: str, runs: list[Run]) -> None:
         """The filter from the object through all arms, in factors from the first rows on."""

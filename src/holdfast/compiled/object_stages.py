@@ -12,8 +12,9 @@ from holdfast.compiled.packing import symmetric, upper, upper_count
 from holdfast.compiler.program import Shape
 from holdfast.compiler.stage import Stage, stage
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored
-from holdfast.dynamics.closed.measurement import LIGHTEST_OBJECT, Measurement, object_share
-from holdfast.dynamics.closed.object_motion import object_motion
+from holdfast.dynamics.closed.measurement import ANGULAR, Measurement, block_sizes, larger, smaller
+from holdfast.dynamics.closed.object_filter import by_rows, no_arms, pivot_scale
+from holdfast.dynamics.closed.object_motion import FreeBody, acceleration_at_C, object_motion
 from holdfast.dynamics.closed.rigid_step import last_rigid_step, rigid_step
 from holdfast.dynamics.closed.row_steps import row_steps
 from holdfast.model.checks import ROTATION_TOLERANCE
@@ -22,9 +23,12 @@ from holdfast.model.held_object import HeldObject
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, minimum, sqrt, where
+from holdfast.spatial.spatial_vector import shift_wrench
 
 DENSE = {"P": (upper_count(6),)}
 FACTORS = {"D": (6,), "w": (6, 6)}
+SIZES = {"kept": (), "weakest": (), "own_size": (2,), "size": (2,)}
+SEEN_RIGID = {"noise": (upper_count(6),), "measured": (6,), "extent": (3,)}
 
 
 def unit_pose(wxyz_xyz: Array, unused: Iterable[Scalar] = ()) -> Pose:
@@ -51,12 +55,8 @@ def held_object(dense: bool, freedoms: int) -> Stage:
         held = HeldObject(mass[()], inertia, com, physical=False)
         pose, twist = yield ()
         frame = unit_pose(pose, twist[3:])
-        body = object_motion(held, frame, twist, np.zeros(6))
-        mobility = body.mobility.dense()
-        size = np.diag(mobility)
-        D, w = body.mobility_factors
-        start = (upper(mobility),) if dense else (array(D), array(w))
-        return (frame.R, upper(mobility), size, body.free_acceleration, freedoms, 1.0, LIGHTEST_OBJECT, *start)
+        body = object_motion(held, frame, twist, np.zeros(6)).free
+        return (frame.R, body.centripetal, body.acceleration, freedoms, 1.0, *_beginning(body, dense))
 
     return stage(
         "object",
@@ -65,7 +65,7 @@ def held_object(dense: bool, freedoms: int) -> Stage:
             {"object_mass": (), "object_com": (3,), "object_inertia": (3, 3)},
             {"object_pose": (7,), "object_twist": (6,)},
         ],
-        [(), ("R", "mobility", "size", "x'", "kept'", "weakest'", "share'", *(f"{k}'" for k in _mobility(dense)))],
+        [(), ("R", "centripetal", "x'", "kept'", "weakest'", *_begun(dense))],
     )
 
 
@@ -81,62 +81,82 @@ def resting_object(dense: bool) -> Stage:
         (pose,) = yield ()
         none = np.zeros(6)
         frame = Pose.from_wxyz_xyz(pose)
-        body = object_motion(held, frame, none, none)
-        mobility = body.mobility.dense()
-        D, w = body.mobility_factors
-        start = (upper(mobility),) if dense else (array(D), array(w))
-        return (frame.R, upper(mobility), np.diag(mobility), none, 0.0, 1.0, LIGHTEST_OBJECT, none, *start)
+        body = object_motion(held, frame, none, none).free
+        return (frame.R, body.centripetal, none, 0.0, 1.0, none, *_beginning(body, dense))
 
     within: list[dict[str, Shape]] = [
         {"object_mass": (), "object_com": (3,), "object_inertia": (3, 3)},
         {"object_pose": (7,)},
     ]
-    found = ("R", "mobility", "size", "x'", "kept'", "weakest'", "share'", "no_wrench")
-    return stage("resting_object", text, within, [(), (*found, *(f"{k}'" for k in _mobility(dense)))])
+    found = ("R", "centripetal", "x'", "kept'", "weakest'", "no_wrench")
+    return stage("resting_object", text, within, [(), (*found, *_begun(dense))])
 
 
-def share() -> Stage:
-    """Return the stage that takes one more arm into the scale of pivots."""
-    return stage(
-        "share", lambda share, ratio: (object_share(share[()], ratio[()]),), [{"share": (), "ratio": ()}], [("share'",)]
-    )
+def _beginning(body: FreeBody, dense: bool) -> tuple[Array, ...]:
+    """Return where the mass centre is, how mobile object and arms are at the least, and the mobility to begin with."""
+    start = (upper(body.mobility.dense()),) if dense else (array(body.D), array(body.w))
+    return body.centre, block_sizes(body.mobility), no_arms(body), *start
+
+
+def _begun(dense: bool) -> tuple[str, ...]:
+    return ("centre", "own_size", "size'", *(f"{k}'" for k in _mobility(dense)))
+
+
+def most_mobile() -> Stage:
+    """Return the stage that takes one more arm into the size of the most mobile one."""
+
+    def text(size: Array, extent: Array) -> tuple[Array]:
+        return (larger(size, _seen(extent).size_at_centre()),)
+
+    return stage("most_mobile", text, [{"size": (2,), "extent": (3,)}], [("size'",)])
+
+
+def _seen(extent: Array) -> Measurement:
+    """Return a measurement of which only the size counts."""
+    none = np.zeros(0)
+    return Measurement(none, none, none, extent, (), 0, False)
 
 
 def rigid_arm() -> Stage:
     """Return the stage of one rigid grasp in the filter: out with x and P, back with s."""
 
-    def text(x: Array, P: Array, kept: Array, weakest: Array, share: Array, *seen: Array) -> Phases:
-        noise, measured, size = seen
-        R = symmetric(noise)
-        m = Measurement(np.eye(6), R, measured, size, 6, True)
-        x, P, step = rigid_step(x, symmetric(P), m, np.diag(R) + share[()] * size)
-        (s,) = yield x, upper(P), kept[()] + step.kept, minimum(weakest[()], step.weakest)
+    def text(x: Array, P: Array, kept: Array, weakest: Array, own_size: Array, size: Array, *seen: Array) -> Phases:
+        m, size = rigid_measurement(*seen), smaller(own_size, size)
+        x, P, step = rigid_step(x, symmetric(P), m, pivot_scale(m, size))
+        after = smaller(size, m.size_at_centre())
+        (s,) = yield x, upper(P), kept[()] + step.kept, minimum(weakest[()], step.weakest), after
         from_arm = step.back(s)
         return s + from_arm, from_arm
 
-    given = {"x": (6,)} | DENSE | {"kept": (), "weakest": (), "share": ()}
-    seen = {"noise": (upper_count(6),), "measured": (6,), "size": (6,)}
-    return stage(
-        "rigid_arm", text, [given | seen, {"s": (6,)}], [("x'", "P'", "kept'", "weakest'"), ("s'", "from_arm")]
-    )
+    given = {"x": (6,)} | DENSE | SIZES | SEEN_RIGID
+    outward = ("x'", "P'", "kept'", "weakest'", "size'")
+    return stage("rigid_arm", text, [given, {"s": (6,)}], [outward, ("s'", "from_arm")])
+
+
+def rigid_measurement(noise: Array, measured: Array, extent: Array) -> Measurement:
+    """Return the measurement of an arm that holds rigidly."""
+    return Measurement(np.eye(6), symmetric(noise), measured, extent, ANGULAR, 6, True)
 
 
 def rows_arm(kind: str, joint_count: int) -> Stage:
     """Return the stage of one grasp taken by its rows: out with x and the factors of P, back with s."""
-    count = len(Grasp(kind).transmitted)  # type: ignore[arg-type]
+    angular = tuple(ANGULAR[i] for i in Grasp(kind).transmitted)  # type: ignore[arg-type]
+    count = len(angular)
 
-    def text(x: Array, D: Array, w: Array, kept: Array, weakest: Array, share: Array, *seen: Array) -> Phases:
-        noise, measured, size, *rows = seen
-        R = symmetric(noise, count)
+    def text(
+        x: Array, D: Array, w: Array, kept: Array, weakest: Array, own_size: Array, size: Array, *seen: Array
+    ) -> Phases:
+        noise, measured, extent, *rows = seen
         C = rows[0] if rows else np.eye(6)
-        m = Measurement(C, R, measured, size, joint_count, kind == "rigid")
-        x, P, step = row_steps(x, FactoredMobility(list(D), list(w)), m, np.diag(R) + share[()] * size)
+        m = Measurement(C, symmetric(noise, count), measured, extent, angular, joint_count, kind == "rigid")
+        scale = pivot_scale(m, smaller(own_size, size))
+        x, P, step = row_steps(x, FactoredMobility(list(D), list(w)), m, scale)
         (s,) = yield x, array(P.D), array(P.w), kept[()] + step.kept, minimum(weakest[()], step.weakest)
         from_arm = step.back(s)
         return s + from_arm, from_arm
 
-    given: dict[str, tuple[int, ...]] = {"x": (6,)} | FACTORS | {"kept": (), "weakest": (), "share": ()}
-    seen = {"noise": (upper_count(count),), "measured": (count,), "size": (count,)}
+    given: dict[str, tuple[int, ...]] = {"x": (6,)} | FACTORS | SIZES
+    seen = {"noise": (upper_count(count),), "measured": (count,), "extent": (3,)}
     rows: dict[str, tuple[int, ...]] = {} if kind == "rigid" else {"rows": (count, 6)}
     return stage(
         f"rows_{kind}",
@@ -149,11 +169,11 @@ def rows_arm(kind: str, joint_count: int) -> Stage:
 def into_factors() -> Stage:
     """Return the stage between the last rigid step and the first rows."""
 
-    def text(P: Array) -> tuple[Any, ...]:
-        found = factored(symmetric(P))
+    def text(P: Array, own_size: Array, size: Array) -> tuple[Any, ...]:
+        found = factored(symmetric(P), by_rows(smaller(own_size, size)))
         return array(found.D), array(found.w)
 
-    return stage("into_factors", text, [DENSE], [("D'", "w'")])
+    return stage("into_factors", text, [DENSE | {"own_size": (2,), "size": (2,)}], [("D'", "w'")])
 
 
 def verdict(rank: Scalar, generic_rank: Scalar, row_count: int) -> Scalar:
@@ -168,44 +188,45 @@ def verdict(rank: Scalar, generic_rank: Scalar, row_count: int) -> Scalar:
 
 TURNING = ("alpha", "object_acceleration", "s'", "rank", "status", "condition")
 CONSTANTS = {"gravity": (3,), "generic_rank": ()}
+ABOUT_CENTRE = {"object_wrench": (6,), "centre": (3,), "centripetal": (3,)}
 
 
 def last_rigid_arm(row_count: int) -> Stage:
     """Return the stage where the filter turns round at a rigid grasp (`last_rigid_step`)."""
 
     def text(gravity: Array, generic_rank: Array) -> Phases:
-        x, P, kept, weakest, share, noise, measured, size, w = yield ()
-        R = symmetric(noise)
-        m = Measurement(np.eye(6), R, measured, size, 6, True)
-        turn = last_rigid_step(x, symmetric(P), m, np.diag(R) + share[()] * size, w)
-        alpha, rank = turn.acceleration, kept[()] + turn.kept
-        return (
-            alpha,
-            alpha + concatenate([np.zeros(3), gravity]),
-            w + turn.wrench,
-            rank,
-            verdict(rank, generic_rank[()], row_count),
-            1.0 / minimum(weakest[()], turn.weakest),
-            turn.wrench,
-        )
+        x, P, kept, weakest, own_size, size, *seen, w, centre, centripetal = yield ()
+        m = rigid_measurement(*seen)
+        about = shift_wrench(-centre, w)
+        turn = last_rigid_step(x, symmetric(P), m, pivot_scale(m, smaller(own_size, size)), about)
+        rank, least = kept[()] + turn.kept, minimum(weakest[()], turn.weakest)
+        alpha = acceleration_at_C(centre, centripetal, turn.acceleration)
+        return (*_turned(alpha, gravity, about + turn.wrench, rank, generic_rank, row_count, least), turn.wrench)
 
-    given = {"x": (6,)} | DENSE | {"kept": (), "weakest": (), "share": ()}
-    seen = {"noise": (upper_count(6),), "measured": (6,), "size": (6,), "object_wrench": (6,)}
-    return stage("last_rigid_arm", text, [CONSTANTS, given | seen], [(), (*TURNING, "from_arm")])
+    given = {"x": (6,)} | DENSE | SIZES | SEEN_RIGID | ABOUT_CENTRE
+    return stage("last_rigid_arm", text, [CONSTANTS, given], [(), (*TURNING, "from_arm")])
 
 
 def turning_point(row_count: int) -> Stage:
     """Return the stage where the filter turns round after rows, or without any arm."""
 
     def text(gravity: Array, generic_rank: Array) -> Phases:
-        x, kept, weakest, wrench, D, w = yield ()
-        alpha = x + FactoredMobility(list(D), list(w)).apply(wrench)
-        rank = kept[()]
-        status = verdict(rank, generic_rank[()], row_count)
-        return alpha, alpha + concatenate([np.zeros(3), gravity]), wrench, rank, status, 1.0 / weakest[()]
+        x, kept, weakest, D, w, wrench, centre, centripetal = yield ()
+        about = shift_wrench(-centre, wrench)
+        alpha = x + FactoredMobility(list(D), list(w)).apply(about)
+        alpha = acceleration_at_C(centre, centripetal, alpha)
+        return _turned(alpha, gravity, about, kept[()], generic_rank, row_count, weakest[()])
 
-    given = {"x": (6,), "kept": (), "weakest": (), "object_wrench": (6,)} | FACTORS
+    given = {"x": (6,), "kept": (), "weakest": ()} | FACTORS | ABOUT_CENTRE
     return stage("turning_point", text, [CONSTANTS, given], [(), TURNING])
+
+
+def _turned(
+    alpha: Array, gravity: Array, s: Array, rank: Scalar, generic_rank: Array, row_count: int, weakest: Scalar
+) -> tuple[Any, ...]:
+    """Return what is known where the filter turns round, as `TURNING` names it."""
+    acceleration = alpha + concatenate([np.zeros(3), gravity])
+    return alpha, acceleration, s, rank, verdict(rank, generic_rank[()], row_count), 1.0 / weakest
 
 
 def _mobility(dense: bool) -> tuple[str, ...]:

@@ -9,21 +9,19 @@ from typing import Literal
 
 import numpy as np
 
-from holdfast.compiled.arm_stages import LINKS, ArmType, Phases
-from holdfast.compiled.packing import symmetric, upper, upper_count
+from holdfast.compiled.arm_stages import CENTRE, LINKS, ArmType, Phases, outward_names, outward_of
 from holdfast.compiler.program import Shape
 from holdfast.compiler.stage import Stage, stage
 from holdfast.dynamics.arm.motion import resting
 from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
 from holdfast.dynamics.closed.contact import contact
-from holdfast.dynamics.closed.measurement import measurement, mobility_ratio
+from holdfast.dynamics.closed.measurement import measurement
 from holdfast.dynamics.closed.tip_response import Route, tip_response
 from holdfast.dynamics.projection import position_contact, small_displacement
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, maximum
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
-from holdfast.spatial.symmetric import symmetric6
 
 Level = Literal["position", "velocity"]
 
@@ -43,7 +41,7 @@ def tied_arm(of: ArmType, level: Level, route: Route) -> Stage:
 
     def text(*arrays: Array) -> Phases:
         given = dict(zip(parameters, arrays, strict=True))
-        *seen, mobility = yield ()
+        *seen, centre, centripetal = yield ()
         now = dict(zip(inputs, seen, strict=True))
         arm, frame = of.mounted(given), Pose(now["object_R"], np.zeros(3))
         at = posture(arm, now["q"])
@@ -55,15 +53,13 @@ def tied_arm(of: ArmType, level: Level, route: Route) -> Stage:
             V = tip_twist(arm, at, link_twists(arm, at, now["qd"], given.get("base_twist", still)))
             gap = V - shift_twist(c.offset, now["object_twist"])
         tip = tip_response(resting(arm, at), route)._replace(free_acceleration=gap)
-        m = measurement(c, tip, symmetric6(symmetric(mobility)))
-        outward = (upper(m.R), m.r, mobility_ratio(m))
-        (from_arm,) = yield outward if of.kind == "rigid" else (*outward, m.C, m.object_size)
-        f = c.transmissible(shift_wrench(-c.offset, from_arm))
+        about = c.about(centre, centripetal)
+        (from_arm,) = yield outward_of(measurement(about, tip))
+        f = c.transmissible(shift_wrench(-about.offset, from_arm))
         return (tip.back(f)[0],)
 
-    outward = ("noise", "measured", "ratio") + (() if of.kind == "rigid" else ("rows", "object_size"))
-    within: list[dict[str, Shape]] = [parameters, inputs | {"mobility": (upper_count(6),)}, {"from_arm": (6,)}]
-    return stage(f"tied_{level}_{of.kind}", text, within, [(), outward, ("change",)])
+    within: list[dict[str, Shape]] = [parameters, inputs | CENTRE, {"from_arm": (6,)}]
+    return stage(f"tied_{level}_{of.kind}", text, within, [(), outward_names(of), ("change",)])
 
 
 def arm_gaps(of: ArmType) -> Stage:

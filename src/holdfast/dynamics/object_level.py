@@ -25,7 +25,7 @@ def object_mobility(chain: ClosedChain, state: State) -> Array:
     """
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
     tips = [tip_response(arm, "auto") for arm in motion.holding]
-    return object_filter(motion.contacts, tips, motion.body).mobility
+    return object_filter(motion.contacts, tips, motion.body.free).mobility
 
 
 def object_inertia(chain: ClosedChain, state: State) -> Array:

@@ -57,7 +57,7 @@ def constraint_impulses(
         for arm, v in zip(motion.holding, mismatch, strict=True)
     ]
     still = [replace(c, a=none, g=none) for c in contacts]
-    found = object_filter(still, tips, replace(motion.body, free_acceleration=none, wrench=none))
+    found = object_filter(still, tips, motion.body.free.at_rest())
     dqd = np.zeros(motion.chain.joint_count)
     for name, tip, impulse in zip(motion.chain.grasps, tips, found.wrenches, strict=True):
         dqd[motion.chain.joints[name]] = tip.back(impulse)[0]

@@ -49,7 +49,7 @@ def constraint_rank(chain: ClosedChain, state: State) -> int:
     still = State(state.q, 0.0 * state.qd, state.object_pose)
     motion = chain_motion(chain, still, np.zeros(chain.joint_count), Inputs().shaped(chain))
     tips = [tip_response(arm, "auto") for arm in motion.holding]
-    return int(object_filter(motion.contacts, tips, motion.body).rank)
+    return int(object_filter(motion.contacts, tips, motion.body.free).rank)
 
 
 def generic_constraint_rank(chain: ClosedChain, state: State) -> int:

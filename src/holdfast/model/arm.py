@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -60,6 +61,11 @@ class Arm:
     def joint_count(self) -> int:
         """N."""
         return len(self.joints)
+
+    @cached_property
+    def length(self) -> float:
+        """Distances from joint to joint and on to the tip, added up; strokes not included [m]."""
+        return math.fsum(math.hypot(*p) for p in (*(j.placement.p for j in self.joints[1:]), self.tip.p))
 
     def at(self, base: Any) -> Arm:
         """Return the same arm mounted at a world pose (a Pose or wxyz_xyz)."""

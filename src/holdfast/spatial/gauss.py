@@ -11,7 +11,7 @@ NULL_PIVOT = 1e-13
 
 
 def gauss_solve(matrix: Array, rhs: Array) -> tuple[Array, int]:
-    """Return x with matrix x = rhs, and the nullity, by elimination with row pivoting.
+    """Return x with matrix x = rhs, and the nullity, by elimination with complete pivoting.
 
     Rows and columns are first scaled by powers of two to entries of about 1 (exact), so
     that neither units nor a light object decide what counts as null.
@@ -25,29 +25,25 @@ def gauss_solve(matrix: Array, rhs: Array) -> tuple[Array, int]:
     """
     n = len(matrix)
     rows, columns = _power_of_two_scales(_values(matrix))
-    A = (matrix.T * rows).T * columns
-    b = rhs * rows
-    A, b = np.array(A), np.array(b)
-    row = 0  # stays behind the column once a column has no pivot
+    A = np.array((matrix.T * rows).T * columns)
+    b = np.array(rhs * rows)
+    place = np.arange(n)  # of the unknowns, as columns are exchanged
     for j in range(n):
-        pivot = row + int(np.argmax(np.abs(_values(A[row:, j]))))
-        if abs(_values(A[pivot, j])) <= NULL_PIVOT:
-            continue
-        if pivot != row:
-            A[[row, pivot]] = A[[pivot, row]]
-            b[[row, pivot]] = b[[pivot, row]]
-        factors = A[row + 1 :, j] / A[row, j]
-        A[row + 1 :, j + 1 :] = A[row + 1 :, j + 1 :] - outer(factors, A[row, j + 1 :])
-        b[row + 1 :] = b[row + 1 :] - factors * b[row]
-        row += 1
-        if row == n:
-            break
-    if row < n:
-        return 0.0 * rhs, n - row
+        sizes = np.abs(_values(A[j:, j:]))
+        row, column = (j + int(k) for k in np.unravel_index(np.argmax(sizes), sizes.shape))
+        if sizes.max() <= NULL_PIVOT:
+            return 0.0 * rhs, n - j
+        A[[j, row]], b[[j, row]] = A[[row, j]], b[[row, j]]
+        A[:, [j, column]], place[[j, column]] = A[:, [column, j]], place[[column, j]]
+        factors = A[j + 1 :, j] / A[j, j]
+        A[j + 1 :, j + 1 :] = A[j + 1 :, j + 1 :] - outer(factors, A[j, j + 1 :])
+        b[j + 1 :] = b[j + 1 :] - factors * b[j]
     x = b
     for j in reversed(range(n)):
         x[j] = (b[j] - A[j, j + 1 :] @ x[j + 1 :]) / A[j, j]
-    return x * columns, 0
+    found = np.array(x)
+    found[place] = x
+    return found * columns, 0
 
 
 def _values(entries: Array) -> Array:

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, reciprocal, sqrt, where
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, reciprocal, select, sqrt, where
+from holdfast.spatial.symmetric import mirrored
 from holdfast.spatial.vector import outer
 
 RANK_TOLERANCE = 1e-12
@@ -31,33 +32,37 @@ class MaskedLDL(NamedTuple):
 
 
 def ldl(S: Array, scale: Array, tolerance: float = RANK_TOLERANCE) -> MaskedLDL:
-    """Factorise a positive semidefinite matrix without pivoting, dropping null pivots.
+    """Factorise a positive semidefinite matrix in the given order, dropping null pivots.
 
-    A pivot d_j <= tolerance * scale_j is a rounding residue of zero: 1/d_j := 0. The
-    solution is then one of the solutions whenever there is one (beyond.md 1, "Rank").
+    A pivot d_j <= tolerance * size_j is a rounding residue of zero: 1/d_j := 0. The solution is
+    then one of the solutions whenever there is one (beyond.md 1, "Rank"). The sizes are those of
+    what was summed: scale_j to begin with, and a row that took L_ij times row j takes over its
+    rounding, size_i + L_ij^2 size_j. So a row that is null but for a small pivot before it is null
+    (without this, its rounding divided by that pivot would be a number).
 
     Args:
         S: (n, n) symmetric.
-        scale: (n,) size of each diagonal entry before anything was subtracted from it.
+        scale: (n,) size of what each diagonal entry was summed from.
         tolerance: relative size of a pivot that counts as zero.
 
     Returns:
         The factors and the rank. Cost n^3/3 + O(n^2).
     """
     n = len(S)
-    rest, columns, pivots, inverse = S, [], [], []
+    rest, size, columns, pivots, inverse = S, scale, [], [], []
     kept, largest = 0, 1.0  # largest scale over pivot
     for j in range(n):
-        pivot, size = rest[0, 0], scale[j]
-        alive = pivot > tolerance * size
+        pivot = rest[0, 0]
+        alive = pivot > tolerance * size[0]
         inv = where(alive, 1.0 / where(alive, pivot, 1.0), 0.0)
-        largest = maximum(largest, size * inv)
+        largest = maximum(largest, scale[j] * inv)
         kept = kept + where(alive, 1, 0)
         pivots.append(where(alive, pivot, 0.0))
         inverse.append(inv)
         below = rest[1:, 0] * inv
         columns.append(concatenate([np.zeros(j), [1.0], below]))
         rest = rest[1:, 1:] - outer(below, rest[1:, 0])
+        size = size[1:] + below * below * size[0]
     return MaskedLDL(array(columns).T, array(pivots), array(inverse), kept, 1.0 / largest)
 
 
@@ -68,28 +73,54 @@ def ldl_solve(factors: MaskedLDL, b: Array) -> Array:
     return back_substitution(factors.L, z)
 
 
+def largest_first(S: Array, size: Array, tolerance: float = RANK_TOLERANCE) -> tuple[list[Scalar], list[Array]]:
+    """Factorise a positive semidefinite matrix into sum_k d_k w_k w_k^T, the largest pivot first.
+
+    d_k is the largest diagonal entry left, relative to its size, w_k its column over d_k; what is left
+    after it is S - d_k w_k w_k^T. So no entry of w_k is much above one, and what is null comes last.
+
+    Args:
+        S: (n, n) symmetric.
+        size: (n,) size of what each diagonal entry was summed from.
+        tolerance: relative size of a pivot that counts as zero.
+
+    Returns:
+        n factors >= 0 and as many columns (n,); both are zero for a null pivot.
+    """
+    n = len(S)
+    d, w = [], []
+    for _ in range(n):
+        pivot, of, column = S[0, 0], size[0], S[:, 0]
+        for i in range(1, n):
+            more = S[i, i] * of > pivot * size[i]
+            pivot, of, column = where(more, S[i, i], pivot), where(more, size[i], of), select(more, S[:, i], column)
+        alive = pivot > tolerance * of
+        d.append(where(alive, pivot, 0.0))
+        w.append(column * where(alive, 1.0 / where(alive, pivot, 1.0), 0.0))
+        S = mirrored(S - outer(d[-1] * w[-1], w[-1]))
+    return d, w
+
+
 def least_solution(A: Array, b: Array) -> Array:
     """Return the least x that brings A x nearest to b: A^T (A A^T)^+ b.
 
-    Null pivots of A A^T are dropped; its null vectors, one a dropped pivot, are taken out of b
-    first, so that what A cannot reach leaves the rest of b alone.
+    With A A^T = W D W^T (`largest_first`), its pseudo-inverse is W G D^+ G W^T, G = (W^T W)^+.
 
     Args:
-        A: (m, n); singular values below 1e-6 of the largest count as zero.
+        A: (m, n), rows in one unit; singular values below 1e-6 of the largest count as zero.
         b: (m,).
     """
-    m, S = len(A), A @ A.T
-    factors = ldl(S, np.diag(S))
-    null = back_substitution(factors.L, np.eye(m)).T  # row k: L^-T e_k
-    taken: list[tuple[Array, Scalar]] = []
-    for k in range(m):
-        u = null[k]
-        for v, inverse in taken:
-            u = u - (v @ u) * inverse * v
-        dropped = factors.pivots[k] <= 0.0
-        taken.append((u, where(dropped, 1.0 / where(dropped, u @ u, 1.0), 0.0)))
-        b = b - (u @ b) * taken[-1][1] * u
-    return A.T @ ldl_solve(factors, b)
+    S = A @ A.T
+    largest: Scalar = 0.0
+    for entry in np.diag(S):
+        largest = maximum(largest, entry)
+    d, w = largest_first(S, array([largest] * len(S)))
+    W = array(w).T
+    gram = W.T @ W
+    factors = ldl(gram, np.ones(len(d)))  # a null column drops out by itself
+    y = ldl_solve(factors, W.T @ b)
+    inverse = [where(x > 0.0, 1.0 / where(x > 0.0, x, 1.0), 0.0) for x in d]
+    return A.T @ (W @ ldl_solve(factors, array(inverse) * y))
 
 
 def cholesky(S: Array) -> Array:

@@ -5,6 +5,7 @@ import pytest
 
 from holdfast.dynamics.closed.factored_mobility import factored
 from holdfast.dynamics.closed.measurement import Measurement
+from holdfast.dynamics.closed.object_filter import pivot_scale
 from holdfast.dynamics.closed.rigid_step import rigid_step
 from holdfast.dynamics.closed.row_steps import independent_rows, row_steps
 from tests.dynamics.problems import relative_gap
@@ -23,9 +24,10 @@ def drawn(seed: int, rows: int, rank: int | None = None):
     rng = np.random.default_rng(seed)
     P = definite(rng, 6)
     C = np.eye(6) if rows == 6 else rng.normal(size=(rows, 6))
-    sizes = np.diag(C @ P @ C.T)
-    m = Measurement(C, definite(rng, rows, rank), rng.normal(size=rows), sizes, most=rank or rows, carried=rows == 6)
-    return rng.normal(size=6), P, m, np.diag(m.R) + m.object_size, rng.normal(size=6)
+    R, r = definite(rng, rows, rank), rng.normal(size=rows)
+    extent, angular = np.array([np.trace(R), np.trace(R), 1.0]), (True,) * (rows - 1) + (False,)
+    m = Measurement(C, R, r, extent, angular, most=rank or rows, carried=rows == 6)
+    return rng.normal(size=6), P, m, pivot_scale(m, np.full(2, np.trace(P))), rng.normal(size=6)
 
 
 def expected(x, P, m: Measurement, s):
@@ -54,7 +56,7 @@ def test_rigid_step(seed, rank):
 def test_row_steps(seed, rows, rank):
     """Independent rows one by one give the same; rows along which the arm cannot move included."""
     x, P, m, scale, s = drawn(seed, rows, rank)
-    got_x, factors, step = row_steps(x, factored(P), m, scale)
+    got_x, factors, step = row_steps(x, factored(P, np.diag(P)), m, scale)
     for got, want in zip((got_x, factors.dense(), step.back(s)), expected(x, P, m, s), strict=True):
         assert np.abs(got - want).max() < 1e-9 * max(np.abs(want).max(), np.abs(P).max())
     assert step.kept == rows
@@ -79,7 +81,7 @@ def test_rows_seen_before():
     """A second arm that says the same and cannot yield adds no rank and no force of its own."""
     x, P, m, scale, s = drawn(0, 4)
     hard = m._replace(R=np.zeros((4, 4)), r=m.C @ np.arange(6.0))
-    x1, once, first = row_steps(x, factored(P), hard, scale)
+    x1, once, first = row_steps(x, factored(P, np.diag(P)), hard, scale)
     x2, twice, second = row_steps(x1, once, hard, scale)
     assert (first.kept, second.kept) == (4, 0)
     np.testing.assert_array_equal(twice.dense(), once.dense())
@@ -89,11 +91,13 @@ def test_rows_seen_before():
 
 
 def test_factors():
-    """`factored` takes a mobility apart into L diag(D) L^T, null directions as zeros."""
+    """`factored` takes a mobility apart into sum D w w^T, null directions as zeros, the largest first."""
     rng = np.random.default_rng(3)
     for P in (definite(rng, 6), definite(rng, 6, 4), np.zeros((6, 6))):
-        F = factored(P)
+        F = factored(P, np.full(6, max(1.0, np.trace(P))))
         np.testing.assert_allclose(F.dense(), P, atol=1e-12 * max(1.0, np.abs(P).max()))
         assert min(F.D) >= 0
+        assert F.D == sorted(F.D, reverse=True)
+        assert sum(D > 0 for D in F.D) == np.linalg.matrix_rank(P)
         f = rng.normal(size=6)
         np.testing.assert_allclose(F.apply(f), P @ f, atol=1e-12 * max(1.0, np.abs(P).max()))

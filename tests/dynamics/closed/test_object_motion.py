@@ -30,10 +30,12 @@ def test_matrices(scale, reach, seed):
     I = frame.R @ body.inertia @ frame.R.T - body.mass * px @ px
     M = np.block([[I, body.mass * px], [-body.mass * px, body.mass * np.eye(3)]])
     assert relative_gap(o.inertia.dense() / scale, M / scale) < 1e-13
-    D, w = o.mobility_factors
-    assert min(D) > 0
-    factored = sum(d * np.outer(x, x) for d, x in zip(D, w, strict=True))
-    assert relative_gap(factored * scale, o.mobility.dense() * scale) < 1e-13
+    np.testing.assert_array_equal(o.free.centre, p)
+    assert min(o.free.D) > 0
+    factored = sum(d * np.outer(x, x) for d, x in zip(o.free.D, o.free.w, strict=True))
+    assert relative_gap(factored * scale, o.free.mobility.dense() * scale) < 1e-13
+    at_C = o.free.mobility.mobility_shifted(-p).dense()
+    assert relative_gap(at_C * scale, o.mobility.dense() * scale) < 1e-13
     np.testing.assert_allclose(o.inertia.dense() @ o.mobility.dense(), np.eye(6), atol=1e-11)
 
 
@@ -48,6 +50,8 @@ def test_free_motion(scale, reach, seed):
     np.testing.assert_allclose(I @ alpha[:3], -np.cross(w, I @ w), atol=1e-12)
     assert relative_gap(o.inertia.apply(alpha) / scale, -o.bias / scale) < 1e-12
     np.testing.assert_array_equal(o.wrench, np.arange(6.0))
+    assert relative_gap(o.free.wrench, [*(np.arange(3.0) - np.cross(p, np.arange(3.0, 6.0))), 3, 4, 5]) < 1e-14
+    np.testing.assert_array_equal(o.free.at_rest().wrench, np.zeros(6))
 
 
 @pytest.mark.parametrize("seed", range(5))

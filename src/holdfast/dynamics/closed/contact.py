@@ -7,7 +7,7 @@ H f = 0  <=>  f = K^T lambda,     K H^T = 0                                     
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,6 +54,16 @@ class Contact:
             return concatenate([np.zeros(3), f[3:]])
         kept = array([x if i in self.grasp.transmitted else 0.0 for i, x in enumerate(unrotate(self.R, f))])
         return rotate(self.R, kept)
+
+    def about(self, centre: Array, centripetal: Array) -> Contact:
+        """Return the contact as seen from another point of the object than C.
+
+        Args:
+            centre: (3,) from C to that point, world axes [m].
+            centripetal: (3,) w x (w x centre), 0 for an object at rest [m/s^2].
+        """
+        a = self.a - concatenate([np.zeros(3), centripetal])
+        return replace(self, offset=self.offset - centre, a=a)
 
     @property
     def K(self) -> Array:

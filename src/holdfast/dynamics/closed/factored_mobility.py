@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.spatial.linalg import ldl
+from holdfast.spatial.linalg import largest_first
 from holdfast.spatial.scalar import Array, Scalar, array, where
 
-ROUNDING = 1e-15  # a pivot below this part of its diagonal is zero
+ROUNDING = 1e-14  # a pivot below this part of its size is zero
 
 
 class FactoredMobility(NamedTuple):
@@ -29,7 +29,7 @@ class FactoredMobility(NamedTuple):
     w: list[Array]
 
     def apply(self, wrench: Array) -> Array:
-        """Return P f: the acceleration that a wrench at C brings."""
+        """Return P f: the acceleration that a wrench at G brings."""
         return sum((D * (w @ wrench) * w for D, w in zip(self.D, self.w, strict=True)), start=np.zeros(6))
 
     def dense(self) -> Array:
@@ -38,10 +38,14 @@ class FactoredMobility(NamedTuple):
         return (W * array(self.D)) @ W.T
 
 
-def factored(P: Array) -> FactoredMobility:
-    """Return the factors of a mobility given as a (6, 6) matrix: L diag(D) L^T, columns of L."""
-    factors = ldl(P, np.diag(P), ROUNDING)
-    return FactoredMobility(list(factors.pivots), list(factors.L.T))
+def factored(P: Array, size: Array) -> FactoredMobility:
+    """Return the factors of a mobility given as a (6, 6) matrix, without its rounding.
+
+    Args:
+        P: (6, 6) positive semidefinite.
+        size: (6,) size of what each diagonal entry was summed from.
+    """
+    return FactoredMobility(*largest_first(P, size, ROUNDING))
 
 
 def updated(P: FactoredMobility, c: Array, d: Scalar, least: Scalar) -> tuple[FactoredMobility, Array, Scalar, Scalar]:

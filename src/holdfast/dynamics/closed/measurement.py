@@ -1,4 +1,9 @@
-"""One arm as the object's filter sees it: rows C alpha(C) = r - R lambda."""
+"""One arm as the object's filter sees it: rows C alpha(G) = r - R lambda.
+
+How large a pivot may be that is only the rounding of zero follows from the sizes of what was summed,
+not from what the sum came to: a row along which an arm cannot move is itself rounding. The sizes are
+traces of the angular and of the linear block, so they depend neither on the axes nor on the units.
+"""
 
 from __future__ import annotations
 
@@ -9,39 +14,54 @@ import numpy as np
 
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.tip_response import TipResponse
-from holdfast.spatial.scalar import Array, Scalar, array, maximum, minimum, where
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, minimum
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 from holdfast.spatial.symmetric import Symmetric6
 
-# Arms less mobile than this part of the object's own mobility set no scale for its pivots.
-LIGHTEST_OBJECT = 1e-10
-
 
 class Measurement(NamedTuple):
-    """Rows along contact axes; for a rigid grasp about C along world axes, where C = 1.
+    """Rows along contact axes; for a rigid grasp about G along world axes, where C = 1.
 
     Attributes:
         C: K A, (rows, 6).
         R: K Lambda K^T, the "measurement noise".
         r: (rows,) K (alpha_f + g - a).
-        object_size: (rows,) diagonal of C M(C)^-1 C^T: how the free object moves.
+        extent: (3,) how mobile the arm is where it measures: angular [1/(kg m^2)], linear [1/kg],
+            and the squared distance of that point from G [m^2].
+        angular: which rows are moments.
         most: the arm's joint count, which the rank of R cannot exceed.
-        carried: whether the rows are all of alpha(C).
+        carried: whether the rows are all of alpha(G).
     """
 
     C: Array
     R: Array
     r: Array
-    object_size: Array
+    extent: Array
+    angular: tuple[bool, ...]
     most: int
     carried: bool
+
+    def own_sizes(self) -> Array:
+        """Return (rows,) the sizes of R's diagonal."""
+        turning, moving, _ = self.extent
+        return array([turning if angular else moving for angular in self.angular])
+
+    def sizes(self, of: Array) -> Array:
+        """Return (rows,) the sizes of the diagonal of C P C^T, `of` being those of P about G, (2,)."""
+        along = of[1] + self.extent[2] * of[0]
+        return array([of[0] if angular else along for angular in self.angular])
+
+    def size_at_centre(self) -> Array:
+        """Return (2,) how mobile the arm is about G, angular and linear."""
+        turning, moving, lever = self.extent
+        return array([turning, moving + lever * turning])
 
 
 class Step(NamedTuple):
     """What is left of one arm for the way back.
 
     Attributes:
-        back: s (6,), the wrench at C of everything behind -> the arm's own, C^T lambda.
+        back: s (6,), the wrench at G of everything behind -> the arm's own, C^T lambda.
         kept: how many of its rows are independent of those before.
         weakest: the smallest pivot kept, relative to its scale.
     """
@@ -51,35 +71,42 @@ class Step(NamedTuple):
     weakest: Scalar
 
 
-def measurement(c: Contact, tip: TipResponse, mobility: Symmetric6) -> Measurement:
-    """Return one arm's measurement of alpha(C), `mobility` being M(C)^-1."""
+def measurement(c: Contact, tip: TipResponse) -> Measurement:
+    """Return one arm's measurement of alpha(G).
+
+    Args:
+        c: its grasp, seen from G.
+        tip: its answer at its tip.
+    """
     r = tip.free_acceleration + c.g - c.a
+    turning, moving = block_sizes(tip.mobility)
+    # a lever is the sum of the links: its rounding moves what turns
+    moving = moving + tip.length * tip.length * turning
+    lever, most = c.offset @ c.offset, len(tip.pivots)
     if c.grasp.kind == "rigid":
         R = tip.mobility.mobility_shifted(-c.offset).dense()
-        size = np.concatenate([np.diag(mobility.aa), np.diag(mobility.ll)])
-        return Measurement(np.eye(6), R, shift_twist(-c.offset, r), size, len(tip.pivots), True)
+        extent = array([turning, moving + lever * turning, 0.0 * turning])
+        return Measurement(np.eye(6), R, shift_twist(-c.offset, r), extent, ANGULAR, most, True)
     rows = list(c.grasp.transmitted)
     C = array([shift_wrench(c.offset, row) for row in c.K])  # (K A)^T = A^T K^T
     R = tip.mobility.rotated(c.R.T).dense()[rows][:, rows]
-    object_size = array([row @ mobility.apply(row) for row in C])
-    return Measurement(C, R, c.transmitted(r), object_size, len(tip.pivots), False)
+    angular = tuple(ANGULAR[i] for i in rows)
+    return Measurement(C, R, c.transmitted(r), array([turning, moving, lever]), angular, most, False)
 
 
-def mobility_ratio(m: Measurement) -> Scalar:
-    """Return the arm's largest mobility over the object's own, row by row, without units."""
-    size: Scalar = 0.0
-    of: Scalar = 1.0
-    for arm_size, object_size in zip(np.diag(m.R), m.object_size, strict=True):
-        larger = arm_size * of > size * object_size  # of two ratios, with one division in the end
-        size, of = where(larger, arm_size, size), where(larger, object_size, of)
-    return size / of
+ANGULAR = (True, True, True, False, False, False)
 
 
-def object_share(share: Scalar, ratio: Scalar) -> Scalar:
-    """Return which part of the object's mobility sets the scale of pivots, one more arm considered.
+def block_sizes(mobility: Symmetric6) -> Array:
+    """Return (2,) the traces of the angular and of the linear block."""
+    return array([np.trace(mobility.aa), np.trace(mobility.ll)])
 
-    What the arms leave of the object's mobility is of the size of their own; a light object's
-    M(C)^-1 is far larger, and as a scale would call sound rows null. Hence min(1, the arms'
-    largest ratio), `LIGHTEST_OBJECT` to begin with.
-    """
-    return minimum(maximum(share, ratio), 1.0)
+
+def larger(a: Array, b: Array) -> Array:
+    """Return the larger of two arrays, entry by entry."""
+    return concatenate([[maximum(x, y)] for x, y in zip(a, b, strict=True)])
+
+
+def smaller(a: Array, b: Array) -> Array:
+    """Return the smaller of two arrays, entry by entry."""
+    return concatenate([[minimum(x, y)] for x, y in zip(a, b, strict=True)])

@@ -1,7 +1,7 @@
-"""The object's filter: every arm measures alpha(C), one after the other, out and back.
+"""The object's filter: every arm measures alpha(G), one after the other, out and back.
 
-x is the acceleration at C of the object and the arms seen so far, P their mobility there. Arm i
-says K_i (r_i - A_i alpha(C)) = K_i Lambda_i K_i^T lambda_i, r_i = alpha_f,i + g_i - a_i(C), f_i =
+x is the acceleration of the mass centre G with the arms seen so far, P their mobility there. Arm i
+says K_i (r_i - A_i alpha(G)) = K_i Lambda_i K_i^T lambda_i, r_i = alpha_f,i + g_i - a_i(G), f_i =
 K_i^T lambda_i. With C = K_i A_i, R = K_i Lambda_i K_i^T, S = R + C P C^T:
 
     out:   x += P C^T S^-1 (K r - C x),   P -= P C^T S^-1 C P        (beyond.md 1(b))
@@ -10,7 +10,7 @@ K_i^T lambda_i. With C = K_i A_i, R = K_i Lambda_i K_i^T, S = R + C P C^T:
 P is brought down without subtracting: where a rigid grasp measures all of alpha(C) as a parallel
 sum (`rigid_step`), elsewhere in factors (`row_steps`). The order of the arms is free, so parallel
 sums come first: after one of them P is of the arms' size, however light the object. An arm of
-fewer than six joints holds alpha(C) fast in some directions; its rows say so exactly, where the
+fewer than six joints holds alpha(G) fast in some directions; its rows say so exactly, where the
 rounding of a 6x6 R would let a heavy object move. No Lambda_i and no Omega need be regular.
 """
 
@@ -22,13 +22,16 @@ import numpy as np
 
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored
-from holdfast.dynamics.closed.measurement import LIGHTEST_OBJECT, Step, measurement, mobility_ratio, object_share
-from holdfast.dynamics.closed.object_motion import ObjectMotion
+from holdfast.dynamics.closed.measurement import Measurement, Step, block_sizes, larger, measurement, smaller
+from holdfast.dynamics.closed.object_motion import FreeBody, acceleration_at_C
 from holdfast.dynamics.closed.rigid_step import LastStep, last_rigid_step, rigid_step
 from holdfast.dynamics.closed.row_steps import row_steps
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.spatial.scalar import Array, Scalar, minimum
 from holdfast.spatial.spatial_vector import shift_wrench
+from holdfast.spatial.symmetric import symmetric6
+
+LEAST_MOBILE = 1e-16  # of the object's own mobility
 
 
 class ObjectSolution(NamedTuple):
@@ -49,41 +52,40 @@ class ObjectSolution(NamedTuple):
     weakest_pivot: Scalar
 
 
-def object_filter(contacts: list[Contact], tips: list[TipResponse], body: ObjectMotion) -> ObjectSolution:
+def object_filter(contacts: list[Contact], tips: list[TipResponse], body: FreeBody) -> ObjectSolution:
     """Return grasp wrenches and object acceleration, O(l).
 
-    An external wrench w on the object stays apart: alpha(C) = x + P w at the end, s = w at the
-    start of the way back (a light object's M(C)^-1 w would be huge, and taken back later).
+    An external wrench w on the object stays apart: alpha(G) = x + P w at the end, s = w at the
+    start of the way back (a light object's M(G)^-1 w would be huge, and taken back later).
 
     Args:
         contacts: the grasps, in the order of the arms that have one.
         tips: those arms' answers at their tips.
         body: the object.
     """
-    seen = [measurement(c, tip, body.mobility) for c, tip in zip(contacts, tips, strict=True)]
-    share: Scalar = LIGHTEST_OBJECT
-    for m in seen:
-        share = object_share(share, mobility_ratio(m))
-    scales = [np.diag(m.R) + share * m.object_size for m in seen]
+    about = [c.about(body.centre, body.centripetal) for c in contacts]
+    seen = [measurement(c, tip) for c, tip in zip(about, tips, strict=True)]
+    size = initial_size(body, seen)
     parallel = [m.carried and m.most >= len(m.r) for m in seen]
     order = sorted(range(len(contacts)), key=lambda i: not parallel[i])
 
-    x, P = body.free_acceleration, body.mobility.dense()
+    x, P = body.acceleration, body.mobility.dense()
     alpha = x
-    factors: FactoredMobility | None = FactoredMobility(*body.mobility_factors)
+    factors: FactoredMobility | None = FactoredMobility(body.D, body.w)
     steps: list[Step] = []
     wrenches: list[Array] = [body.wrench] * len(contacts)
     turn: LastStep | None = None
     for i in order:
+        m, scale = seen[i], pivot_scale(seen[i], size)
         if not parallel[i]:
-            x, factors, step = row_steps(x, factors or factored(P), seen[i], scales[i])
+            x, factors, step = row_steps(x, factors or factored(P, by_rows(size)), m, scale)
         elif i == order[-1]:
-            turn = last_rigid_step(x, P, seen[i], scales[i], body.wrench)
+            turn = last_rigid_step(x, P, m, scale, body.wrench)
             step = Step(lambda s, end=turn: end.wrench, turn.kept, turn.weakest)
             factors = None
         else:
-            x, P, step = rigid_step(x, P, seen[i], scales[i])
-            factors = None
+            x, P, step = rigid_step(x, P, m, scale)
+            size, factors = smaller(size, m.size_at_centre()), None
         steps.append(step)
     if turn is not None:
         alpha, P = turn.acceleration, turn.mobility
@@ -94,11 +96,38 @@ def object_filter(contacts: list[Contact], tips: list[TipResponse], body: Object
     for i, step in reversed(list(zip(order, steps, strict=True))):
         from_arm = step.back(s)
         s = s + from_arm
-        wrenches[i] = contacts[i].transmissible(shift_wrench(-contacts[i].offset, from_arm))
+        wrenches[i] = contacts[i].transmissible(shift_wrench(-about[i].offset, from_arm))
 
     freedoms = sum(len(c.grasp.free) for c in contacts)
     rank = sum((step.kept for step in steps), start=freedoms)
     weakest: Scalar = 1.0
     for step in steps:
         weakest = minimum(weakest, step.weakest)
-    return ObjectSolution(wrenches, alpha, P, rank, weakest)
+    mobility = symmetric6(P).mobility_shifted(-body.centre).dense()
+    return ObjectSolution(wrenches, acceleration_at_C(body.centre, body.centripetal, alpha), mobility, rank, weakest)
+
+
+def initial_size(body: FreeBody, seen: list[Measurement]) -> Array:
+    """Return (2,) how mobile the object is before the first arm, angular and linear, for judging pivots.
+
+    What the arms leave of a light object's mobility is of the size of their own, so it counts as no more.
+    """
+    own, most = block_sizes(body.mobility), no_arms(body)
+    for m in seen:
+        most = larger(most, m.size_at_centre())
+    return smaller(own, most)
+
+
+def no_arms(body: FreeBody) -> Array:
+    """Return (2,) how mobile arms count at the least, angular and linear: sliding joints do not turn at all."""
+    return LEAST_MOBILE * block_sizes(body.mobility)
+
+
+def pivot_scale(m: Measurement, size: Array) -> Array:
+    """Return (rows,) the sizes of the diagonal of S = R + C P C^T, those of P being given (2,)."""
+    return m.own_sizes() + m.sizes(size)
+
+
+def by_rows(size: Array) -> Array:
+    """Return (6,) sizes of the rows of P for those of its two blocks."""
+    return np.repeat(size, 3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,37 @@ from holdfast.spatial.symmetric import Symmetric6, mirrored
 from holdfast.spatial.vector import cross
 
 
+class FreeBody(NamedTuple):
+    """The object without its arms, about its mass centre G, world axes.
+
+    About G turning and pushing do not mix: the mobility of a point mass, infinite in turning, leaves
+    that in pushing its digits. About another point the one would have to be subtracted from the other.
+
+    Attributes:
+        centre: (3,) p, from C to G [m].
+        centripetal: (3,) w x (w x p), what G accelerates by more than C because the object turns.
+        mobility: M(G)^-1.
+        D: the same as six factors > 0 and six columns, sum D w w^T.
+        w: the columns, (6,) each.
+        acceleration: (6,) of G, alone and unloaded, less [0; g].
+        wrench: (6,) external wrench about G. It is kept apart from `acceleration`, because a light
+            object's M(G)^-1 would make it huge before the arms take it back.
+    """
+
+    centre: Array
+    centripetal: Array
+    mobility: Symmetric6
+    D: list[Scalar]
+    w: list[Array]
+    acceleration: Array
+    wrench: Array
+
+    def at_rest(self) -> FreeBody:
+        """Return the same object at rest, with nothing acting on it."""
+        none = np.zeros(6)
+        return self._replace(centripetal=np.zeros(3), acceleration=none, wrench=none)
+
+
 @dataclass(frozen=True, eq=False)
 class ObjectMotion:
     """The object at one instant, about C, world axes.
@@ -22,19 +54,18 @@ class ObjectMotion:
     Attributes:
         inertia: M(C).
         mobility: M(C)^-1.
-        mobility_factors: the same as six factors D > 0 and six columns w, sum D w w^T.
         bias: (6,) b(C).
         free_acceleration: (6,) -M(C)^-1 b(C): alone and unloaded, less [0; g].
-        wrench: (6,) external wrench. It is kept apart from `free_acceleration`, because a
-            light object's M(C)^-1 would make it huge before the arms take it back.
+        wrench: (6,) external wrench.
+        free: the same object about its mass centre, as the object's filter takes it.
     """
 
     inertia: Symmetric6
     mobility: Symmetric6
-    mobility_factors: tuple[list[Scalar], list[Array]]
     bias: Array
     free_acceleration: Array
     wrench: Array
+    free: FreeBody
 
 
 def object_motion(body: HeldObject, frame: Pose, twist: Array, wrench: Array) -> ObjectMotion:
@@ -56,24 +87,31 @@ def object_motion(body: HeldObject, frame: Pose, twist: Array, wrench: Array) ->
     turning = w @ R  # object axes
     spin = cross(turning, body.inertia @ turning)
     falling = concatenate([-(R @ (inverse @ spin)), np.zeros(3)])  # the mass centre keeps its velocity
+    mobility = Symmetric6(mirrored(R @ inverse @ R.T), none, (1.0 / body.mass) * unit)
+    D, columns = _factors(body, R)
+    free = FreeBody(p, centripetal(w, p), mobility, D, columns, falling, shift_wrench(-p, wrench))
     return ObjectMotion(
         Symmetric6(mirrored(R @ body.inertia @ R.T), none, body.mass * unit).inertia_shifted(p),
-        Symmetric6(mirrored(R @ inverse @ R.T), none, (1.0 / body.mass) * unit).mobility_shifted(-p),
-        _factors(body, R, p),
-        shift_wrench(p, concatenate([R @ spin, body.mass * centripetal(w, p)])),
-        shift_twist(-p, falling) + concatenate([np.zeros(3), centripetal(w, -p)]),
+        mobility.mobility_shifted(-p),
+        shift_wrench(p, concatenate([R @ spin, body.mass * free.centripetal])),
+        acceleration_at_C(p, free.centripetal, falling),
         wrench,
+        free,
     )
 
 
-def _factors(body: HeldObject, R: Array, p: Array) -> tuple[list[Scalar], list[Array]]:
-    """Return D and w with M(C)^-1 = sum D w w^T: pushes of the mass centre, then turns about it.
+def acceleration_at_C(centre: Array, centripetal: Array, alpha: Array) -> Array:
+    """Return (6,) alpha(C) for an acceleration alpha of the mass centre; see `FreeBody` for the others."""
+    return shift_twist(-centre, alpha) - concatenate([np.zeros(3), centripetal])
 
-    I = L diag(d) L^T along object axes, so I^-1 is the sum of u u^T / d over the columns u of
-    L^-T; the object turning about its mass centre moves C by u x (-p).
+
+def _factors(body: HeldObject, R: Array) -> tuple[list[Scalar], list[Array]]:
+    """Return D and w with M(G)^-1 = sum D w w^T: pushes of the mass centre, then turns about it.
+
+    I = L diag(d) L^T along object axes, so I^-1 is the sum of u u^T / d over the columns u of L^-T.
     """
-    factors = ldl(body.inertia, np.diag(body.inertia))
-    turns = [shift_twist(-p, concatenate([R @ u, np.zeros(3)])) for u in forward_substitution(factors.L, np.eye(3))]
+    factors = ldl(body.inertia, np.zeros(3))  # positive definite: every pivot counts
+    turns = [concatenate([R @ u, np.zeros(3)]) for u in forward_substitution(factors.L, np.eye(3))]
     pushes = [concatenate([np.zeros(3), axis]) for axis in np.eye(3)]
     return [1.0 / body.mass] * 3 + [1.0 / d for d in factors.pivots], pushes + turns
 

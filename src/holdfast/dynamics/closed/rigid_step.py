@@ -1,4 +1,4 @@
-"""A rigid grasp in the object's filter: the parallel sum of two mobilities at C."""
+"""A rigid grasp in the object's filter: the parallel sum of two mobilities about G."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class LastStep(NamedTuple):
     """Where the filter turns round, at a rigidly held arm.
 
     Attributes:
-        acceleration: (6,) alpha(C), the external wrench on the object included.
-        wrench: (6,) of the arm on the object, about C.
+        acceleration: (6,) alpha(G), the external wrench on the object included.
+        wrench: (6,) of the arm on the object, about G.
         mobility: (6, 6) P after it.
         kept: how many of its rows are independent of those before.
         weakest: the smallest pivot kept, relative to its scale.
@@ -46,14 +46,14 @@ class LastStep(NamedTuple):
 def last_rigid_step(x: Array, P: Array, m: Measurement, scale: Array, w: Array) -> LastStep:
     """Return what `rigid_step` and its way back come to at the last arm: two solves instead of seven.
 
-    z = S^-1 P w:  lambda = nu - z,  alpha(C) = x + P nu + R z, as P S^-1 R = R S^-1 P.
+    z = S^-1 P w:  lambda = nu - z,  alpha(G) = x + P nu + R z, as P S^-1 R = R S^-1 P.
 
     Args:
-        x: acceleration at C of the object and the arms before.
+        x: acceleration of G of the object and the arms before.
         P: their mobility there.
         m: the arm's measurement.
         scale: sizes of the pivots.
-        w: (6,) external wrench on the object about C.
+        w: (6,) external wrench on the object about G.
     """
     S = ldl(P + m.R, scale, RANK_TOLERANCE)
     nu, z = ldl_solve(S, np.column_stack([m.r - x, P @ w])).T

@@ -7,7 +7,7 @@ import numpy as np
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, updated
 from holdfast.dynamics.closed.measurement import Measurement, Step
 from holdfast.spatial.linalg import RANK_TOLERANCE
-from holdfast.spatial.scalar import Array, Scalar, minimum, select, where
+from holdfast.spatial.scalar import Array, Scalar, array, minimum, select, where
 from holdfast.spatial.vector import outer
 
 # A pivot of K Lambda K^T below this part of its scale is rounding: the arm cannot move there.
@@ -18,7 +18,7 @@ SAME = 1e-12  # scaled pivots closer than this are taken for equal
 def row_steps(x: Array, P: FactoredMobility, m: Measurement, scale: Array) -> tuple[Array, FactoredMobility, Step]:
     """Return x, P after one arm, and its step back.
 
-    Per independent row c alpha(C) = r - d lambda: sigma = c P c^T + d, k = P c^T, nu = (r - c x) /
+    Per independent row c alpha(G) = r - d lambda: sigma = c P c^T + d, k = P c^T, nu = (r - c x) /
     sigma, x += k nu, P -= k k^T / sigma; back: lambda = nu - (k . s) / sigma, s += c^T lambda.
     """
     rows: list[tuple[Array, Array, Scalar]] = []
@@ -50,9 +50,11 @@ def independent_rows(m: Measurement, scale: Array) -> tuple[list[Scalar], Array]
     pivots of an arm of few joints, whose quotients mean nothing, come last.
 
     Returns:
-        (rows,) d >= 0, and (rows, 8): L^-1 [C, r] and each row's scale, in the chosen order.
+        (rows,) d >= 0, and (rows, 9): L^-1 [C, r], each row's scale, and one over the part of
+        it that is R's, in the chosen order.
     """
-    R, rows = m.R, np.column_stack([m.C, m.r, scale])
+    inverse_sizes = array([where(size > 0.0, 1.0 / where(size > 0.0, size, 1.0), 0.0) for size in m.own_sizes()])
+    R, rows = m.R, np.column_stack([m.C, m.r, scale, inverse_sizes])
     count = len(R)
     d: list[Scalar] = []
     for j in range(count):
@@ -60,16 +62,16 @@ def independent_rows(m: Measurement, scale: Array) -> tuple[list[Scalar], Array]
             order = list(range(count))
             order[i], order[j] = j, i
             # by more than rounding: rows that are equally immobile keep their order
-            larger = R[i, i] * rows[j, 7] > (R[j, j] + SAME * rows[j, 7]) * rows[i, 7]
+            larger = R[i, i] * rows[i, 8] > R[j, j] * rows[j, 8] + SAME
             R = select(larger, R[np.ix_(order, order)], R)
             rows = select(larger, rows[order], rows)
         if j >= m.most:  # what is left of R is the rounding of zero
             return d + [0.0] * (count - j), rows
-        alive = R[j, j] > ROUNDING * rows[j, 7]
+        alive = R[j, j] * rows[j, 8] > ROUNDING
         d.append(where(alive, R[j, j], 0.0))
         below = R[j + 1 :, j] * where(alive, 1.0 / where(alive, R[j, j], 1.0), 0.0)
         rest = R[j + 1 :, j + 1 :] - outer(below, R[j, j + 1 :])
         R = np.concatenate([R[: j + 1], np.hstack([R[j + 1 :, : j + 1], rest])])
-        less = np.column_stack([outer(below, rows[j, :7]), np.zeros(len(below))])
+        less = np.column_stack([outer(below, rows[j, :7]), np.zeros((len(below), 2))])
         rows = np.concatenate([rows[: j + 1], rows[j + 1 :] - less])
     return d, rows

@@ -19,7 +19,7 @@ def sequential(motion: ChainMotion, route: Route = "auto") -> Solution:
         route: how each arm answers at its tip.
     """
     tips = [tip_response(arm, route) for arm in motion.holding]
-    found = object_filter(motion.contacts, tips, motion.body)
+    found = object_filter(motion.contacts, tips, motion.body.free)
     back = [tip.back(f) for tip, f in zip(tips, found.wrenches, strict=True)]
     return Solution(
         qdd=[qdd for qdd, _ in back],

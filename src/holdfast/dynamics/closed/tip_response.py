@@ -39,12 +39,14 @@ class TipResponse(NamedTuple):
         free_acceleration: (6,) alpha_f(0), less [0; g].
         pivots: (N,) positive for a proper arm: D, or the squared Cholesky diagonal.
         back: f (6,) -> (qdd (N,), base wrench (6,) about the base origin, world axes).
+        length: of the arm stretched out, which levers are sums of [m].
     """
 
     mobility: Symmetric6
     free_acceleration: Array
     pivots: Array
     back: Callable[[Array], tuple[Array, Array]]
+    length: float
 
 
 def tip_response(motion: ArmMotion, route: Route) -> TipResponse:
@@ -68,7 +70,7 @@ def recursive(motion: ArmMotion) -> TipResponse:
         return qdd, rotate(arm.base.R, at_base + base_share)
 
     mobility = tip_mobility(arm, at, filter).rotated(R)
-    return TipResponse(mobility, rotate(R, tip) + motion.bias.tip_acceleration, filter.D, back)
+    return TipResponse(mobility, rotate(R, tip) + motion.bias.tip_acceleration, filter.D, back, arm.length)
 
 
 def by_mass_matrix(motion: ArmMotion) -> TipResponse:
@@ -87,4 +89,4 @@ def by_mass_matrix(motion: ArmMotion) -> TipResponse:
         return qdd, shift_wrench(arm.base.R @ at.l[0], at_first)
 
     pivots = np.diag(L) * np.diag(L)
-    return TipResponse(symmetric6(X.T @ X), x @ X + motion.bias.tip_acceleration, pivots, back)
+    return TipResponse(symmetric6(X.T @ X), x @ X + motion.bias.tip_acceleration, pivots, back, arm.length)
