@@ -9,12 +9,12 @@ import numpy as np
 from holdfast import Arm, ClosedChain, Grasp, State
 
 
-def as_case(chain: ClosedChain, state: State) -> dict:
-    """Return the case of a chain whose bases stand still and whose drives give no torque."""
-    arms = []
+def as_case(chain: ClosedChain, state: State, tau: np.ndarray | None = None) -> dict:
+    """Return the case of a chain whose bases stand still; without torques its drives give none."""
+    arms, tau = [], np.zeros(chain.joint_count) if tau is None else tau
     for name, arm in chain.arms.items():
         part = chain.joints[name]
-        moving = {"q": state.q[part].tolist(), "qd": state.qd[part].tolist(), "tau": [0.0] * arm.joint_count}
+        moving = {"q": state.q[part].tolist(), "qd": state.qd[part].tolist(), "tau": tau[part].tolist()}
         grasp = chain.grasps.get(name)
         arms.append(_arm(arm) | moving | {"grasp": None if grasp is None else _grasp(grasp)})
     held, frame = chain.held_object, state.object_frame

@@ -7,7 +7,6 @@ which is where a computation has to tell rounding from a number.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import permutations, product
 
 import numpy as np

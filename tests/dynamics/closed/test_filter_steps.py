@@ -97,7 +97,7 @@ def test_factors():
         F = factored(P, np.full(6, max(1.0, np.trace(P))))
         np.testing.assert_allclose(F.dense(), P, atol=1e-12 * max(1.0, np.abs(P).max()))
         assert min(F.D) >= 0
-        assert F.D == sorted(F.D, reverse=True)
+        assert sorted(F.D, reverse=True) == F.D
         assert sum(D > 0 for D in F.D) == np.linalg.matrix_rank(P)
         f = rng.normal(size=6)
         np.testing.assert_allclose(F.apply(f), P @ f, atol=1e-12 * max(1.0, np.abs(P).max()))
