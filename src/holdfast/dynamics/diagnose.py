@@ -10,8 +10,7 @@ import numpy as np
 from holdfast.dynamics import rank as rank_of
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
-from holdfast.dynamics.closed.contact import Contact
-from holdfast.dynamics.indeterminate import free_wrenches
+from holdfast.dynamics.indeterminate import free_wrenches, pattern
 from holdfast.dynamics.lost_direction import LostDirection, lost_directions
 from holdfast.dynamics.split import length_scale
 from holdfast.model.closed_chain import ClosedChain
@@ -114,18 +113,6 @@ def _indeterminate(motion: ChainMotion) -> list[IndeterminateForce]:
         wrenches = np.zeros((len(chain.arms), 6))
         for name, f in zip(chain.grasps, per_grasp, strict=True):
             wrenches[chain.names.index(name)] = f
-        result.append(IndeterminateForce(_in_words(chain, motion.contacts, per_grasp, metric), wrenches))
+        words = f"{pattern(motion, per_grasp, length)} is felt by no joint"
+        result.append(IndeterminateForce(words, wrenches))
     return result
-
-
-def _in_words(chain: ClosedChain, contacts: list[Contact], wrenches: Array, metric: Array) -> str:
-    parts = []
-    for name, c, f in zip(chain.grasps, contacts, wrenches, strict=True):
-        size = np.abs(f * metric)
-        if size.max() < 0.05:
-            continue
-        kind = "force" if size[3:].max() >= size[:3].max() else "moment"
-        axis = f[3:] if kind == "force" else f[:3]
-        x, y, z = axis / np.linalg.norm(axis)
-        parts.append(f"{kind} ({x:+.2f}, {y:+.2f}, {z:+.2f}) at '{name}' ({c.grasp.kind})")
-    return " against ".join(parts) + " (world axes) is felt by no joint"
