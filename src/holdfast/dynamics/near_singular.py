@@ -26,7 +26,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import rotate
 from holdfast.state import Inputs, State
 
-NEARING = 0.06  # s: runs that end at a singularity pass this 50 ms before joint rates and forces explode
+NEARING = 0.07  # s: runs into a singularity pass it 50 ms or more before joint rates and forces explode
 NEAR = 0.03  # s: about 20 ms before
 POSTURES_TRIED = 4  # for an arm's generic rank
 
