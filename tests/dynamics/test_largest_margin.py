@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, minimize
 
-from holdfast import ClosedChain, State, forward_dynamics, grasp_margins, largest_margin, margin_range
+from holdfast import (
+    ClosedChain,
+    ForwardResult,
+    Inputs,
+    State,
+    forward_dynamics,
+    grasp_margins,
+    largest_margin,
+    margin_range,
+)
 from holdfast.dynamics.rank import constraint_rank
 from holdfast.model.grasp import WrenchLimits
 from tests.dynamics.problems import motion_of, stored
@@ -19,7 +28,9 @@ MU, G = 0.5, 10.0
 CARRIED = BLOCK * G / 2  # N, along each contact's tangent
 
 
-def gripper(squeeze: float, limits: WrenchLimits | None = None, effort: float = np.inf) -> tuple[Problem, object]:
+def gripper(
+    squeeze: float, limits: WrenchLimits | None = None, effort: float = np.inf
+) -> tuple[Problem, ForwardResult]:
     """Return two fingers that hold a block against gravity between ball contacts, and forward dynamics of a squeeze."""
     chain, state = squeezed(("ball", "ball"), Friction(MU), gravity=G, effort_limit=effort)
     grasps = {name: replace(grasp, wrench_limits=limits) for name, grasp in chain.grasps.items()}
@@ -28,7 +39,7 @@ def gripper(squeeze: float, limits: WrenchLimits | None = None, effort: float = 
     tau = np.array([squeeze, 0.0, lift, -squeeze, 0.0, lift])
     result = forward_dynamics(chain, state, tau)
     np.testing.assert_allclose(result.qdd, 0.0, atol=1e-12)
-    return Problem(chain, state, tau, None), result
+    return Problem(chain, state, tau, Inputs()), result
 
 
 @pytest.mark.parametrize("squeeze", [0.0, 3.0, 70.0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holdfast import State, simulate
+from holdfast import ClosedChain, State, simulate
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest
 from holdfast.simulation.trajectory import Trajectory
@@ -19,7 +19,7 @@ from tests.systems.as_chain import as_chain
 GREEN, RED = 1 / 3, 2 / 3
 
 
-def tracked(displacement, step: float, duration: float) -> tuple[object, Trajectory]:
+def tracked(displacement, step: float, duration: float) -> tuple[ClosedChain, Trajectory]:
     """Return two Pandas whose box follows a path from rest to rest in a second."""
     chain, state = two_pandas()
     path = RestToRest(state.object_frame, np.array(displacement), np.zeros(3), begin=0.0, duration=1.0)
@@ -49,6 +49,7 @@ def test_arms_that_are_led_beyond_their_reach():
     assert rates[before >= 0.05].max() < 15.0
     assert run.condition.max() < 100.0
     assert_reddens(before, values)
+    assert run.stopped is not None
     for arm in ("left", "right"):
         assert f"arm '{arm}' can hardly (relative strength" in run.stopped
     assert "try a smaller time step" not in run.stopped
@@ -64,6 +65,7 @@ def test_a_parallelogram_that_flattens():
     force = np.abs(run.grasp_wrench).max(axis=(1, 2))
     assert force[-1] > 30 * force[before >= 0.05].max()
     assert_reddens(before, values)
+    assert run.stopped is not None
     assert "at 'arm1' (rigid) against force" in run.stopped
     assert "is hardly felt by any joint" in run.stopped
     assert meter(film_of_run(p.chain, run, "flat"))["nearest"] == [0] * len(film_of_run(p.chain, run, "flat"))
