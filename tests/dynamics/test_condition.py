@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -48,9 +49,10 @@ def test_the_same_wherever_it_is_asked_for(name):
             continue
         assert found.condition == pytest.approx(expected, rel=1e-9), method
     fast = holdfast.compile(p.chain)
-    given = {name: getattr(p.state, name) for name in STATE} | {"tau": p.tau}
+    given: dict[str, Any] = {name: getattr(p.state, name) for name in STATE} | {"tau": p.tau}
     assert fast.forward_dynamics(**given).condition == pytest.approx(expected, rel=1e-9)
-    batch = fast.forward_dynamics(**{name: np.tile(x, (3, 1)) for name, x in given.items()})
+    three: dict[str, Any] = {name: np.tile(x, (3, 1)) for name, x in given.items()}
+    batch = fast.forward_dynamics(**three)
     np.testing.assert_allclose(batch.condition, expected, rtol=1e-9)
 
 
@@ -89,7 +91,7 @@ def test_flattening_parallelogram():
     assert np.log(found[-1] / found[-9]) / np.log(angles[-9] / angles[-1]) == pytest.approx(2.0, abs=0.02)
     flat = as_chain(planar_parallelogram(0.0))
     assert diagnose(flat.chain, flat.state).condition == np.inf
-    states = {name: np.tile(getattr(flat.state, name), (2, 1)) for name in STATE}
+    states: dict[str, Any] = {name: np.tile(getattr(flat.state, name), (2, 1)) for name in STATE}
     result = holdfast.compile(flat.chain).forward_dynamics(**states, tau=np.zeros((2, 4)))
     assert result.status.tolist() == [Status.SINGULAR] * 2
     assert result.condition.tolist() == [np.inf] * 2

@@ -1,6 +1,7 @@
 """The largest margin of any torques: a parallel gripper on paper, another solver, and a motion that stays as it is."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -50,7 +51,7 @@ def test_parallel_gripper(squeeze):
     at_hand = min(MU * squeeze - CARRIED, strength - np.hypot(squeeze, CARRIED))
     assert margin_range(p.chain, p.state, result).together == pytest.approx(at_hand, abs=1e-9)
     assert at_hand < 0.0
-    best = brentq(lambda n: MU * n - CARRIED - strength + np.hypot(n, CARRIED), 0.0, 100.0, xtol=1e-12)
+    best: Any = brentq(lambda n: MU * n - CARRIED - strength + np.hypot(n, CARRIED), 0.0, 100.0, xtol=1e-12)
     found = largest_margin(p.chain, p.state, result)
     assert found.margin == pytest.approx(MU * best - CARRIED, abs=1e-7)
     assert found.margin > 0.0
