@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from holdfast.dynamics.impulse import Attachment, attach, release
     from holdfast.dynamics.inverse import inverse_dynamics
     from holdfast.dynamics.kinematics import joint_mass_matrix, link_poses, tip_jacobian, tip_pose
+    from holdfast.dynamics.largest_margin import LargestMargin, largest_margin
     from holdfast.dynamics.margin_range import MarginRange, margin_range
     from holdfast.dynamics.margins import JointMargins, grasp_margins, joint_margins
     from holdfast.dynamics.methods import METHODS, Method
@@ -92,6 +93,7 @@ _LATER = {
     "GraspResidual": "holdfast.dynamics.consistency",
     "GravityCompensation": "holdfast.control.gravity_compensation",
     "JointMargins": "holdfast.dynamics.margins",
+    "LargestMargin": "holdfast.dynamics.largest_margin",
     "METHODS": "holdfast.dynamics.methods",
     "MarginRange": "holdfast.dynamics.margin_range",
     "Method": "holdfast.dynamics.methods",
@@ -128,6 +130,7 @@ _LATER = {
     "joint_margins": "holdfast.dynamics.margins",
     "joint_mass_matrix": "holdfast.dynamics.kinematics",
     "kinetic_energy": "holdfast.dynamics.energy",
+    "largest_margin": "holdfast.dynamics.largest_margin",
     "last_joint_wrenches": "holdfast.dynamics.wrist",
     "linear_first": "holdfast.interop.joint_order",
     "link_poses": "holdfast.dynamics.kinematics",
@@ -202,6 +205,7 @@ __all__ = [
     "Inputs",
     "Joint",
     "JointMargins",
+    "LargestMargin",
     "Link",
     "MarginRange",
     "Method",
@@ -248,6 +252,7 @@ __all__ = [
     "joint_margins",
     "joint_mass_matrix",
     "kinetic_energy",
+    "largest_margin",
     "last_joint_wrenches",
     "linear_first",
     "link_poses",

@@ -1,94 +1,146 @@
-"""The largest least of several margins: by hand, against a search that knows no calculus, and at infinity."""
+"""The largest margin of any torques: a parallel gripper on paper, another solver, and a motion that stays as it is."""
+
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq, minimize
 
-from holdfast.dynamics.largest_margin import AffineMargin, largest_least
+from holdfast import (
+    ClosedChain,
+    ForwardResult,
+    Inputs,
+    State,
+    forward_dynamics,
+    grasp_margins,
+    largest_margin,
+    margin_range,
+)
+from holdfast.dynamics.rank import constraint_rank
+from holdfast.model.grasp import WrenchLimits
+from tests.dynamics.problems import motion_of, stored
+from tests.dynamics.test_margin_range import hinged, regrasped
+from tests.simulation.gantries import BLOCK, Friction, squeezed
+from tests.systems import planar_three_arms
+from tests.systems.as_chain import Problem, as_chain
 
-MU = 0.5
+MU, G = 0.5, 10.0
+CARRIED = BLOCK * G / 2  # N, along each contact's tangent
 
 
-def friction(f, N) -> list[AffineMargin]:
-    """Return a ball contact's margins for a force f + N z."""
-    f, N = np.asarray(f, dtype=float), np.asarray(N, dtype=float)
-    return [
-        AffineMargin(MU * f[2], MU * N[2], f[:2], N[:2]),
-        AffineMargin(f[2], N[2], np.zeros(1), 0 * N[:1]),
-    ]
+def gripper(
+    squeeze: float, limits: WrenchLimits | None = None, effort: float = np.inf
+) -> tuple[Problem, ForwardResult]:
+    """Return two fingers that hold a block against gravity between ball contacts, and forward dynamics of a squeeze."""
+    chain, state = squeezed(("ball", "ball"), Friction(MU), gravity=G, effort_limit=effort)
+    grasps = {name: replace(grasp, wrench_limits=limits) for name, grasp in chain.grasps.items()}
+    chain = ClosedChain(chain.arms, chain.held_object, grasps, chain.gravity)
+    lift = (BLOCK / 2 + 1.0) * G
+    tau = np.array([squeeze, 0.0, lift, -squeeze, 0.0, lift])
+    result = forward_dynamics(chain, state, tau)
+    np.testing.assert_allclose(result.qdd, 0.0, atol=1e-12)
+    return Problem(chain, state, tau, Inputs()), result
 
 
-def strength(force, f, N) -> AffineMargin:
-    """Return the margin of a force limit."""
-    return AffineMargin(force, np.zeros(np.shape(N)[1]), np.asarray(f, dtype=float), np.asarray(N, dtype=float))
+@pytest.mark.parametrize("squeeze", [0.0, 3.0, 70.0])
+def test_parallel_gripper(squeeze):
+    """`together` knows only the squeeze at hand; the best of all is where friction and strength give way at once."""
+    strength = 60.0
+    p, result = gripper(squeeze, WrenchLimits(force=strength))
+    at_hand = min(MU * squeeze - CARRIED, strength - np.hypot(squeeze, CARRIED))
+    assert margin_range(p.chain, p.state, result).together == pytest.approx(at_hand, abs=1e-9)
+    assert at_hand < 0.0
+    best: Any = brentq(lambda n: MU * n - CARRIED - strength + np.hypot(n, CARRIED), 0.0, 100.0, xtol=1e-12)
+    found = largest_margin(p.chain, p.state, result)
+    assert found.margin == pytest.approx(MU * best - CARRIED, abs=1e-7)
+    assert found.margin > 0.0
+    assert found.tau[[0, 3]] == pytest.approx([best, -best], abs=1e-6)
+    after = forward_dynamics(p.chain, p.state, found.tau)
+    np.testing.assert_allclose(after.qdd, result.qdd, atol=1e-9)
+    np.testing.assert_allclose(after.grasp_wrench, found.grasp_wrench, atol=1e-7)
 
 
-def searched(margins: list[AffineMargin], k: int, seed: int) -> float:
-    """Return the best of many random steps of falling length."""
-    rng = np.random.default_rng(seed)
+@pytest.mark.parametrize("squeeze", [0.0, 50.0])
+def test_gripper_with_drives_of_limited_force(squeeze):
+    """Without another limit harder is always better, up to the drives' own; from beyond it as well as from within."""
+    p, result = gripper(squeeze, effort=30.0)
+    assert largest_margin(p.chain, p.state, result).margin == np.inf
+    found = largest_margin(p.chain, p.state, result, effort_limits=True)
+    assert found.margin == pytest.approx(MU * 30.0 - CARRIED, abs=1e-6)
+    assert np.abs(found.tau).max() <= 30.0 * (1 + 1e-9)
+    weak, result = gripper(squeeze, effort=19.0)  # lifting alone takes 20 N of each
+    found = largest_margin(weak.chain, weak.state, result, effort_limits=True)
+    assert found.margin == -np.inf
+    np.testing.assert_allclose(found.tau, weak.tau, atol=1e-12)
 
-    def least(z):
-        return np.min([m.c + z @ m.a - np.linalg.norm(m.b + z @ m.B.T, axis=1) for m in margins], axis=0)
 
-    best, z, reach = -np.inf, np.zeros(k), 100.0
-    while reach > 1e-6:
-        tried = np.vstack([z, z + reach * rng.normal(size=(400, k))])
-        values = least(tried)
-        reach *= 2.0 if values.max() > best + 1e-3 * reach else 0.5
-        best, z = max(best, values.max()), tried[values.argmax()]
+def by_another_solver(p: Problem, f: np.ndarray) -> float:
+    """Return the largest least margin by SLSQP over all lambda with A^T K^T lambda unchanged, from several starts."""
+    motion = motion_of(p)
+    K = [c.K for c in motion.contacts]
+    to_C = np.hstack([np.vstack([k[:, :3].T + np.cross(c.offset, k[:, 3:]).T, k[:, 3:].T])
+                      for k, c in zip(K, motion.contacts, strict=True)])  # fmt: skip
+    _, sizes, Vt = np.linalg.svd(to_C)
+    free = Vt[int((sizes > 1e-9).sum()) :].T
+    ends = np.cumsum([len(k) for k in K])[:-1]
+
+    def margins(z):
+        parts = np.split(free @ z, ends)
+        moved = f + np.array([k.T @ part for k, part in zip(K, parts, strict=True)])
+        return grasp_margins(p.chain, p.state, moved)
+
+    best, random = -np.inf, np.random.default_rng(0)
+    for _ in range(3):
+        start = random.normal(size=free.shape[1])
+        found = minimize(
+            lambda x: -x[-1],
+            np.r_[start, margins(start).min()],
+            jac=lambda x: np.r_[np.zeros(len(x) - 1), -1.0],
+            constraints={"type": "ineq", "fun": lambda x: margins(x[:-1]) - x[-1]},
+            options={"maxiter": 300, "ftol": 1e-10},
+        )
+        best = max(best, margins(found.x[:-1]).min())
     return best
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_against_a_search(seed):
-    """No random step finds more, and the best of them comes as near as it can."""
-    rng = np.random.default_rng(seed)
-    k, margins = 1 + seed % 3, []
-    for i in range(1 + seed % 4):
-        f, N = 10 * rng.normal(size=3), rng.normal(size=(3, k))
-        margins += [strength(60.0, f, N)] if i == 0 else friction(f, N)
-    found, best = largest_least(margins), searched(margins, k, seed)
-    assert best <= found + 1e-8 * 60
-    assert best == pytest.approx(found, abs=1e-3)
+@pytest.mark.parametrize("name", ["rigid_2arm_7R_gravity", "hinge_2arm", "softfinger_3arm"])
+def test_against_another_solver(name):
+    """Arms with force and moment limits: nothing better is found, and what is found comes near."""
+    p = stored(name)
+    p = regrasped(p, lambda i, g: replace(g, wrench_limits=WrenchLimits(20.0 + i, 100.0)))
+    result = forward_dynamics(p.chain, p.state, p.tau, inputs=p.inputs)
+    found = largest_margin(p.chain, p.state, result, inputs=p.inputs)
+    assert grasp_margins(p.chain, p.state, found.grasp_wrench).min() == pytest.approx(found.margin, abs=1e-6)
+    other = by_another_solver(p, result.grasp_wrench)
+    assert found.margin - 1e-2 * abs(found.margin) - 0.1 < other <= found.margin + 1e-6
+    after = forward_dynamics(p.chain, p.state, found.tau, inputs=p.inputs)
+    np.testing.assert_allclose(after.qdd, result.qdd, atol=1e-7 * max(1.0, np.abs(result.qdd).max()))
+    np.testing.assert_allclose(after.object_acceleration, result.object_acceleration, rtol=1e-6, atol=1e-6)
 
 
-def test_two_fingers():
-    """Two opposed fingers hold 4 N upward between them: squeezing by z gives 2 (0.5 z - 2) at best, for ever more."""
-    left = friction([2.0, 0, 0], [[0.0], [0], [1]])
-    right = friction([2.0, 0, 0], [[0.0], [0], [1]])
-    assert largest_least(left + right) == np.inf
-    # until one gives way: 0.5 z - 2 = 10 - |(2, z)|
-    z = np.linspace(0, 12, 1200001)
-    expected = np.minimum(0.5 * z - 2, 10 - np.hypot(2, z)).max()
-    assert largest_least([*left, *right, strength(10.0, [2.0, 0, 0], [[0.0], [0], [1]])]) == pytest.approx(
-        expected, abs=1e-5
+@pytest.mark.parametrize("seed", range(2))
+def test_never_below_together(seed):
+    """Torques of choice can do whatever the torques at hand can."""
+    plain = regrasped(
+        as_chain(planar_three_arms(seed)), lambda i, g: replace(g, wrench_limits=WrenchLimits(8.0 + i, 60.0))
     )
+    for p in (plain, hinged(seed)):
+        known = constraint_rank(p.chain, p.state)
+        result = forward_dynamics(p.chain, p.state, p.tau, inputs=p.inputs, generic_rank=known)
+        found = largest_margin(p.chain, p.state, result, inputs=p.inputs)
+        now = grasp_margins(p.chain, p.state, result.grasp_wrench).min()
+        assert found.margin >= margin_range(p.chain, p.state, result).together - 1e-7 >= now - 2e-7
 
 
-def test_pulling_apart():
-    """What presses one finger pulls the other: the best is where both press least badly."""
-    pressed, pulled = friction([0, 0, 3.0], [[0.0], [0], [1]]), friction([0, 0, 1.0], [[0.0], [0], [-1]])
-    assert largest_least(pressed + pulled) == pytest.approx(MU * 2.0, rel=1e-9)
-
-
-@pytest.mark.parametrize(("slope", "best"), [(-1e-4, -1.0), (0.0, -1.0), (1e-4, np.inf)])
-def test_along_the_cone(slope, best):
-    """Along the cone's edge a margin approaches a bound it never reaches; a little inside it grows for ever."""
-    margins = friction([3.0, -2.0, 4.0], [[MU * (1 - slope)], [0.0], [1.0]])
-    assert largest_least(margins) == pytest.approx(best, abs=0.05 if slope else 1e-4)
-
-
-def test_nothing_to_choose():
-    """Margins that no internal force changes are what they are, directions without effect notwithstanding."""
-    fixed = strength(5.0, [3.0, 0, 0], np.zeros((3, 4)))
-    assert largest_least([fixed]) == 2.0
-    assert largest_least([fixed, *friction([0, 0, 9.0], np.eye(3, 4))]) == pytest.approx(2.0, rel=1e-9)
-
-
-@pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
-def test_scales(size):
-    """Newtons or meganewtons: the answer scales with the forces."""
-    rng = np.random.default_rng(3)
-    f, N = rng.normal(size=3), rng.normal(size=(3, 2))
-    unit = largest_least([*friction(f, N), strength(4.0, f, N)])
-    scaled = largest_least([*friction(size * f, N), strength(4.0 * size, size * f, N)])
-    assert scaled == pytest.approx(size * unit, rel=1e-8)
+def test_nothing_to_give_way():
+    """Two-sided grasps without limits, and nobody who holds."""
+    p = stored("rigid_2arm_7R_gravity")
+    result = forward_dynamics(p.chain, p.state, p.tau, inputs=p.inputs)
+    found = largest_margin(p.chain, p.state, result, inputs=p.inputs)
+    assert found.margin == np.inf
+    np.testing.assert_allclose(found.tau, p.tau, atol=1e-9 * np.abs(p.tau).max())
+    nobody = replace(p.chain, grasps={})
+    still = State(p.state.q, 0 * p.state.qd, p.state.object_pose)
+    alone = forward_dynamics(nobody, still, p.tau)
+    assert largest_margin(nobody, still, alone).margin == np.inf

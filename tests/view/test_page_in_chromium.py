@@ -136,7 +136,7 @@ def test_a_minute_of_two_arms(tmp_path):
         columns = values.reshape(len(film), -1).T
         return np.stack([np.interp(to_and_fro, film.t, c) for c in columns], axis=1).reshape(-1, *values.shape[1:])
 
-    names = ("q", "base_pose", "object_pose", "tip", "wrench", "internal", "margin", "condition", "tau")
+    names = ("q", "base_pose", "object_pose", "tip", "wrench", "internal", "margin", "condition", "strength", "tau")
     minute = replace(film, t=t, **{name: stretched(getattr(film, name)) for name in names})
     # so that it compresses no better than real runs do
     minute = replace(minute, q=minute.q + 1e-4 * rng.normal(size=minute.q.shape))

@@ -98,8 +98,8 @@ class CompiledResult(ForwardResult):
 
     @property
     def condition(self) -> Any:  # type: ignore[override]
-        """Inverse of the smallest scaled pivot that was kept."""
-        found = self.array("condition")
+        """How near the chain is to a singular configuration, see `ForwardResult`; infinite at one."""
+        found = np.where(self.array("status") == SINGULAR, np.inf, self.array("condition"))
         return float(found) if self.batch is None else found
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -10,9 +10,7 @@ import numpy as np
 from holdfast.dynamics import rank as rank_of
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
-from holdfast.dynamics.closed.contact import Contact
-from holdfast.dynamics.closed.stacked import Stacked
-from holdfast.dynamics.indeterminate import free_wrenches
+from holdfast.dynamics.indeterminate import free_wrenches, pattern
 from holdfast.dynamics.lost_direction import LostDirection, lost_directions
 from holdfast.dynamics.split import length_scale
 from holdfast.model.closed_chain import ClosedChain
@@ -43,7 +41,7 @@ class Diagnosis:
         rank: independent rows of the grasp constraint here.
         generic_rank: the same at closed neighbours.
         rows: all its rows, six a grasp.
-        condition: of K Omega K^T with unit diagonal, over its nonzero eigenvalues; no unit.
+        condition: how near the chain is to a singular configuration, as in `ForwardResult`; infinite at one.
         status: "regular", "indeterminate" (rank constantly low: the forces are not unique) or
             "singular" (rank lower than nearby).
         lost_directions: where single arms cannot move their tips.
@@ -83,7 +81,7 @@ def diagnose(chain: ClosedChain, state: State) -> Diagnosis:
     state.fits(chain)
     still = State(state.q, 0.0 * state.qd, state.object_pose)
     motion = chain_motion(chain, still, np.zeros(chain.joint_count), Inputs().shaped(chain))
-    rank = rank_of.constraint_rank(chain, still)
+    rank, condition = rank_of.constraint_pivots(chain, still)
     rows = chain.constraint_row_count
     found = rank_of.regularity(chain, still, rank)
     lost = [
@@ -96,32 +94,11 @@ def diagnose(chain: ClosedChain, state: State) -> Diagnosis:
         rank=rank,
         generic_rank=found.generic_rank,
         rows=rows,
-        condition=scaled_condition(motion, rows - rank),
+        condition=np.inf if found.kind == "singular" else condition,
         status=found.kind,
         lost_directions=tuple(lost),
         indeterminate_forces=tuple(_indeterminate(motion)) if rank < rows else (),
     )
-
-
-def scaled_condition(motion: ChainMotion, nullity: int = 0) -> float:
-    """Return the condition number of K Omega K^T scaled to a unit diagonal.
-
-    Args:
-        motion: the chain.
-        nullity: how many of its eigenvalues are null and left out.
-    """
-    if not motion.contacts:
-        return 1.0
-    s = Stacked(motion)
-    omega = s.J @ s.mass_solve(s.J.T) + s.A @ s.M_C_inverse @ s.A.T
-    projected = s.K @ omega @ s.K.T
-    size = np.sqrt(np.maximum(np.diag(projected), 0.0))
-    size[size == 0.0] = 1.0  # a row that nothing can move
-    scaled = projected / np.outer(size, size)
-    if not np.isfinite(scaled).all():
-        return np.inf
-    sizes = np.linalg.eigvalsh(scaled)[nullity:]
-    return float(sizes[-1] / sizes[0]) if len(sizes) and sizes[0] > 0 else np.inf
 
 
 def _indeterminate(motion: ChainMotion) -> list[IndeterminateForce]:
@@ -136,18 +113,6 @@ def _indeterminate(motion: ChainMotion) -> list[IndeterminateForce]:
         wrenches = np.zeros((len(chain.arms), 6))
         for name, f in zip(chain.grasps, per_grasp, strict=True):
             wrenches[chain.names.index(name)] = f
-        result.append(IndeterminateForce(_in_words(chain, motion.contacts, per_grasp, metric), wrenches))
+        words = f"{pattern(motion, per_grasp, length)} is felt by no joint"
+        result.append(IndeterminateForce(words, wrenches))
     return result
-
-
-def _in_words(chain: ClosedChain, contacts: list[Contact], wrenches: Array, metric: Array) -> str:
-    parts = []
-    for name, c, f in zip(chain.grasps, contacts, wrenches, strict=True):
-        size = np.abs(f * metric)
-        if size.max() < 0.05:
-            continue
-        kind = "force" if size[3:].max() >= size[:3].max() else "moment"
-        axis = f[3:] if kind == "force" else f[:3]
-        x, y, z = axis / np.linalg.norm(axis)
-        parts.append(f"{kind} ({x:+.2f}, {y:+.2f}, {z:+.2f}) at '{name}' ({c.grasp.kind})")
-    return " against ".join(parts) + " (world axes) is felt by no joint"

@@ -1,8 +1,9 @@
-"""The smallest of many grasp forces, where the constraint leaves them indeterminate."""
+"""Grasp forces that the constraint leaves indeterminate, and the smallest of them."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,45 @@ from holdfast.dynamics.split import length_scale
 from holdfast.spatial.scalar import Array
 
 NULL_SINGULAR_VALUE = 1e-9
+WORTH_A_WORD = 0.05  # of the largest wrench of a pattern
+
+
+class FeltWrenches(NamedTuple):
+    """Patterns of grasp wrenches, from the one that is felt most to those that nothing feels.
+
+    Attributes:
+        columns: (6l, rows) stacked wrenches f = K^T lambda about the contact points, world axes;
+            orthonormal in the metric sum |moment / length|^2 + |force|^2.
+        rank: how many are felt; the rest are not.
+    """
+
+    columns: Array
+    rank: int
+
+
+def felt_wrenches(motion: ChainMotion, length: float, *, by_joints: bool = True) -> FeltWrenches:
+    """Return the singular patterns of K [J, -A], moments measured in newtons by `length` [m].
+
+    Args:
+        motion: the chain.
+        length: of the metric [m].
+        by_joints: whether the joints count; without them what is not felt are the internal wrenches,
+            A^T K^T lambda = 0.
+    """
+    rows = constraint_rows(motion)
+    K = block_diagonal([c.K for c in motion.contacts])
+    metric = np.tile(np.r_[np.full(3, 1 / length), np.ones(3)], len(motion.contacts))
+    # angular unknowns in units of 1/length, so that all entries are lengths
+    object_scale = np.r_[np.full(3, 1.0), np.full(3, length)]
+    matrix = np.hstack([rows.joints[:, : None if by_joints else 0], rows.object * object_scale])
+    # each column (a joint) to unit length: what a joint feels has then no unit
+    matrix = (K.T @ matrix) / metric[:, None]  # wrenches in metric units against velocities
+    sizes = np.linalg.norm(matrix, axis=0)
+    matrix = matrix[:, sizes > 0] / sizes[sizes > 0]
+    basis, _ = np.linalg.qr((K * metric).T)  # transmitted wrenches, metric units
+    U, s, _ = np.linalg.svd(basis.T @ matrix)
+    rank = int((s > NULL_SINGULAR_VALUE * max(s.max(initial=0.0), 1e-300)).sum())
+    return FeltWrenches((basis @ U) / metric[:, None], rank)
 
 
 def free_wrenches(motion: ChainMotion, length: float) -> Array:
@@ -22,23 +62,31 @@ def free_wrenches(motion: ChainMotion, length: float) -> Array:
     measured in newtons by `length` [m].
 
     Returns:
-        (6l, k): stacked wrenches f = K^T lambda about the contact points, world axes;
-        orthonormal columns in the metric sum |moment / length|^2 + |force|^2.
+        (6l, k): columns of `FeltWrenches`.
     """
-    rows = constraint_rows(motion)
-    K = block_diagonal([c.K for c in motion.contacts])
-    metric = np.tile(np.r_[np.full(3, 1 / length), np.ones(3)], len(motion.contacts))
-    # angular unknowns in units of 1/length, so that all entries are lengths
-    object_scale = np.r_[np.full(3, 1.0), np.full(3, length)]
-    matrix = np.hstack([rows.joints, rows.object * object_scale])
-    # each column (a joint) to unit length: what a joint feels has then no unit
-    matrix = (K.T @ matrix) / metric[:, None]  # wrenches in metric units against velocities
-    sizes = np.linalg.norm(matrix, axis=0)
-    matrix = matrix[:, sizes > 0] / sizes[sizes > 0]
-    basis, _ = np.linalg.qr((K * metric).T)  # transmitted wrenches, metric units
-    U, s, _ = np.linalg.svd(basis.T @ matrix)
-    rank = int((s > NULL_SINGULAR_VALUE * max(s.max(initial=0.0), 1e-300)).sum())
-    return (basis @ U[:, rank:]) / metric[:, None]
+    felt = felt_wrenches(motion, length)
+    return felt.columns[:, felt.rank :]
+
+
+def pattern(motion: ChainMotion, wrenches: Array, length: float) -> str:
+    """Return a pattern of grasp wrenches in words, world axes.
+
+    Args:
+        motion: the chain.
+        wrenches: (grasps, 6) about the contact points, world axes; the largest counts 1.
+        length: by which moments are measured [m].
+    """
+    parts = []
+    metric = np.r_[np.full(3, 1 / length), np.ones(3)]
+    for name, c, f in zip(motion.chain.grasps, motion.contacts, wrenches, strict=True):
+        size = np.abs(f * metric)
+        if size.max() < WORTH_A_WORD:
+            continue
+        kind = "force" if size[3:].max() >= size[:3].max() else "moment"
+        axis = f[3:] if kind == "force" else f[:3]
+        x, y, z = axis / np.linalg.norm(axis)
+        parts.append(f"{kind} ({x:+.2f}, {y:+.2f}, {z:+.2f}) at '{name}' ({c.grasp.kind})")
+    return " against ".join(parts) + " (world axes)"
 
 
 def with_smallest_forces(motion: ChainMotion, found: Solution) -> Solution:

@@ -1,10 +1,7 @@
-"""The largest value that the least of several margins can be given: a second-order cone program.
+"""The largest margin that any joint torques can give the grasps, the motion being as it is.
 
-    maximise t  subject to  c_j + a_j.z - t >= |b_j + B_j z|  for every j,  |z| <= reach
-
-solved along the central path of its logarithmic barrier by Newton's method (Y. Nesterov, A. Nemirovskii,
-Interior-Point Polynomial Algorithms in Convex Programming, 1994): with m cones the t found at weight w is
-within 2 m w of the largest.
+All grasp wrenches that move the object alike are f + N z with A^T N z = 0, N z an internal wrench. The joints
+bear it by tau + J^T N z, which changes no acceleration; so the best of all torques is a cone program in z.
 """
 
 from __future__ import annotations
@@ -14,110 +11,100 @@ from typing import NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
+from holdfast.dynamics.cone_program import AffineMargin, Largest, largest_within
+from holdfast.dynamics.indeterminate import felt_wrenches
+from holdfast.dynamics.inverse import inverse_dynamics
+from holdfast.dynamics.margin_range import affine_margins
+from holdfast.dynamics.margins import grasp_margins
+from holdfast.dynamics.result import ForwardResult
+from holdfast.dynamics.split import length_scale
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
-
-STEEPEST = 1e-6  # N of margin per N of squeezing: less is rounding
-FARTHEST = 1e6  # of the sizes given: how far z is followed towards a value that is approached but not reached
-PRECISION = 1e-10  # of the sizes given
-CENTRED = 1e-3  # Newton decrement that is near enough to the central path
-MOST_STEPS = 200
-NULL_SINGULAR_VALUE = 1e-9
+from holdfast.state import Inputs, State
 
 
-class AffineMargin(NamedTuple):
-    """A margin c + a.z - |b + B z| of unknown internal forces z, (k,).
+class LargestMargin(NamedTuple):
+    """The largest least margin, and how it is reached.
 
     Attributes:
-        c: margin without load at z = 0.
-        a: (k,).
-        b: (rows,).
-        B: (rows, k).
+        margin: below 0 no joint torques hold every grasp in this motion; infinite where squeezing harder always
+            helps; minus infinity where no torques within the effort limits give this motion [N].
+        grasp_wrench: (arms, 6) wrenches that have it, of each arm on the object about the contact point, world
+            axes; where it is infinite, those of the result [N m, N].
+        tau: (n,) the joint torques that go with them [N m or N].
     """
 
-    c: float
-    a: Array
-    b: Array
-    B: Array
-
-    def at(self, z: Array) -> float:
-        """Return the margin at z."""
-        load = self.b + self.B @ z
-        return float(self.c + self.a @ z - np.sqrt(load @ load))
-
-    def along(self, basis: Array) -> AffineMargin:
-        """Return the margin of y where z = basis y."""
-        return self._replace(a=self.a @ basis, B=self.B @ basis)
-
-    def slope(self) -> AffineMargin:
-        """Return how the margin grows far away along z: its homogeneous part."""
-        return self._replace(c=0.0, b=0.0 * self.b)
-
-    def scaled(self, size: float) -> AffineMargin:
-        """Return the margin over a size, of z over the same size."""
-        return self._replace(c=self.c / size, b=self.b / size)
+    margin: float
+    grasp_wrench: Array
+    tau: Array
 
 
-def felt_directions(margins: list[AffineMargin]) -> Array:
-    """Return an orthonormal basis of the directions of z that any of the margins feels, (k, directions)."""
-    rows = np.vstack([np.vstack([m.a, m.B]) for m in margins])
-    _, sizes, directions = np.linalg.svd(rows, full_matrices=False)
-    return directions[sizes > NULL_SINGULAR_VALUE * max(1.0, sizes.max(initial=0.0))].T
+def largest_margin(
+    chain: ClosedChain,
+    state: State,
+    result: ForwardResult,
+    *,
+    inputs: Inputs | None = None,
+    effort_limits: bool = False,
+) -> LargestMargin:
+    """Return the largest value that the smallest grasp margin can have with any joint torques.
 
-
-def largest_least(margins: list[AffineMargin]) -> float:
-    """Return the supremum over z of the least of the margins; infinite if it grows for ever.
-
-    It grows for ever exactly if some direction has a positive slope in every margin. Good to about
-    1e-9 of the largest constant. Some hundred Newton steps of O(k^3).
+    Accelerations stay as in the result; all internal wrenches vary, those that joints have to bear included.
+    `margin_range(...).together` varies only those that load no joint, and is never larger. Friction in the
+    joints is not among the torques. Margins are good to about 1e-9 of the forces and limits.
 
     Args:
-        margins: at least one.
+        chain: the chain.
+        state: a closed state.
+        result: forward dynamics at that state, of whatever torques give the motion in question.
+        inputs: the external wrenches and base motion of the result.
+        effort_limits: whether the torques must stay within the joints' effort limits.
+
+    Raises:
+        StateError: a result of another chain, or one without forces.
     """
-    basis = felt_directions(margins)
-    margins = [m.along(basis) for m in margins]
-    still = np.zeros(basis.shape[1])
-    if not basis.shape[1]:
-        return min(m.at(still) for m in margins)
-    if _maximum([m.slope() for m in margins], 1.0) > STEEPEST:
-        return math.inf
-    size = max(max(abs(m.c), float(np.abs(m.b).max())) for m in margins) or 1.0
-    return float(size) * _maximum([m.scaled(size) for m in margins], FARTHEST)
+    now = grasp_margins(chain, state, result.grasp_wrench)
+    given = (inputs or Inputs()).shaped(chain)
+    motion = chain_motion(chain, state, np.zeros(chain.joint_count), given)
+    tau = inverse_dynamics(chain, state, result.qdd, result.grasp_wrench, given)
+    N = internal_wrenches(motion)
+    every = [margin for of_one in affine_margins(motion, result.grasp_wrench, N) for margin in of_one]
+    by_joints = joint_loads(motion, N)
+    bounds = _effort_bounds(chain, tau, by_joints) if effort_limits else []
+    if every:
+        best = largest_within(every, bounds)
+    else:  # nothing can give way
+        feasible = not bounds or largest_within(bounds, []).value > 0.0
+        best = Largest(float(now.min(initial=math.inf)) if feasible else -math.inf, np.zeros(N.shape[1]))
+    f = result.grasp_wrench.copy()
+    f[[chain.names.index(name) for name in chain.grasps]] += (N @ best.z).reshape(-1, 6)
+    return LargestMargin(best.value, f, tau + by_joints @ best.z)
 
 
-def _maximum(margins: list[AffineMargin], reach: float) -> float:
-    """Return the largest least margin with |z| <= reach, for margins and z of size one."""
-    k = len(margins[0].a)
-    cones = [AffineMargin(m.c, np.r_[m.a, -1.0], m.b, np.c_[m.B, np.zeros(len(m.b))]) for m in margins]
-    cones.append(AffineMargin(reach, np.zeros(k + 1), np.zeros(k), np.eye(k, k + 1)))
-    x = np.zeros(k + 1)
-    x[k] = min(m.at(x[:k]) for m in margins) - 1.0  # (z, t), inside every cone
-    weight = 1.0
-    while True:
-        x = _centred(cones, x, weight)
-        if 2 * len(cones) * weight < PRECISION:
-            return min(m.at(x[:k]) for m in margins)
-        weight *= 0.1
+def internal_wrenches(motion: ChainMotion) -> Array:
+    """Return a basis of the transmissible wrenches without effect on the object, (6l, k), stacked by grasps."""
+    if not motion.contacts:
+        return np.zeros((0, 0))
+    felt = felt_wrenches(motion, length_scale([c.offset for c in motion.contacts]), by_joints=False)
+    return felt.columns[:, felt.rank :]
 
 
-def _centred(cones: list[AffineMargin], x: Array, weight: float) -> Array:
-    """Return the minimiser of -t / weight - sum log(u^2 - v.v), u = c + a.x and v = b + B x, from x inside.
+def joint_loads(motion: ChainMotion, wrenches: Array) -> Array:
+    """Return J^T f of stacked grasp wrenches, (n, k) for (6l, k)."""
+    chain = motion.chain
+    loads = np.zeros((chain.joint_count, wrenches.shape[1]))
+    for i, (name, arm) in enumerate(zip(chain.grasps, motion.holding, strict=True)):
+        loads[chain.joints[name]] = jacobian(arm.arm, arm.at).T @ wrenches[6 * i : 6 * i + 6]
+    return loads
 
-    The function is self-concordant: Newton steps shortened to 1 / (1 + decrement) stay inside.
-    """
-    for _ in range(MOST_STEPS):
-        gradient, curvature = np.zeros_like(x), np.zeros((len(x), len(x)))
-        gradient[-1] = -1.0 / weight
-        for cone in cones:
-            u, v = cone.c + cone.a @ x, cone.b + cone.B @ x
-            length = np.sqrt(v @ v)
-            depth = (u - length) * (u + length)
-            rise = 2.0 * (u * cone.a - v @ cone.B) / depth
-            gradient -= rise
-            curvature += np.outer(rise, rise) - 2.0 * (np.outer(cone.a, cone.a) - cone.B.T @ cone.B) / depth
-        step = -np.linalg.lstsq(curvature, gradient, rcond=None)[0]
-        decrement = float(np.sqrt(max(-gradient @ step, 0.0)))
-        step /= 1.0 + decrement if decrement > 0.25 else 1.0
-        if decrement < CENTRED or min(cone.at(x + step) for cone in cones) <= 0.0:
-            break  # as near as rounding allows
-        x = x + step
-    return x
+
+def _effort_bounds(chain: ClosedChain, tau: Array, loads: Array) -> list[AffineMargin]:
+    """Return effort limit - |tau + loads z| of every limited joint."""
+    joints = [joint for arm in chain.arms.values() for joint in arm.joints]
+    return [
+        AffineMargin(joint.effort_limit, np.zeros(loads.shape[1]), tau[j : j + 1], loads[j : j + 1])
+        for j, joint in enumerate(joints)
+        if math.isfinite(joint.effort_limit)
+    ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -42,8 +42,7 @@ class LostDirection:
 def lost_directions(name: str, c: Contact, J: Array, tip: Array) -> list[LostDirection]:
     """Return the lost and nearly lost directions of one arm's tip, the weakest first.
 
-    Singular values of K J with moments in units of the arm's own size and each joint's
-    column scaled to one, so that neither units nor gear choice decide.
+    Neither units nor gear choice decide (`tip_directions`).
 
     Args:
         name: the arm's name.
@@ -51,21 +50,48 @@ def lost_directions(name: str, c: Contact, J: Array, tip: Array) -> list[LostDir
         J: (6, N) tip Jacobian, world axes.
         tip: (3,) tip point, world axes.
     """
+    found = tip_directions(c.K, J)
+    lost = found.strengths <= LOST
+    directions = [(u, 0.0) for u in _moments_apart(found.screws[:, lost])]
+    nearly = np.flatnonzero(~lost & (found.strengths <= NEARLY_LOST))
+    directions += [(found.screws[:, k], float(found.strengths[k])) for k in reversed(nearly)]
+    return [described(name, found, c.K, u, tip, strength) for u, strength in directions]
+
+
+class TipDirections(NamedTuple):
+    """The directions of an arm's tip that its grasp asks for, from the strongest to the weakest.
+
+    Attributes:
+        strengths: (rows,) singular values relative to the largest.
+        screws: (rows, rows) as columns, along the rows of K.
+        length: the arm's own size, which turns moments into forces [m].
+    """
+
+    strengths: Array
+    screws: Array
+    length: float
+
+
+def tip_directions(K: Array, J: Array) -> TipDirections:
+    """Return the singular directions of K J, moments measured by the arm's size and each joint's column scaled to one.
+
+    Args:
+        K: (rows, 6) the transmitted directions, world axes.
+        J: (6, N) tip Jacobian, world axes.
+    """
     lever = np.linalg.norm(J[3:], axis=0)[np.linalg.norm(J[:3], axis=0) > 0.5]
     length = float(lever.max(initial=0.0)) or 1.0
-    unit = np.r_[np.full(3, length), np.ones(3)]  # twists [w length; v]
-    KJ = (c.K * unit) @ J
+    KJ = (K * _unit(length)) @ J
     sizes = np.linalg.norm(KJ, axis=0)
     KJ = KJ[:, sizes > 0] / sizes[sizes > 0]
     U, s, _ = np.linalg.svd(KJ)
     relative = np.zeros(len(KJ))
     relative[: len(s)] = s / max(float(s.max(initial=0.0)), 1e-300)
-    lost = relative <= LOST
-    directions = [(u, 0.0) for u in _moments_apart(U[:, lost])]
-    nearly = np.flatnonzero(~lost & (relative <= NEARLY_LOST))
-    directions += [(U[:, k], float(relative[k])) for k in reversed(nearly)]
-    # back to [moment; force] about the tip
-    return [_described(name, (c.K * unit).T @ u, tip, strength, length) for u, strength in directions]
+    return TipDirections(relative, U, length)
+
+
+def _unit(length: float) -> Array:
+    return np.r_[np.full(3, length), np.ones(3)]  # twists [w length; v]
 
 
 def _moments_apart(U: Array) -> list[Array]:
@@ -77,7 +103,9 @@ def _moments_apart(U: Array) -> list[Array]:
     return list((U @ Vt[rank:].T).T) + list((U @ Vt[:rank].T).T)
 
 
-def _described(arm: str, wrench: Array, tip: Array, strength: float, length: float) -> LostDirection:
+def described(arm: str, found: TipDirections, K: Array, u: Array, tip: Array, strength: float) -> LostDirection:
+    """Return a direction u along the rows of K as a screw in words, `tip` being the tip point [m]."""
+    length, wrench = found.length, (K * _unit(found.length)).T @ u  # [moment; force] about the tip
     moment, force = wrench[:3], wrench[3:]
     if np.linalg.norm(force) * length > PURE * np.linalg.norm(moment):
         axis = force / np.linalg.norm(force)

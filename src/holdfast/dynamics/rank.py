@@ -44,12 +44,30 @@ class Regularity(NamedTuple):
     why: str
 
 
-def constraint_rank(chain: ClosedChain, state: State) -> int:
-    """Return the rank of [J, -A, H^T] at a configuration: the pivots the object filter keeps."""
+class Pivots(NamedTuple):
+    """What the pivots of the object filter tell about the grasp constraint at a configuration.
+
+    Attributes:
+        rank: how many are kept.
+        condition: inverse of the smallest kept, relative to its scale, as in `ForwardResult`.
+    """
+
+    rank: int
+    condition: float
+
+
+def constraint_pivots(chain: ClosedChain, state: State) -> Pivots:
+    """Return rank and condition of [J, -A, H^T] at a configuration, as forward dynamics finds them."""
     still = State(state.q, 0.0 * state.qd, state.object_pose)
     motion = chain_motion(chain, still, np.zeros(chain.joint_count), Inputs().shaped(chain))
     tips = [tip_response(arm, "auto") for arm in motion.holding]
-    return int(object_filter(motion.contacts, tips, motion.body.free).rank)
+    found = object_filter(motion.contacts, tips, motion.body.free)
+    return Pivots(int(found.rank), 1.0 / float(found.weakest_pivot))
+
+
+def constraint_rank(chain: ClosedChain, state: State) -> int:
+    """Return the rank of [J, -A, H^T] at a configuration."""
+    return constraint_pivots(chain, state).rank
 
 
 def generic_constraint_rank(chain: ClosedChain, state: State) -> int:

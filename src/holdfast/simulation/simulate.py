@@ -13,6 +13,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.events import Event, in_order
+from holdfast.simulation.failure import reason
 from holdfast.simulation.instant import Controller
 from holdfast.simulation.leg import MakeStepper, Plan
 from holdfast.simulation.policy import OnLimit, OnSlip, Policy
@@ -124,7 +125,7 @@ def simulate(
         try:
             later = following(at)
         except HoldfastError as cause:
-            later = f"stopped after t = {at.now.t:.6g} s: {cause}"
+            later = f"stopped after t = {at.now.t:.6g} s: {reason(cause, at.now)}"
         if not isinstance(later, Progress):
             break
         if len(samples) > MOST_STEPS + len(ends.times):  # of its own an adaptive scheme would go on for ever

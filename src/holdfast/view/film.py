@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.posture import Posture, posture
 from holdfast.dynamics.margins import grasp_margins
+from holdfast.dynamics.near_singular import arm_strength
 from holdfast.dynamics.split import split
 from holdfast.errors import ModelError
 from holdfast.model import checks
@@ -42,6 +43,7 @@ class Film:
         internal: (moments, arms, 6) the part of it that moves nothing.
         margin: (moments, arms) how far each grasp is from giving way [N]; infinite where nothing limits.
         condition: (moments,) of the grasp constraint.
+        strength: (moments, arms) of each arm's weakest tip direction, 0 at a singular posture; 1 without a grasp.
         tau: (moments, n) [N m or N].
         looks: what an arm is drawn with, if not with simple solids, by its name; see `pieces`.
     """
@@ -57,6 +59,7 @@ class Film:
     internal: Array
     margin: Array
     condition: Array
+    strength: Array
     tau: Array
     looks: Looks = field(default_factory=dict)
 
@@ -111,13 +114,15 @@ def film_of_run(
     world = World(chain, base_motion or {})
     arms = [world.at(float(t))[0].arms for t in run.t[k]]
     bases = np.array([[arm.base.wxyz_xyz for arm in at.values()] for at in arms])
-    tips = [
-        [posture(arm, run.q[j, chain.joints[name]]).tip.p for name, arm in at.items()]
-        for j, at in zip(k, arms, strict=True)
+    postures = [
+        [posture(arm, run.q[j, chain.joints[name]]) for name, arm in at.items()] for j, at in zip(k, arms, strict=True)
     ]
+    tips = np.array([[at.tip.p for at in now] for now in postures])
+    strength = np.array([_strengths(chain, pose, at) for pose, at in zip(run.object_pose[k], postures, strict=True)])
+    strength[~run.holding[k]] = 1.0
     return Film(
-        chain, title, run.t[k], run.q[k], bases, run.object_pose[k], np.array(tips), run.grasp_wrench[k],
-        run.internal_wrench[k], run.margin[k], run.condition[k], run.tau[k], looks or {},
+        chain, title, run.t[k], run.q[k], bases, run.object_pose[k], tips, run.grasp_wrench[k],
+        run.internal_wrench[k], run.margin[k], run.condition[k], strength, run.tau[k], looks or {},
     )  # fmt: skip
 
 
@@ -127,12 +132,24 @@ def film_of_instant(at: Instant, title: str, looks: Looks | None = None) -> Film
     margin = np.full(len(chain.arms), np.inf)
     margin[[chain.names.index(name) for name in chain.grasps]] = grasp_margins(chain, state, found.grasp_wrench)
     bases = [arm.base.wxyz_xyz for arm in chain.arms.values()]
-    tips = [posture(arm, state.q[chain.joints[name]]).tip.p for name, arm in chain.arms.items()]
+    postures = [posture(arm, state.q[chain.joints[name]]) for name, arm in chain.arms.items()]
+    tips = [at.tip.p for at in postures]
     internal = split(chain, state, found.grasp_wrench).internal
     moment = (
-        at.t, state.q, bases, state.object_pose, tips, found.grasp_wrench, internal, margin, found.condition, at.tau
+        at.t, state.q, bases, state.object_pose, tips, found.grasp_wrench, internal, margin, found.condition,
+        _strengths(chain, state.object_pose, postures), at.tau,
     )  # fmt: skip
     return Film(chain, title, *(np.array([part]) for part in moment), looks=looks or {})
+
+
+def _strengths(chain: ClosedChain, object_pose: Array, postures: list[Posture]) -> list[float]:
+    """Return the strength of each arm's weakest tip direction."""
+    R = rotation.from_quaternion(object_pose[:4])
+    grasps = chain.grasps
+    return [
+        arm_strength(arm, at, grasps[name], R) if name in grasps else 1.0
+        for (name, arm), at in zip(chain.arms.items(), postures, strict=True)
+    ]
 
 
 def samples_at(t: Array, rate: float) -> Array:

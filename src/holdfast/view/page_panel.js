@@ -110,11 +110,14 @@
 
   function meter(of) {
     const figure = add(panel, "figure");
-    add(figure, "figcaption", {}, of.title);
+    const title = add(figure, "figcaption", {}, of.title);
     const needle = add(add(figure, "div", { class: "meter" }), "i");
     const ends = add(figure, "div", { class: "ends" });
     for (const label of of.ends) add(ends, "span", {}, label);
-    return (k) => { needle.style.left = `${100 * Math.min(Math.max(of.values[k], 0), 1)}%`; };
+    return (k) => {
+      needle.style.left = `${100 * of.values[k]}%`;
+      title.textContent = `${of.title}: ${of.names[of.nearest[k]]}`;
+    };
   }
 
   const title = add(panel, "h1");

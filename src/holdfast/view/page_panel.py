@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.simulation.instant import WORST_CONDITION
+from holdfast.dynamics.near_singular import NEAR, NEARING, chain_strength
 from holdfast.spatial.scalar import Array
 from holdfast.view.arrow_scale import ArrowScale
 from holdfast.view.cameras import cameras
@@ -19,6 +19,7 @@ from holdfast.view.film import Film
 HERE = Path(__file__).parent
 DIGITS = 4
 GAP = "\u00a0"  # a space at which no line ends
+GONE = 1e-3  # strength at the meter's end
 NOISE = 1e-9  # N m per N: smaller moments are rounding
 
 
@@ -94,9 +95,21 @@ def plots(film: Film) -> list[dict[str, Any]]:
 
 
 def meter(film: Film) -> dict[str, Any]:
-    """Return the singularity meter: 0 for a condition of 1, 1 where a simulation stops."""
-    values = np.log10(film.condition) / np.log10(WORST_CONDITION)
-    return {"title": "singularity meter", "values": _rounded(values), "ends": ["regular", "singular"]}
+    """Return the singularity meter: green up to 1/3, orange to 2/3, then red, and who is nearest to a singularity.
+
+    It shows the weaker of the grasp constraint and the weakest arm, on the scale of `near_singular`.
+    """
+    strengths = np.column_stack([chain_strength(film.condition), film.strength])
+    nearest = np.argmin(strengths, axis=1)
+    weakest = np.maximum(strengths.min(axis=1), GONE)
+    values = np.interp(-np.log(weakest), -np.log([1.0, NEARING, NEAR, GONE]), [0.0, 1 / 3, 2 / 3, 1.0])
+    return {
+        "title": "singularity meter",
+        "values": _rounded(values),
+        "names": ["the grasps", *film.chain.names],
+        "nearest": nearest.tolist(),
+        "ends": ["regular", "singular"],
+    }
 
 
 def _plot(title: str, curves: list[dict[str, Any]], lines: list[float] | None = None, log: bool = False) -> Any:

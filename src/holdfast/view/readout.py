@@ -11,7 +11,8 @@ from holdfast.view.film import Film
 from holdfast.view.page_panel import meter
 
 HEADINGS = ("", "force [N]", "internal [N]", "moment [N m]", "margin [N]", "torque [%]")
-METER = f"height:8px;border-radius:4px;background:linear-gradient(90deg,{GREEN},{ORANGE} 50%,{DANGER})"
+ZONES = f"{GREEN} 28%,{ORANGE} 38%,{ORANGE} 62%,{DANGER} 72%"
+METER = f"height:8px;border-radius:4px;background:linear-gradient(90deg,{ZONES})"
 NEEDLE = "position:relative;top:-3px;width:3px;height:14px;background:#000"
 
 
@@ -19,11 +20,12 @@ def readout(film: Film, moment: int) -> str:
     """Return the wrenches of a moment, the margins, how near the torques are to their limits, and the condition."""
     rows = "".join(_row(film, moment, i, name) for i, name in enumerate(film.chain.names))
     head = "".join(f"<th style='text-align:right;font-weight:normal'>{heading}</th>" for heading in HEADINGS)
-    share = min(max(meter(film)["values"][moment] or 0.0, 0.0), 1.0)
+    shown = meter(film)
+    share, nearest = shown["values"][moment] or 0.0, shown["names"][shown["nearest"][moment]]
     return (
         f"<div style='padding:0 1em;font-size:.8em'><b>t = {film.t[moment]:.3f} s</b>"
         f"<table style='width:100%'><tr>{head}</tr>{rows}</table>"
-        f"condition of the grasps {film.condition[moment]:.3g}: regular to singular"
+        f"condition of the grasps {film.condition[moment]:.3g}; regular to singular, nearest: {html.escape(nearest)}"
         f"<div style='{METER}'><div style='{NEEDLE};left:{99 * share:.1f}%'></div></div></div>"
     )
 

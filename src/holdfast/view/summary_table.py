@@ -59,8 +59,8 @@ def _margins(summary: Summary) -> list[tuple[str, str]]:
         text = f"{margin:.4g} N at t = {t:.6g} s"
         if name in summary.lowest_best_margin:
             best = summary.lowest_best_margin[name]
-            most = "any, if squeezed hard enough" if best is None else f"at best {best:.4g} N"
-            text = f"not unique: {most}; with the smallest forces {text}"
+            most = "as large as you like" if best is None else f"at best {best:.4g} N"
+            text = f"not unique: {most} by forces that load no joint; with the smallest forces {text}"
         lines.append((f"lowest margin, {name}", text))
     for quantity, (margin, joint, t) in summary.lowest_joint_margin.items():
         lines.append((f"lowest {quantity} margin", f"{margin:.3g} {JOINT_UNITS[quantity]}, {joint}, at t = {t:.6g} s"))
