@@ -68,7 +68,10 @@ def test_a_parallelogram_that_flattens():
     assert run.stopped is not None
     assert "at 'arm1' (rigid) against force" in run.stopped
     assert "is hardly felt by any joint" in run.stopped
-    assert meter(film_of_run(p.chain, run, "flat"))["nearest"] == [0] * len(film_of_run(p.chain, run, "flat"))
+    shown = meter(film_of_run(p.chain, run, "flat"))
+    near = [nearest for nearest, value in zip(shown["nearest"], shown["values"], strict=True) if value > GREEN]
+    assert near
+    assert set(near) == {0}  # the grasps, not an arm
 
 
 @pytest.mark.parametrize("displacement", [[0.0, 0.1, 0.2], [0.0, 0.0, -0.15]])

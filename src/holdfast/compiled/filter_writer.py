@@ -36,10 +36,10 @@ class FilterWriter(ScheduleWriter):
         self.dense_first = bool(rows) and structure.parallel(rows[0])
         self.dense_last = bool(rows) and structure.parallel(rows[-1])
         self._made: dict[str, Stage] = {}
-        replaced = {"x": 6, "kept": 1, "weakest": 1, "size": 2, "s": 6, "P": upper_count(6), "D": 6, "w": 36}
+        replaced = {"x": 6, "kept": 1, "weakest": 1, "size": 3, "s": 6, "P": upper_count(6), "D": 6, "w": 36}
         for name, size in replaced.items():
             self.internals[name] = Internal(1, size, replaced=True)
-        for name, size in {"R": 9, "centre": 3, "centripetal": 3, "own_size": 2, "alpha": 6}.items():
+        for name, size in {"R": 9, "centre": 3, "centripetal": 3, "own": 3, "alpha": 6}.items():
             self.internals[name] = Internal(1, size)
 
     def arm_groups(self, prefix: str, stage_of: Callable[[int], Stage], by_joint: Iterable[str] = ()) -> None:

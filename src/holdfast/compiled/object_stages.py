@@ -12,8 +12,8 @@ from holdfast.compiled.packing import symmetric, upper, upper_count
 from holdfast.compiler.program import Shape
 from holdfast.compiler.stage import Stage, stage
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored
-from holdfast.dynamics.closed.measurement import ANGULAR, Measurement, block_sizes, larger, smaller
-from holdfast.dynamics.closed.object_filter import by_rows, no_arms, pivot_scale
+from holdfast.dynamics.closed.measurement import ANGULAR, Measurement, larger, smaller
+from holdfast.dynamics.closed.object_filter import LEAST_MOBILE, by_rows, own_size
 from holdfast.dynamics.closed.object_motion import FreeBody, acceleration_at_C, object_motion
 from holdfast.dynamics.closed.rigid_step import last_rigid_step, rigid_step
 from holdfast.dynamics.closed.row_steps import row_steps
@@ -27,8 +27,8 @@ from holdfast.spatial.spatial_vector import shift_wrench
 
 DENSE = {"P": (upper_count(6),)}
 FACTORS = {"D": (6,), "w": (6, 6)}
-SIZES = {"kept": (), "weakest": (), "own_size": (2,), "size": (2,)}
-SEEN_RIGID = {"noise": (upper_count(6),), "measured": (6,), "extent": (3,)}
+SIZES = {"kept": (), "weakest": (), "own": (3,), "size": (3,)}
+SEEN_RIGID = {"noise": (upper_count(6),), "measured": (6,), "extent": (4,)}
 
 
 def unit_pose(wxyz_xyz: Array, unused: Iterable[Scalar] = ()) -> Pose:
@@ -95,11 +95,11 @@ def resting_object(dense: bool) -> Stage:
 def _beginning(body: FreeBody, dense: bool) -> tuple[Array, ...]:
     """Return where the mass centre is, how mobile object and arms are at the least, and the mobility to begin with."""
     start = (upper(body.mobility.dense()),) if dense else (array(body.D), array(body.w))
-    return body.centre, block_sizes(body.mobility), no_arms(body), *start
+    return body.centre, own_size(body), LEAST_MOBILE * own_size(body), *start
 
 
 def _begun(dense: bool) -> tuple[str, ...]:
-    return ("centre", "own_size", "size'", *(f"{k}'" for k in _mobility(dense)))
+    return ("centre", "own", "size'", *(f"{k}'" for k in _mobility(dense)))
 
 
 def most_mobile() -> Stage:
@@ -108,7 +108,7 @@ def most_mobile() -> Stage:
     def text(size: Array, extent: Array) -> tuple[Array]:
         return (larger(size, _seen(extent).size_at_centre()),)
 
-    return stage("most_mobile", text, [{"size": (2,), "extent": (3,)}], [("size'",)])
+    return stage("most_mobile", text, [{"size": (3,), "extent": (4,)}], [("size'",)])
 
 
 def _seen(extent: Array) -> Measurement:
@@ -120,9 +120,9 @@ def _seen(extent: Array) -> Measurement:
 def rigid_arm() -> Stage:
     """Return the stage of one rigid grasp in the filter: out with x and P, back with s."""
 
-    def text(x: Array, P: Array, kept: Array, weakest: Array, own_size: Array, size: Array, *seen: Array) -> Phases:
-        m, size = rigid_measurement(*seen), smaller(own_size, size)
-        x, P, step = rigid_step(x, symmetric(P), m, pivot_scale(m, size))
+    def text(x: Array, P: Array, kept: Array, weakest: Array, own: Array, size: Array, *seen: Array) -> Phases:
+        m, size = rigid_measurement(*seen), smaller(own, size)
+        x, P, step = rigid_step(x, symmetric(P), m, size)
         after = smaller(size, m.size_at_centre())
         (s,) = yield x, upper(P), kept[()] + step.kept, minimum(weakest[()], step.weakest), after
         from_arm = step.back(s)
@@ -144,19 +144,18 @@ def rows_arm(kind: str, joint_count: int) -> Stage:
     count = len(angular)
 
     def text(
-        x: Array, D: Array, w: Array, kept: Array, weakest: Array, own_size: Array, size: Array, *seen: Array
+        x: Array, D: Array, w: Array, kept: Array, weakest: Array, own: Array, size: Array, *seen: Array
     ) -> Phases:
         noise, measured, extent, *rows = seen
         C = rows[0] if rows else np.eye(6)
         m = Measurement(C, symmetric(noise, count), measured, extent, angular, joint_count, kind == "rigid")
-        scale = pivot_scale(m, smaller(own_size, size))
-        x, P, step = row_steps(x, FactoredMobility(list(D), list(w)), m, scale)
+        x, P, step = row_steps(x, FactoredMobility(list(D), list(w)), m, smaller(own, size))
         (s,) = yield x, array(P.D), array(P.w), kept[()] + step.kept, minimum(weakest[()], step.weakest)
         from_arm = step.back(s)
         return s + from_arm, from_arm
 
     given: dict[str, tuple[int, ...]] = {"x": (6,)} | FACTORS | SIZES
-    seen = {"noise": (upper_count(count),), "measured": (count,), "extent": (3,)}
+    seen = {"noise": (upper_count(count),), "measured": (count,), "extent": (4,)}
     rows: dict[str, tuple[int, ...]] = {} if kind == "rigid" else {"rows": (count, 6)}
     return stage(
         f"rows_{kind}",
@@ -169,11 +168,11 @@ def rows_arm(kind: str, joint_count: int) -> Stage:
 def into_factors() -> Stage:
     """Return the stage between the last rigid step and the first rows."""
 
-    def text(P: Array, own_size: Array, size: Array) -> tuple[Any, ...]:
-        found = factored(symmetric(P), by_rows(smaller(own_size, size)))
+    def text(P: Array, own: Array, size: Array) -> tuple[Any, ...]:
+        found = factored(symmetric(P), by_rows(smaller(own, size)))
         return array(found.D), array(found.w)
 
-    return stage("into_factors", text, [DENSE | {"own_size": (2,), "size": (2,)}], [("D'", "w'")])
+    return stage("into_factors", text, [DENSE | {"own": (3,), "size": (3,)}], [("D'", "w'")])
 
 
 def verdict(rank: Scalar, generic_rank: Scalar, row_count: int) -> Scalar:
@@ -195,10 +194,10 @@ def last_rigid_arm(row_count: int) -> Stage:
     """Return the stage where the filter turns round at a rigid grasp (`last_rigid_step`)."""
 
     def text(gravity: Array, generic_rank: Array) -> Phases:
-        x, P, kept, weakest, own_size, size, *seen, w, centre, centripetal = yield ()
+        x, P, kept, weakest, own, size, *seen, w, centre, centripetal = yield ()
         m = rigid_measurement(*seen)
         about = shift_wrench(-centre, w)
-        turn = last_rigid_step(x, symmetric(P), m, pivot_scale(m, smaller(own_size, size)), about)
+        turn = last_rigid_step(x, symmetric(P), m, smaller(own, size), about)
         rank, least = kept[()] + turn.kept, minimum(weakest[()], turn.weakest)
         alpha = acceleration_at_C(centre, centripetal, turn.acceleration)
         return (*_turned(alpha, gravity, about + turn.wrench, rank, generic_rank, row_count, least), turn.wrench)

@@ -21,7 +21,7 @@ class MaskedLDL(NamedTuple):
         pivots: (n,) d, and 0 where the pivot was dropped.
         inverse_pivots: (n,) 1/d, and 0 where the pivot was dropped.
         kept: how many pivots were kept: the rank.
-        weakest: the smallest kept pivot, relative to its scale (1 if none).
+        weakest: the smallest kept pivot, relative to a typical one (1 if none).
     """
 
     L: Array
@@ -31,7 +31,9 @@ class MaskedLDL(NamedTuple):
     weakest: Scalar
 
 
-def ldl(S: Array, scale: Array, tolerance: float = RANK_TOLERANCE) -> MaskedLDL:
+def ldl(
+    S: Array, scale: Array, tolerance: float = RANK_TOLERANCE, typical: Array | None = None
+) -> MaskedLDL:
     """Factorise a positive semidefinite matrix in the given order, dropping null pivots.
 
     A pivot d_j <= tolerance * size_j is a rounding residue of zero: 1/d_j := 0. The solution is
@@ -44,18 +46,19 @@ def ldl(S: Array, scale: Array, tolerance: float = RANK_TOLERANCE) -> MaskedLDL:
         S: (n, n) symmetric.
         scale: (n,) size of what each diagonal entry was summed from.
         tolerance: relative size of a pivot that counts as zero.
+        typical: (n,) what the smallest kept pivot is compared with; by default `scale`.
 
     Returns:
         The factors and the rank. Cost n^3/3 + O(n^2).
     """
-    n = len(S)
+    n, typical = len(S), scale if typical is None else typical
     rest, size, columns, pivots, inverse = S, scale, [], [], []
-    kept, largest = 0, 1.0  # largest scale over pivot
+    kept, largest = 0, 1.0  # largest typical pivot over pivot
     for j in range(n):
         pivot = rest[0, 0]
         alive = pivot > tolerance * size[0]
         inv = where(alive, 1.0 / where(alive, pivot, 1.0), 0.0)
-        largest = maximum(largest, scale[j] * inv)
+        largest = maximum(largest, typical[j] * inv)
         kept = kept + where(alive, 1, 0)
         pivots.append(where(alive, pivot, 0.0))
         inverse.append(inv)

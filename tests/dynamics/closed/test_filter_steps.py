@@ -5,7 +5,6 @@ import pytest
 
 from holdfast.dynamics.closed.factored_mobility import factored
 from holdfast.dynamics.closed.measurement import Measurement
-from holdfast.dynamics.closed.object_filter import pivot_scale
 from holdfast.dynamics.closed.rigid_step import rigid_step
 from holdfast.dynamics.closed.row_steps import independent_rows, row_steps
 from tests.dynamics.problems import relative_gap
@@ -20,14 +19,14 @@ def definite(rng, n: int, rank: int | None = None) -> np.ndarray:
 
 
 def drawn(seed: int, rows: int, rank: int | None = None):
-    """Return x, P, an arm's measurement, its scale and a wrench s."""
+    """Return x, P, an arm's measurement, the size of P and a wrench s."""
     rng = np.random.default_rng(seed)
     P = definite(rng, 6)
     C = np.eye(6) if rows == 6 else rng.normal(size=(rows, 6))
     R, r = definite(rng, rows, rank), rng.normal(size=rows)
-    extent, angular = np.array([np.trace(R), np.trace(R), 1.0]), (True,) * (rows - 1) + (False,)
+    extent, angular = np.array([np.trace(R), np.trace(R), np.trace(R), 1.0]), (True,) * (rows - 1) + (False,)
     m = Measurement(C, R, r, extent, angular, most=rank or rows, carried=rows == 6)
-    return rng.normal(size=6), P, m, pivot_scale(m, np.full(2, np.trace(P))), rng.normal(size=6)
+    return rng.normal(size=6), P, m, np.full(3, np.trace(P)), rng.normal(size=6)
 
 
 def expected(x, P, m: Measurement, s):
@@ -42,8 +41,8 @@ def expected(x, P, m: Measurement, s):
 @pytest.mark.parametrize("rank", [None, 4, 1])
 def test_rigid_step(seed, rank):
     """The parallel sum P (P + R)^-1 R, also of a singular R: six rows at once."""
-    x, P, m, scale, s = drawn(seed, 6, rank)
-    got_x, got_P, step = rigid_step(x, P, m, scale)
+    x, P, m, size, s = drawn(seed, 6, rank)
+    got_x, got_P, step = rigid_step(x, P, m, size)
     for got, want in zip((got_x, got_P, step.back(s)), expected(x, P, m, s), strict=True):
         assert np.abs(got - want).max() < 1e-9 * max(np.abs(want).max(), np.abs(P).max())
     np.testing.assert_array_equal(got_P, got_P.T)
@@ -55,8 +54,8 @@ def test_rigid_step(seed, rank):
 @pytest.mark.parametrize(("rows", "rank"), [(5, None), (4, None), (3, None), (5, 3), (4, 1)])
 def test_row_steps(seed, rows, rank):
     """Independent rows one by one give the same; rows along which the arm cannot move included."""
-    x, P, m, scale, s = drawn(seed, rows, rank)
-    got_x, factors, step = row_steps(x, factored(P, np.diag(P)), m, scale)
+    x, P, m, size, s = drawn(seed, rows, rank)
+    got_x, factors, step = row_steps(x, factored(P, np.diag(P)), m, size)
     for got, want in zip((got_x, factors.dense(), step.back(s)), expected(x, P, m, s), strict=True):
         assert np.abs(got - want).max() < 1e-9 * max(np.abs(want).max(), np.abs(P).max())
     assert step.kept == rows
@@ -67,8 +66,9 @@ def test_row_steps(seed, rows, rank):
 @pytest.mark.parametrize("rank", [None, 3])
 def test_independent_rows(seed, rank):
     """sum c c^T / d is C^T R^-1 C: the rows carry the same information, null pivots last."""
-    _, _, m, scale, _ = drawn(seed, 5, rank)
-    d, rows = independent_rows(m, scale)
+    _, _, m, size, _ = drawn(seed, 5, rank)
+    scale = m.pivot_sizes(size)
+    d, rows = independent_rows(m, scale, m.typical_pivots(size))
     assert int((np.array(d) > 1e-12).sum()) == (rank or 5)
     assert all(x == 0.0 for x in d[rank or 5 :])
     np.testing.assert_allclose(sorted(rows[:, 7]), sorted(scale), rtol=1e-15)
@@ -79,10 +79,10 @@ def test_independent_rows(seed, rank):
 
 def test_rows_seen_before():
     """A second arm that says the same and cannot yield adds no rank and no force of its own."""
-    x, P, m, scale, s = drawn(0, 4)
+    x, P, m, size, s = drawn(0, 4)
     hard = m._replace(R=np.zeros((4, 4)), r=m.C @ np.arange(6.0))
-    x1, once, first = row_steps(x, factored(P, np.diag(P)), hard, scale)
-    x2, twice, second = row_steps(x1, once, hard, scale)
+    x1, once, first = row_steps(x, factored(P, np.diag(P)), hard, size)
+    x2, twice, second = row_steps(x1, once, hard, size)
     assert (first.kept, second.kept) == (4, 0)
     np.testing.assert_array_equal(twice.dense(), once.dense())
     np.testing.assert_allclose(x2, x1, atol=1e-12)

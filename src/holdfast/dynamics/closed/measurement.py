@@ -26,8 +26,8 @@ class Measurement(NamedTuple):
         C: K A, (rows, 6).
         R: K Lambda K^T, the "measurement noise".
         r: (rows,) K (alpha_f + g - a).
-        extent: (3,) how mobile the arm is where it measures: angular [1/(kg m^2)], linear [1/kg],
-            and the squared distance of that point from G [m^2].
+        extent: (4,) how mobile the arm is where it measures: angular [1/(kg m^2)], linear with what turns
+            at the end of the arm's length, linear [1/kg], and the squared distance of that point from G [m^2].
         angular: which rows are moments.
         most: the arm's joint count, which the rank of R cannot exceed.
         carried: whether the rows are all of alpha(G).
@@ -42,19 +42,30 @@ class Measurement(NamedTuple):
     carried: bool
 
     def own_sizes(self) -> Array:
-        """Return (rows,) the sizes of R's diagonal."""
-        turning, moving, _ = self.extent
-        return array([turning if angular else moving for angular in self.angular])
+        """Return (rows,) the sizes of what R's diagonal was summed from."""
+        return array([self.extent[0] if angular else self.extent[1] for angular in self.angular])
 
-    def sizes(self, of: Array) -> Array:
-        """Return (rows,) the sizes of the diagonal of C P C^T, `of` being those of P about G, (2,)."""
-        along = of[1] + self.extent[2] * of[0]
-        return array([of[0] if angular else along for angular in self.angular])
+    def pivot_sizes(self, of: Array) -> Array:
+        """Return (rows,) the sizes of what the diagonal of S = R + C P C^T was summed from.
+
+        Args:
+            of: (3,) how mobile P is about G, as `size_at_centre` says it of an arm.
+        """
+        return self.own_sizes() + self._rows(of[0], of[1])
+
+    def typical_pivots(self, of: Array) -> Array:
+        """Return (rows,) how large the pivots of S are where nothing is singular, for its condition."""
+        return np.diag(self.R) + self._rows(of[0], of[2]) / 3.0
+
+    def _rows(self, turning: Scalar, moving: Scalar) -> Array:
+        """Return (rows,) the traces of a mobility about G as they count for each row."""
+        along = moving + self.extent[3] * turning
+        return array([turning if angular else along for angular in self.angular])
 
     def size_at_centre(self) -> Array:
-        """Return (2,) how mobile the arm is about G, angular and linear."""
-        turning, moving, lever = self.extent
-        return array([turning, moving + lever * turning])
+        """Return (3,) how mobile the arm is about G: angular, linear as summed, linear."""
+        turning, summed, moving, lever = self.extent
+        return array([turning, summed + lever * turning, moving + lever * turning])
 
 
 class Step(NamedTuple):
@@ -63,7 +74,7 @@ class Step(NamedTuple):
     Attributes:
         back: s (6,), the wrench at G of everything behind -> the arm's own, C^T lambda.
         kept: how many of its rows are independent of those before.
-        weakest: the smallest pivot kept, relative to its scale.
+        weakest: the smallest pivot kept, relative to a typical one.
     """
 
     back: Callable[[Array], Array]
@@ -80,18 +91,17 @@ def measurement(c: Contact, tip: TipResponse) -> Measurement:
     """
     r = tip.free_acceleration + c.g - c.a
     turning, moving = block_sizes(tip.mobility)
-    # a lever is the sum of the links: its rounding moves what turns
-    moving = moving + tip.length * tip.length * turning
+    summed = moving + tip.length * tip.length * turning  # levers are sums of links
     lever, most = c.offset @ c.offset, len(tip.pivots)
     if c.grasp.kind == "rigid":
         R = tip.mobility.mobility_shifted(-c.offset).dense()
-        extent = array([turning, moving + lever * turning, 0.0 * turning])
+        extent = array([turning, summed + lever * turning, moving + lever * turning, 0.0 * turning])
         return Measurement(np.eye(6), R, shift_twist(-c.offset, r), extent, ANGULAR, most, True)
     rows = list(c.grasp.transmitted)
     C = array([shift_wrench(c.offset, row) for row in c.K])  # (K A)^T = A^T K^T
     R = tip.mobility.rotated(c.R.T).dense()[rows][:, rows]
     angular = tuple(ANGULAR[i] for i in rows)
-    return Measurement(C, R, c.transmitted(r), array([turning, moving, lever]), angular, most, False)
+    return Measurement(C, R, c.transmitted(r), array([turning, summed, moving, lever]), angular, most, False)
 
 
 ANGULAR = (True, True, True, False, False, False)

@@ -27,7 +27,7 @@ from holdfast.dynamics.closed.object_motion import FreeBody, acceleration_at_C
 from holdfast.dynamics.closed.rigid_step import LastStep, last_rigid_step, rigid_step
 from holdfast.dynamics.closed.row_steps import row_steps
 from holdfast.dynamics.closed.tip_response import TipResponse
-from holdfast.spatial.scalar import Array, Scalar, minimum
+from holdfast.spatial.scalar import Array, Scalar, array, minimum
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.spatial.symmetric import symmetric6
 
@@ -42,7 +42,7 @@ class ObjectSolution(NamedTuple):
         object_acceleration: (6,) alpha(C), less [0; g], world axes.
         mobility: (6, 6) P after the last arm: what a wrench at C moves, world axes.
         rank: rows of the constraint that are independent, contact freedoms included.
-        weakest_pivot: the smallest pivot of S kept, relative to its scale.
+        weakest_pivot: the smallest pivot of S kept, relative to a typical one.
     """
 
     wrenches: list[Array]
@@ -76,15 +76,15 @@ def object_filter(contacts: list[Contact], tips: list[TipResponse], body: FreeBo
     wrenches: list[Array] = [body.wrench] * len(contacts)
     turn: LastStep | None = None
     for i in order:
-        m, scale = seen[i], pivot_scale(seen[i], size)
+        m = seen[i]
         if not parallel[i]:
-            x, factors, step = row_steps(x, factors or factored(P, by_rows(size)), m, scale)
+            x, factors, step = row_steps(x, factors or factored(P, by_rows(size)), m, size)
         elif i == order[-1]:
-            turn = last_rigid_step(x, P, m, scale, body.wrench)
+            turn = last_rigid_step(x, P, m, size, body.wrench)
             step = Step(lambda s, end=turn: end.wrench, turn.kept, turn.weakest)
             factors = None
         else:
-            x, P, step = rigid_step(x, P, m, scale)
+            x, P, step = rigid_step(x, P, m, size)
             size, factors = smaller(size, m.size_at_centre()), None
         steps.append(step)
     if turn is not None:
@@ -108,26 +108,22 @@ def object_filter(contacts: list[Contact], tips: list[TipResponse], body: FreeBo
 
 
 def initial_size(body: FreeBody, seen: list[Measurement]) -> Array:
-    """Return (2,) how mobile the object is before the first arm, angular and linear, for judging pivots.
+    """Return (3,) how mobile the object is before the first arm, for judging pivots; see `size_at_centre`.
 
     What the arms leave of a light object's mobility is of the size of their own, so it counts as no more.
     """
-    own, most = block_sizes(body.mobility), no_arms(body)
+    most = LEAST_MOBILE * own_size(body)  # sliding joints do not turn at all
     for m in seen:
         most = larger(most, m.size_at_centre())
-    return smaller(own, most)
+    return smaller(own_size(body), most)
 
 
-def no_arms(body: FreeBody) -> Array:
-    """Return (2,) how mobile arms count at the least, angular and linear: sliding joints do not turn at all."""
-    return LEAST_MOBILE * block_sizes(body.mobility)
-
-
-def pivot_scale(m: Measurement, size: Array) -> Array:
-    """Return (rows,) the sizes of the diagonal of S = R + C P C^T, those of P being given (2,)."""
-    return m.own_sizes() + m.sizes(size)
+def own_size(body: FreeBody) -> Array:
+    """Return (3,) how mobile the object is by itself."""
+    turning, moving = block_sizes(body.mobility)
+    return array([turning, moving, moving])
 
 
 def by_rows(size: Array) -> Array:
-    """Return (6,) sizes of the rows of P for those of its two blocks."""
-    return np.repeat(size, 3)
+    """Return (6,) the sizes of the rows of P."""
+    return np.repeat(size[:2], 3)

@@ -12,13 +12,13 @@ from holdfast.spatial.scalar import Array, Scalar
 from holdfast.spatial.symmetric import mirrored
 
 
-def rigid_step(x: Array, P: Array, m: Measurement, scale: Array) -> tuple[Array, Array, Step]:
+def rigid_step(x: Array, P: Array, m: Measurement, size: Array) -> tuple[Array, Array, Step]:
     """Return x, P after a rigidly held arm, and its step back.
 
     S = P + R,  Gt = S^-1 P,  nu = S^-1 (r - x);  x += P nu,  P = P S^-1 R = Gt^T R: nothing is
     subtracted, and R may be singular (beyond.md 1(b')). Null pivots of S are dropped.
     """
-    S = ldl(P + m.R, scale, RANK_TOLERANCE)
+    S = ldl(P + m.R, m.pivot_sizes(size), RANK_TOLERANCE, m.typical_pivots(size))
     gain = ldl_solve(S, P)
     nu = ldl_solve(S, m.r - x)
     step = Step(lambda s: nu - gain @ s, S.kept, S.weakest)
@@ -33,7 +33,7 @@ class LastStep(NamedTuple):
         wrench: (6,) of the arm on the object, about G.
         mobility: (6, 6) P after it.
         kept: how many of its rows are independent of those before.
-        weakest: the smallest pivot kept, relative to its scale.
+        weakest: the smallest pivot kept, relative to a typical one.
     """
 
     acceleration: Array
@@ -43,7 +43,7 @@ class LastStep(NamedTuple):
     weakest: Scalar
 
 
-def last_rigid_step(x: Array, P: Array, m: Measurement, scale: Array, w: Array) -> LastStep:
+def last_rigid_step(x: Array, P: Array, m: Measurement, size: Array, w: Array) -> LastStep:
     """Return what `rigid_step` and its way back come to at the last arm: two solves instead of seven.
 
     z = S^-1 P w:  lambda = nu - z,  alpha(G) = x + P nu + R z, as P S^-1 R = R S^-1 P.
@@ -52,9 +52,9 @@ def last_rigid_step(x: Array, P: Array, m: Measurement, scale: Array, w: Array) 
         x: acceleration of G of the object and the arms before.
         P: their mobility there.
         m: the arm's measurement.
-        scale: sizes of the pivots.
+        size: (3,) how mobile P is, for judging pivots.
         w: (6,) external wrench on the object about G.
     """
-    S = ldl(P + m.R, scale, RANK_TOLERANCE)
+    S = ldl(P + m.R, m.pivot_sizes(size), RANK_TOLERANCE, m.typical_pivots(size))
     nu, z = ldl_solve(S, np.column_stack([m.r - x, P @ w])).T
     return LastStep(x + P @ nu + m.R @ z, nu - z, mirrored(ldl_solve(S, P).T @ m.R), S.kept, S.weakest)

@@ -15,7 +15,7 @@ ROUNDING = 1e-15
 SAME = 1e-12  # scaled pivots closer than this are taken for equal
 
 
-def row_steps(x: Array, P: FactoredMobility, m: Measurement, scale: Array) -> tuple[Array, FactoredMobility, Step]:
+def row_steps(x: Array, P: FactoredMobility, m: Measurement, size: Array) -> tuple[Array, FactoredMobility, Step]:
     """Return x, P after one arm, and its step back.
 
     Per independent row c alpha(G) = r - d lambda: sigma = c P c^T + d, k = P c^T, nu = (r - c x) /
@@ -24,15 +24,15 @@ def row_steps(x: Array, P: FactoredMobility, m: Measurement, scale: Array) -> tu
     rows: list[tuple[Array, Array, Scalar]] = []
     kept: Scalar = 0
     weakest: Scalar = 1.0
-    for d, row in zip(*independent_rows(m, scale), strict=True):
-        c, r, size = row[:6], row[6], row[7]
-        P, k, sigma, alive = updated(P, c, d, RANK_TOLERANCE * size)
+    for d, row in zip(*independent_rows(m, m.pivot_sizes(size), m.typical_pivots(size)), strict=True):
+        c, r, scale, typical = row[:6], row[6], row[7], row[8]
+        P, k, sigma, alive = updated(P, c, d, RANK_TOLERANCE * scale)
         inverse = where(alive, 1.0 / where(alive, sigma, 1.0), 0.0)
         nu = (r - c @ x) * inverse
         x = x + nu * k
         rows.append((c, inverse * k, nu))
         kept = kept + where(alive, 1, 0)
-        weakest = minimum(weakest, where(alive, sigma / where(alive, size, 1.0), 1.0))
+        weakest = minimum(weakest, where(alive, sigma / where(alive, typical, 1.0), 1.0))
 
     def back(s: Array) -> Array:
         from_arm = np.zeros(6)
@@ -43,18 +43,18 @@ def row_steps(x: Array, P: FactoredMobility, m: Measurement, scale: Array) -> tu
     return x, P, Step(back, kept, weakest)
 
 
-def independent_rows(m: Measurement, scale: Array) -> tuple[list[Scalar], Array]:
-    """Return d and the rows [c, r, scale] of one arm with independent loads: R = L diag(d) L^T.
+def independent_rows(m: Measurement, scale: Array, typical: Array) -> tuple[list[Scalar], Array]:
+    """Return d and the rows of one arm with independent loads: R = L diag(d) L^T.
 
     The row with the largest pivot left comes first, so that L stays below one and the null
     pivots of an arm of few joints, whose quotients mean nothing, come last.
 
     Returns:
-        (rows,) d >= 0, and (rows, 9): L^-1 [C, r], each row's scale, and one over the part of
-        it that is R's, in the chosen order.
+        (rows,) d >= 0, and (rows, 10): L^-1 [C, r], each row's scale, its typical pivot, and one over
+        the part of the scale that is R's, in the chosen order.
     """
     inverse_sizes = array([where(size > 0.0, 1.0 / where(size > 0.0, size, 1.0), 0.0) for size in m.own_sizes()])
-    R, rows = m.R, np.column_stack([m.C, m.r, scale, inverse_sizes])
+    R, rows = m.R, np.column_stack([m.C, m.r, scale, typical, inverse_sizes])
     count = len(R)
     d: list[Scalar] = []
     for j in range(count):
@@ -62,16 +62,16 @@ def independent_rows(m: Measurement, scale: Array) -> tuple[list[Scalar], Array]
             order = list(range(count))
             order[i], order[j] = j, i
             # by more than rounding: rows that are equally immobile keep their order
-            larger = R[i, i] * rows[i, 8] > R[j, j] * rows[j, 8] + SAME
+            larger = R[i, i] * rows[i, 9] > R[j, j] * rows[j, 9] + SAME
             R = select(larger, R[np.ix_(order, order)], R)
             rows = select(larger, rows[order], rows)
         if j >= m.most:  # what is left of R is the rounding of zero
             return d + [0.0] * (count - j), rows
-        alive = R[j, j] * rows[j, 8] > ROUNDING
+        alive = R[j, j] * rows[j, 9] > ROUNDING
         d.append(where(alive, R[j, j], 0.0))
         below = R[j + 1 :, j] * where(alive, 1.0 / where(alive, R[j, j], 1.0), 0.0)
         rest = R[j + 1 :, j + 1 :] - outer(below, R[j, j + 1 :])
         R = np.concatenate([R[: j + 1], np.hstack([R[j + 1 :, : j + 1], rest])])
-        less = np.column_stack([outer(below, rows[j, :7]), np.zeros((len(below), 2))])
+        less = np.column_stack([outer(below, rows[j, :7]), np.zeros((len(below), 3))])
         rows = np.concatenate([rows[: j + 1], rows[j + 1 :] - less])
     return d, rows
