@@ -57,7 +57,12 @@ def diagnose(file: CaseFile, case: OptionalName = None, format: Format = "table"
 
 
 def simulate(
-    scene: SceneFile, out: Folder = None, overwrite: bool = False, resume: Switch = False, plots: bool = True
+    scene: SceneFile,
+    out: Folder = None,
+    overwrite: bool = False,
+    resume: Switch = False,
+    plots: bool = True,
+    trust_xacro: Switch = False,
 ) -> int:
     """Simulate a scene and write a result folder.
 
@@ -67,13 +72,20 @@ def simulate(
         overwrite: replace an existing result folder.
         resume: go on with a run that was interrupted or killed, to the same bits.
         plots: draw the plots too.
+        trust_xacro: expand xacro files that the scene names; that runs the Python in them.
     """
     from holdfast.cli import simulate as command
 
-    return command.simulate(scene, out, overwrite, plots, resume)
+    return command.simulate(scene, out, overwrite, plots, resume, trust_xacro)
 
 
-def export(result: ResultFolder, format: TableFormat = "csv", out: OutFile = None, overwrite: bool = False) -> int:
+def export(
+    result: ResultFolder,
+    format: TableFormat = "csv",
+    out: OutFile = None,
+    overwrite: bool = False,
+    trust_xacro: Switch = False,
+) -> int:
     """Write a run as one table, for pandas, Excel, Matlab and others.
 
     Args:
@@ -81,25 +93,34 @@ def export(result: ResultFolder, format: TableFormat = "csv", out: OutFile = Non
         format: csv, or parquet (needs pyarrow).
         out: the file to write; `trajectory.csv` or `.parquet` in the result folder without it.
         overwrite: replace an existing file.
+        trust_xacro: as for `plot`; only MCAP files need the robot.
     """
     from holdfast.cli import export as command
 
-    return command.export(result, format, out, overwrite)
+    return command.export(result, format, out, overwrite, trust_xacro)
 
 
-def plot(result: ResultFolder, out: Folder = None) -> int:
+def plot(result: ResultFolder, out: Folder = None, trust_xacro: Switch = False) -> int:
     """Draw the figures of a run: wrenches, margins, torques, load share, closure and energy.
 
     Args:
         result: the result folder.
         out: the folder for the figures; the result folder without it.
+        trust_xacro: for a result of holdfast 0.1, which kept no robots: expand its xacro files where they are now.
     """
     from holdfast.cli import plot as command
 
-    return command.plot(result, out)
+    return command.plot(result, out, trust_xacro)
 
 
-def view(target: Target, export: OutFile = None, port: int = 0, rate: float = 30.0, overwrite: bool = False) -> int:
+def view(
+    target: Target,
+    export: OutFile = None,
+    port: int = 0,
+    rate: float = 30.0,
+    overwrite: bool = False,
+    trust_xacro: Switch = False,
+) -> int:
     """Show a run, or a scene as it begins, in the browser; Ctrl-C ends it.
 
     Args:
@@ -108,10 +129,11 @@ def view(target: Target, export: OutFile = None, port: int = 0, rate: float = 30
         port: to serve at, on this machine only; 0 for any that is free.
         rate: moments a second of the run that are shown.
         overwrite: replace an existing HTML file.
+        trust_xacro: expand xacro files that the scene names; that runs the Python in them.
     """
     from holdfast.cli import view as command
 
-    return command.view(target, export, port, rate, overwrite)
+    return command.view(target, export, port, rate, overwrite, trust_xacro)
 
 
 def bench(json: Switch = False, quick: Switch = False) -> int:
