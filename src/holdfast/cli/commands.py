@@ -17,6 +17,7 @@ from holdfast.errors import SceneError
 from holdfast.model import checks
 
 CaseFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
+Diagnosed = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE|FILE")]
 SceneFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
 Folder = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
 Name = Annotated[str, tyro.conf.arg(metavar="NAME")]
@@ -43,17 +44,18 @@ def solve(file: CaseFile, case: OptionalName = None, method: Name = "sequential"
     return command.solve(file, case, method, format)
 
 
-def diagnose(file: CaseFile, case: OptionalName = None, format: Format = "table") -> int:
-    """Report mobility, rank, lost directions and indeterminate forces of problem cases.
+def diagnose(file: Diagnosed, case: OptionalName = None, format: Format = "table", trust_xacro: Switch = False) -> int:
+    """Report mobility, rank, lost directions and indeterminate forces of a scene as it begins, or of problem cases.
 
     Args:
-        file: problem cases, JSON.
+        file: a scene (.toml), or problem cases (JSON).
         case: diagnose only this one.
         format: words to read (table), or json to process.
+        trust_xacro: expand xacro files that the scene names; that runs the Python in them.
     """
     from holdfast.cli import diagnose as command
 
-    return command.diagnose(file, case, format)
+    return command.diagnose(file, case, format, trust_xacro)
 
 
 def simulate(
@@ -178,6 +180,9 @@ def run(arguments: list[str]) -> int:
 
         print(holdfast.__version__)
         return 0
+    for argument in arguments:
+        if not argument or "\0" in argument or (argument.startswith("--") and argument.endswith("=")):
+            raise SceneError(f"expected no empty name, and none with NUL in it, got {argument!r}")
     first = arguments[0] if arguments else "--help"
     if not first.startswith("-") and first not in COMMANDS:
         raise SceneError(f"no command {first!r}.{checks.did_you_mean(first, COMMANDS)}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from holdfast.cli import complain
@@ -9,6 +10,7 @@ from holdfast.cli.console import stdout
 from holdfast.cli.recorded import scenario_of
 from holdfast.errors import ResultError
 from holdfast.interop.mcap_writer import write_mcap
+from holdfast.io.atomic import require_file
 from holdfast.io.export import export_csv, export_parquet, occurrences_path
 from holdfast.io.result_reader import Result, load_result
 
@@ -38,7 +40,8 @@ def export(folder: Path, format: str, out: Path | None, overwrite: bool, trust_x
     """
     result = load_result(folder)
     path = folder / f"trajectory.{format}" if out is None else out
-    taken = [one for one in (path, occurrences_path(path)) if one.exists()]
+    require_file(path)
+    taken = [one for one in (path, occurrences_path(path)) if os.path.lexists(one)]
     if taken and not overwrite:
         raise ResultError(f"{taken[0]}: is there already; try --overwrite, or another --out")
     if format == "mcap":

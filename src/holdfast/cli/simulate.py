@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from holdfast.cli import INTERRUPTED, REFUSED, complain
+from holdfast.cli import INTERRUPTED, REFUSED, complain, say
 from holdfast.cli.console import stdout
 from holdfast.cli.robot_notes import tell_notes
 from holdfast.errors import MissingExtra, ResultError, SingularChainError, StateError
@@ -63,7 +63,7 @@ def simulate(
     if resume:
         writer = ResultWriter.resume(folder, meta, scenario.text, robots=robots)
         if writer.start is None:
-            print(f"{folder}: nothing to resume yet; the run begins", file=sys.stderr)
+            say(f"{folder}: nothing to resume yet; the run begins")
     else:
         writer = ResultWriter(folder, meta, scenario.text, robots=robots, overwrite=overwrite)
     try:
@@ -113,16 +113,16 @@ def _progress(scenario: Scenario) -> Iterator[Callable[[float], None]]:
     doing, whole = f"simulating {scenario.name}", scenario.duration
     if not sys.stderr.isatty():
         steps = math.ceil(whole / scenario.step)
-        print(f"{doing}: {whole:g} s in {steps} steps", file=sys.stderr, flush=True)
+        say(f"{doing}: {whole:g} s in {steps} steps")
         said = time.monotonic()
 
-        def say(t: float) -> None:
+        def report(t: float) -> None:
             nonlocal said
             if time.monotonic() - said >= SILENCE:
                 said = time.monotonic()
-                print(f"{doing}: {t:.3f} of {whole:g} s", file=sys.stderr, flush=True)
+                say(f"{doing}: {t:.3f} of {whole:g} s")
 
-        yield say
+        yield report
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn

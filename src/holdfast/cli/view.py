@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 
+from holdfast.cli import say
 from holdfast.cli.console import stdout
 from holdfast.cli.recorded import recorded
 from holdfast.cli.robot_notes import tell_notes
-from holdfast.errors import ResultError, SingularChainError, StateError
+from holdfast.errors import ModelError, ResultError, SingularChainError, StateError
 from holdfast.io.place import refusal
 from holdfast.robots.urdf import urdf_visuals
 from holdfast.scenario.build import Scenario, load_scene
@@ -20,6 +20,8 @@ from holdfast.view.film import Film, Looks, film_of_instant, film_of_run
 from holdfast.view.live import watch
 from holdfast.view.page import export_page
 from holdfast.view.pieces import pieces_of_urdf
+
+LAST_PORT = 65535
 
 
 def view(target: Path, page: Path | None, port: int, rate: float, overwrite: bool, trust_xacro: bool) -> int:
@@ -39,7 +41,9 @@ def view(target: Path, page: Path | None, port: int, rate: float, overwrite: boo
     Raises:
         HoldfastError: what is not there, cannot be read, or cannot be shown.
     """
-    if page is not None and page.exists() and not overwrite:
+    if not 0 <= port <= LAST_PORT:
+        raise ModelError(f"port: expected 0 (any that is free) to {LAST_PORT}, got {port}")
+    if page is not None and os.path.lexists(page) and not overwrite:
         raise ResultError(f"{page}: is there already; try --overwrite, or another --export")
     film = _film(target, rate, trust_xacro)
     if page is not None:
@@ -63,7 +67,7 @@ def _announce(address: str) -> None:
 def _film(target: Path, rate: float, trust_xacro: bool) -> Film:
     if not os.path.exists(target):  # Path.exists raises at names that are too long
         raise refusal(str(target), "no such file or folder; expected a result folder or a scene file")
-    if not target.is_dir():
+    if not os.path.isdir(target):
         scenario = load_scene(target, trust_xacro=trust_xacro)
         tell_notes(scenario)
         return _film_of_scene(scenario, target)
@@ -95,5 +99,5 @@ def _looks(scenario: Scenario) -> Looks:
         elif found.missing:
             first, *others = found.missing
             more = f", and {len(others)} more" if others else ""
-            print(f"note: arm '{name}' is drawn with simple solids: {first}{more}", file=sys.stderr)
+            say(f"note: arm '{name}' is drawn with simple solids: {first}{more}")
     return looks

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import msgspec
 
 from holdfast.errors import ResultError
 from holdfast.io.atomic import write_atomically
+from holdfast.io.place import LONGEST_NAME, one_line
 from holdfast.simulation.occurrence import Occurrence
 
 FORMAT = "holdfast-result"
@@ -120,8 +122,8 @@ def read_meta(folder: Path) -> ResultMeta:
         ResultError: there is none, it is damaged, or its format is of another version.
     """
     path = folder / META
-    if not folder.is_dir():
-        raise ResultError(f"{folder}: no such folder")
+    if not os.path.isdir(folder):  # Path.is_dir raises at names that are too long
+        raise ResultError(f"{one_line(str(folder), LONGEST_NAME)}: no such folder")
     try:
         found = msgspec.json.decode(read_bytes(path), type=dict)
         here = {"format": found.get("format"), "format_version": found.get("format_version")}
