@@ -28,7 +28,7 @@ for case in json.load(sys.stdin):
             for known in [one for one in sys.modules if one.split(".")[0] == name]:
                 del sys.modules[known]
             sys.modules[name] = None
-        signal.alarm(20)  # a try that waits for ever is one that fails
+        signal.alarm(90)  # a try that waits for ever is one that fails
         sys.argv = ["holdfast", *case["arguments"]]
         code = 1
         try:

@@ -112,7 +112,7 @@ def fine():
     yield Try(["diagnose", "cases.json"], environment=bare)
     yield Try(["diagnose", "short.toml"])
     yield Try(["diagnose", "short.toml", "--format", "json"])
-    nonsense = {"MPLBACKEND": "nonsense", "MPLCONFIGDIR": "/proc/none", "HOLDFAST_CACHE": "/proc/none"}
+    nonsense = {"MPLBACKEND": "nonsense", "HOLDFAST_CACHE": "/proc/none"}
     yield Try(["simulate", "short.toml", "--out", "bare"], environment=bare | nonsense, unset=("HOME",))
     yield Try(["simulate", "short.toml", "--out", "again", "--resume", "--no-plots"])  # nothing is there: it begins
     yield Try(["view", "result", "--export", "damaged_mesh.html"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -89,12 +90,13 @@ def _named(meta: ResultMeta) -> ClosedChain:
     """
     arms = {}
     for name in meta.arms:
-        kinds = [
+        kinds: list[tuple[str, Any]] = [  # a kind that is none is refused by Joint
             (joint.removeprefix(f"{name}/"), kind)
             for joint, kind in zip(meta.joints, meta.joint_kinds, strict=False)
             if joint.startswith(f"{name}/")
         ]
         joints = [Joint(kind, np.array([0.0, 0.0, 1.0]), Pose.identity(), name=joint) for joint, kind in kinds]
         arms[name] = Arm(joints, [Link(1.0, np.zeros(3), np.eye(3))] * len(joints), Pose.identity(), Pose.identity())
-    grasps = {name: Grasp(kind, Pose.identity()) for name, kind in meta.grasps.items()}
+    grasp_kinds: dict[str, Any] = dict(meta.grasps)
+    grasps = {name: Grasp(kind, Pose.identity()) for name, kind in grasp_kinds.items()}
     return ClosedChain(arms, HeldObject(1.0, np.eye(3)), grasps)
