@@ -191,7 +191,7 @@ def mjcf(bodies: str, more: str = "") -> str:
         (mjcf(ARM), {"tip": "a"}, "joint 'k' hangs on the arm"),
         (mjcf(ARM + f'<body name="c"><joint/>{BODY}</body>'), {}, "expected one end, got 2"),
         (mjcf('<body name="a"><joint name="j"/></body>'), {}, "MuJoCo cannot compile it: .*mjMINVAL"),
-        ("<mujoco>", {}, "expected an MJCF file"),
+        ("<mujoco>", {}, "not well-formed XML"),
         ("<robot/>", {}, "try load_urdf"),
         ("nowhere.xml", {}, "nowhere.xml: cannot be read"),
     ],

@@ -43,6 +43,22 @@ def test_damaged_and_missing_chunks(tmp_path):
         load_result(tmp_path / "run")
 
 
+def test_a_chunk_that_would_fill_the_memory(tmp_path):
+    """A chunk that unpacks to 100 MB is called damaged before it is unpacked; so is one that is a folder."""
+    _, given = filled(tmp_path / "run", 2, 2)
+    chunk = tmp_path / "run" / "chunk_0001.npz"
+    with np.load(chunk) as file:
+        arrays = dict(file) | {"more": np.zeros(12_500_000)}
+    np.savez_compressed(chunk, **arrays)
+    assert chunk.stat().st_size < 1e6
+    found = load_result(tmp_path / "run")
+    assert "chunk_0001.npz is damaged: it unpacks to more than it holds" in found.note
+    same_bits(found.trajectory, stacked(given[:2]))
+    chunk.unlink()
+    chunk.mkdir()
+    assert "chunk_0001.npz is not a file" in load_result(tmp_path / "run").note
+
+
 @pytest.mark.parametrize("seed", range(60))
 def test_random_damage(seed, tmp_path):
     """Bytes of a chunk changed, lost or added: it reads as it was, or is called damaged."""

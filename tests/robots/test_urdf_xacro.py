@@ -1,6 +1,7 @@
 """Xacro files and robots by name, through the extra `robots`."""
 
 import sys
+import types
 
 import pytest
 
@@ -37,8 +38,8 @@ def xacro_file(tmp_path):
 
 def test_xacro(xacro_file):
     """Macros, expressions and arguments are expanded before the file is read."""
-    assert load_urdf(xacro_file).links[0].mass == 1.0
-    assert load_urdf(xacro_file, xacro_args={"mass": "2.5"}).links[0].mass == 2.5
+    assert load_urdf(xacro_file, trust_xacro=True).links[0].mass == 1.0
+    assert load_urdf(xacro_file, xacro_args={"mass": "2.5"}, trust_xacro=True).links[0].mass == 2.5
 
 
 def test_xacro_includes(xacro_file):
@@ -50,7 +51,7 @@ def test_xacro_includes(xacro_file):
         '<robot name="outer" xmlns:xacro="http://www.ros.org/wiki/xacro">'
         '<xacro:include filename="parts/body.xacro"/></robot>'
     )
-    assert load_urdf(outer).links[0].mass == 1.0
+    assert load_urdf(outer, trust_xacro=True).links[0].mass == 1.0
 
 
 @pytest.mark.parametrize("broken", ["${nowhere}", "${1/0}", "${", "$(find no_such_package)", "$(arg nothing)"])
@@ -58,14 +59,14 @@ def test_xacro_that_cannot_be_expanded(xacro_file, broken):
     """Whatever xacro raises is told by the file's name, and nothing is printed."""
     xacro_file.write_text(XACRO.replace("${2 * 0.01}", broken))
     with pytest.raises(SceneError, match=r"macro\.urdf\.xacro: xacro cannot expand it: "):
-        read_urdf(xacro_file)
+        read_urdf(xacro_file, trust_xacro=True)
 
 
 def test_xacro_that_becomes_nonsense(xacro_file, capfd):
     """What it expands to is read as strictly as any file; lines are those after expansion."""
     xacro_file.write_text(XACRO.replace("$(arg mass)", "heavy"))
     with pytest.raises(SceneError, match=r"macro\.urdf\.xacro \(expanded\):\d+: link 'bar', inertial, mass: value: "):
-        read_urdf(xacro_file)
+        read_urdf(xacro_file, trust_xacro=True)
     assert capfd.readouterr() == ("", "")
 
 
@@ -75,7 +76,7 @@ def test_without_xacrodoc(tmp_path, monkeypatch):
     path.write_text(XACRO)
     monkeypatch.setitem(sys.modules, "xacrodoc", None)
     with pytest.raises(MissingExtra, match=r"holdfast\[robots\]"):
-        load_urdf(path)
+        load_urdf(path, trust_xacro=True)
     with pytest.raises(SceneError, match="cannot be read: no such file"):
         load_urdf(tmp_path / "nowhere.xacro")
 
@@ -106,6 +107,19 @@ def test_unknown_robot(descriptions):
     """A name that is not known, or has no URDF, is refused with one that is."""
     with pytest.raises(SceneError, match=r"no URDF named 'pnda_description'\. Did you mean 'panda_description'"):
         load_robot_description("pnda_description")
+
+
+def test_robot_that_is_a_xacro_file(descriptions, monkeypatch):
+    """A description that would have to be expanded needs the user's word, as a file of their own does."""
+    proof = descriptions / "proof"
+    module = types.SimpleNamespace(XACRO_PATH=str(descriptions / "panda.xacro"), PACKAGE_PATH=str(descriptions))
+    monkeypatch.setitem(sys.modules, "robot_descriptions.panda_description", module)
+    monkeypatch.setattr("robot_descriptions._xacro.get_urdf_path", lambda *_, **__: proof.touch())
+    with pytest.raises(SceneError, match=r"is a xacro file, .* try trust_xacro=True"):
+        robot_description_path("panda_description")
+    assert not proof.exists()
+    robot_description_path("panda_description", trust_xacro=True)
+    assert proof.exists()
 
 
 def test_robot_that_cannot_be_fetched(descriptions, monkeypatch):

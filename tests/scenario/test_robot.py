@@ -1,5 +1,6 @@
 """Scenes whose arms come out of URDF files: the same arms as `load_urdf` gives, found from wherever one stands."""
 
+import json
 import shutil
 
 import numpy as np
@@ -110,19 +111,42 @@ def test_refusals(old, new, message, folder):
     assert "\n" not in str(caught.value)
 
 
-def test_result_knows_where_the_robots_are(folder, tmp_path_factory, monkeypatch, capsys):
-    """A result is shown from anywhere; if the robot has changed since, or has gone, that is said."""
+def test_result_keeps_its_robots(folder, tmp_path_factory, monkeypatch, capsys):
+    """A result is shown from anywhere as it was simulated, whatever has become of the robot's file."""
     pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")
     elsewhere = tmp_path_factory.mktemp("elsewhere")
     monkeypatch.chdir(folder)
     assert main(["simulate", "two.toml", "--out", str(elsewhere / "result"), "--no-plots"]) == 0
     assert "note: robots/two.urdf:" in capsys.readouterr().err  # the hand's link without inertia
+    assert [path.read_text() for path in (elsewhere / "result").glob("robot_*.urdf")] == [TWO_ARMED]
     monkeypatch.chdir(elsewhere)
     show = ["view", "result", "--export", "page.html", "--overwrite"]
     assert main(show) == 0
     said = capsys.readouterr()
     assert "another model" not in said.err
     assert "note: arm 'left' is drawn with simple solids: " in said.err  # its finger's mesh is not there
+    page = (elsewhere / "page.html").read_text()
+    robot = folder / "robots" / "two.urdf"
+    robot.write_text(TWO_ARMED.replace('<mass value="3"/>', '<mass value="4"/>'))
+    shutil.move(elsewhere / "result", elsewhere / "moved")
+    assert main(["view", "moved", *show[2:]]) == 0
+    assert "another model" not in capsys.readouterr().err
+    assert (elsewhere / "page.html").read_text() == page
+
+
+def test_result_that_keeps_no_robots(folder, tmp_path_factory, monkeypatch, capsys):
+    """A folder of holdfast 0.1 knows where the robots were; if one has changed since, or has gone, that is said."""
+    pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+    monkeypatch.chdir(folder)
+    assert main(["simulate", "two.toml", "--out", str(elsewhere / "result"), "--no-plots"]) == 0
+    meta = json.loads((elsewhere / "result" / "meta.json").read_text())
+    assert meta.pop("robots")
+    (elsewhere / "result" / "meta.json").write_text(json.dumps(meta))
+    monkeypatch.chdir(elsewhere)
+    show = ["view", "result", "--export", "page.html", "--overwrite"]
+    assert main(show) == 0
+    assert "another model" not in capsys.readouterr().err
     robot = folder / "robots" / "two.urdf"
     robot.write_text(TWO_ARMED.replace('<mass value="3"/>', '<mass value="4"/>'))
     assert main(show) == 0

@@ -1,7 +1,6 @@
 """Arms are drawn with their looks; a URDF's own surfaces are taken if every file of theirs is there."""
 
 import numpy as np
-import pytest
 
 from holdfast import Pose
 from holdfast.robots import panda
@@ -41,7 +40,6 @@ def test_pieces_of_an_arm():
 
 def test_mesh_files(tmp_path):
     """Scaled, placed, coloured; a mirrored surface still faces outward; package names are found above the file."""
-    pytest.importorskip("trimesh", reason="needs viser: pip install 'holdfast[view]'")
     (tmp_path / "arm" / "meshes").mkdir(parents=True)
     (tmp_path / "arm" / "meshes" / "corner.stl").write_text(CORNER)
     here = tmp_path / "arm" / "urdf"

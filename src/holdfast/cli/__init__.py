@@ -1,49 +1,92 @@
 """The command line: `holdfast solve | diagnose | simulate | view | plot | export | bench | ...`.
 
-Exit codes: 0; 2 bad input; 3 physics refused, or nothing was solved; 130 interrupted.
+Exit codes: 0; 2 bad input; 3 physics refused, or nothing was solved; 70 a fault of this program; 71 not enough
+memory; 74 stdout cannot be written; 130 interrupted; 141 the reader of stdout has gone.
 """
 
 from __future__ import annotations
 
-import io
 import os
 import sys
+import traceback
 from collections.abc import Sequence
+from pathlib import Path
 
-BAD_INPUT, REFUSED, INTERRUPTED = 2, 3, 130
+from holdfast.cli.streams import OUTPUT, READER_GONE, WatchedStdout, open_streams, say
+from holdfast.errors import ClosureError, HoldfastError, MethodNotApplicable, SingularChainError
+
+BAD_INPUT, REFUSED, FAULT, NO_MEMORY, INTERRUPTED = 2, 3, 70, 71, 130
+__all__ = [
+    "BAD_INPUT",
+    "FAULT",
+    "INTERRUPTED",
+    "NO_MEMORY",
+    "OUTPUT",
+    "READER_GONE",
+    "REFUSED",
+    "complain",
+    "main",
+    "say",
+]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code.
 
-    Every `HoldfastError` becomes one line on stderr; other exceptions are faults of this
-    program and are not hidden.
+    Every `HoldfastError` becomes one line on stderr. So does any other exception, which is a
+    fault of this program: the line names its place. With HOLDFAST_TRACEBACK=1 in the
+    environment its traceback is printed too.
 
     Args:
         argv: arguments after the program's name; default: those of the process.
     """
-    from holdfast.cli.commands import run
-    from holdfast.errors import ClosureError, HoldfastError, MethodNotApplicable, SingularChainError
-
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # letters that a terminal lacks are escaped, not fatal
-            stream.reconfigure(errors="backslashreplace")
-    try:
-        code = run(list(sys.argv[1:] if argv is None else argv))
-        sys.stdout.flush()
+    if not open_streams():
+        complain("stdout: is closed; try >/dev/null")
+        return OUTPUT
+    with WatchedStdout() as stdout:
+        code = _run(argv, stdout)
+    if stdout.fault is None:
         return code
+    if isinstance(stdout.fault, BrokenPipeError):
+        return READER_GONE
+    complain(f"stdout: cannot be written: {stdout.fault.strerror or stdout.fault}")
+    return OUTPUT
+
+
+def _run(argv: Sequence[str] | None, stdout: WatchedStdout) -> int:
+    """Run one command."""
+    try:
+        from holdfast.cli.commands import run
+
+        return run(list(sys.argv[1:] if argv is None else argv))
     except HoldfastError as error:
         complain(str(error))
         return REFUSED if isinstance(error, (ClosureError, MethodNotApplicable, SingularChainError)) else BAD_INPUT
     except KeyboardInterrupt:
         complain("interrupted")
         return INTERRUPTED
-    except BrokenPipeError:
-        # whoever read stdout has seen enough; without this the interpreter would complain while it exits
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+    except MemoryError:
+        complain("not enough memory; try fewer samples, moments or joints")
+        return NO_MEMORY
+    except Exception as fault:
+        return _report(fault) if stdout.fault is None else OUTPUT
 
 
 def complain(problem: str) -> None:
-    """Print one line on stderr."""
-    print("holdfast: error:", " ".join(problem.split()), file=sys.stderr)
+    """Print one line on stderr, if anyone can be told."""
+    say(f"holdfast: error: {' '.join(problem.split())}")
+
+
+def _report(fault: Exception) -> int:
+    """Name the place of an exception that is none of ours: the last net, since every refusal should be."""
+    if os.environ.get("HOLDFAST_TRACEBACK"):
+        say(traceback.format_exc())
+    root = Path(__file__).parent.parent
+    frames = [f for f in traceback.extract_tb(fault.__traceback__) if Path(f.filename).is_relative_to(root)]
+    last = frames[-1]
+    place = f"{Path(last.filename).relative_to(root).as_posix()}:{last.lineno}"
+    complain(
+        f"internal fault at {place}: {type(fault).__name__}: {str(fault)[:300]}; please report this line and the"
+        " command (HOLDFAST_TRACEBACK=1 says more)"
+    )
+    return FAULT

@@ -6,8 +6,8 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from holdfast.errors import SceneError
 from holdfast.io.case_file import Case, load_cases
+from holdfast.io.place import one_line, refusal
 from holdfast.model import checks
 
 
@@ -17,12 +17,14 @@ def chosen_cases(file: Path, name: str | None) -> list[Case]:
     Raises:
         SceneError: the file is unreadable or invalid, or has no such case.
     """
+    if file.suffix.lower() == ".toml":
+        raise refusal(str(file), "expected problem cases (JSON), got a scene; try holdfast simulate, view or diagnose")
     cases = load_cases(file)
     if name is None:
         return cases
     known = [case.name for case in cases]
     if name not in known:
-        raise SceneError(f"{file}: no case {name!r}.{checks.did_you_mean(name, known)}")
+        raise refusal(str(file), f"no case '{one_line(name, 60)}'.{checks.did_you_mean(name, known)}")
     return [cases[known.index(name)]]
 
 

@@ -17,6 +17,7 @@ from holdfast.errors import SceneError
 from holdfast.model import checks
 
 CaseFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
+Diagnosed = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE|FILE")]
 SceneFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
 Folder = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
 Name = Annotated[str, tyro.conf.arg(metavar="NAME")]
@@ -43,21 +44,27 @@ def solve(file: CaseFile, case: OptionalName = None, method: Name = "sequential"
     return command.solve(file, case, method, format)
 
 
-def diagnose(file: CaseFile, case: OptionalName = None, format: Format = "table") -> int:
-    """Report mobility, rank, lost directions and indeterminate forces of problem cases.
+def diagnose(file: Diagnosed, case: OptionalName = None, format: Format = "table", trust_xacro: Switch = False) -> int:
+    """Report mobility, rank, lost directions and indeterminate forces of a scene as it begins, or of problem cases.
 
     Args:
-        file: problem cases, JSON.
+        file: a scene (.toml), or problem cases (JSON).
         case: diagnose only this one.
         format: words to read (table), or json to process.
+        trust_xacro: expand xacro files that the scene names; that runs the Python in them.
     """
     from holdfast.cli import diagnose as command
 
-    return command.diagnose(file, case, format)
+    return command.diagnose(file, case, format, trust_xacro)
 
 
 def simulate(
-    scene: SceneFile, out: Folder = None, overwrite: bool = False, resume: Switch = False, plots: bool = True
+    scene: SceneFile,
+    out: Folder = None,
+    overwrite: bool = False,
+    resume: Switch = False,
+    plots: bool = True,
+    trust_xacro: Switch = False,
 ) -> int:
     """Simulate a scene and write a result folder.
 
@@ -67,13 +74,20 @@ def simulate(
         overwrite: replace an existing result folder.
         resume: go on with a run that was interrupted or killed, to the same bits.
         plots: draw the plots too.
+        trust_xacro: expand xacro files that the scene names; that runs the Python in them.
     """
     from holdfast.cli import simulate as command
 
-    return command.simulate(scene, out, overwrite, plots, resume)
+    return command.simulate(scene, out, overwrite, plots, resume, trust_xacro)
 
 
-def export(result: ResultFolder, format: TableFormat = "csv", out: OutFile = None, overwrite: bool = False) -> int:
+def export(
+    result: ResultFolder,
+    format: TableFormat = "csv",
+    out: OutFile = None,
+    overwrite: bool = False,
+    trust_xacro: Switch = False,
+) -> int:
     """Write a run as one table, for pandas, Excel, Matlab and others.
 
     Args:
@@ -81,25 +95,34 @@ def export(result: ResultFolder, format: TableFormat = "csv", out: OutFile = Non
         format: csv, or parquet (needs pyarrow).
         out: the file to write; `trajectory.csv` or `.parquet` in the result folder without it.
         overwrite: replace an existing file.
+        trust_xacro: as for `plot`; only MCAP files need the robot.
     """
     from holdfast.cli import export as command
 
-    return command.export(result, format, out, overwrite)
+    return command.export(result, format, out, overwrite, trust_xacro)
 
 
-def plot(result: ResultFolder, out: Folder = None) -> int:
+def plot(result: ResultFolder, out: Folder = None, trust_xacro: Switch = False) -> int:
     """Draw the figures of a run: wrenches, margins, torques, load share, closure and energy.
 
     Args:
         result: the result folder.
         out: the folder for the figures; the result folder without it.
+        trust_xacro: for a result of holdfast 0.1, which kept no robots: expand its xacro files where they are now.
     """
     from holdfast.cli import plot as command
 
-    return command.plot(result, out)
+    return command.plot(result, out, trust_xacro)
 
 
-def view(target: Target, export: OutFile = None, port: int = 0, rate: float = 30.0, overwrite: bool = False) -> int:
+def view(
+    target: Target,
+    export: OutFile = None,
+    port: int = 0,
+    rate: float = 30.0,
+    overwrite: bool = False,
+    trust_xacro: Switch = False,
+) -> int:
     """Show a run, or a scene as it begins, in the browser; Ctrl-C ends it.
 
     Args:
@@ -108,10 +131,11 @@ def view(target: Target, export: OutFile = None, port: int = 0, rate: float = 30
         port: to serve at, on this machine only; 0 for any that is free.
         rate: moments a second of the run that are shown.
         overwrite: replace an existing HTML file.
+        trust_xacro: expand xacro files that the scene names; that runs the Python in them.
     """
     from holdfast.cli import view as command
 
-    return command.view(target, export, port, rate, overwrite)
+    return command.view(target, export, port, rate, overwrite, trust_xacro)
 
 
 def bench(json: Switch = False, quick: Switch = False) -> int:
@@ -156,6 +180,9 @@ def run(arguments: list[str]) -> int:
 
         print(holdfast.__version__)
         return 0
+    for argument in arguments:
+        if not argument or "\0" in argument or (argument.startswith("--") and argument.endswith("=")):
+            raise SceneError(f"expected no empty name, and none with NUL in it, got {argument!r}")
     first = arguments[0] if arguments else "--help"
     if not first.startswith("-") and first not in COMMANDS:
         raise SceneError(f"no command {first!r}.{checks.did_you_mean(first, COMMANDS)}")

@@ -14,10 +14,18 @@ T = TypeVar("T")
 PIPE_WIDTH = 120  # columns when no terminal tells its width
 
 
+class _Console(Console):
+    """A console that raises where its reader has gone; rich would end the process by itself, with 1."""
+
+    def on_broken_pipe(self) -> None:
+        """Let the program say how it ends."""
+        raise BrokenPipeError
+
+
 def stdout() -> Console:
     """Return a console that prints names and messages as they are."""
     width = None if sys.stdout.isatty() else PIPE_WIDTH
-    return Console(width=width, markup=False, emoji=False, highlight=False)
+    return _Console(width=width, markup=False, emoji=False, highlight=False)
 
 
 def with_progress(items: list[T], doing: str) -> Iterator[T] | Iterable[T]:

@@ -1,4 +1,4 @@
-"""`holdfast diagnose`: what the configurations of problem cases allow."""
+"""`holdfast diagnose`: what the configuration of a scene, or those of problem cases, allow."""
 
 from __future__ import annotations
 
@@ -10,31 +10,49 @@ import numpy as np
 from holdfast.cli import REFUSED
 from holdfast.cli.case_choice import chosen_cases, print_json
 from holdfast.cli.console import stdout, with_progress
+from holdfast.cli.robot_notes import tell_notes
 from holdfast.dynamics import consistency
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.diagnose import Diagnosis
 from holdfast.dynamics.diagnose import diagnose as diagnosis_of
-from holdfast.errors import StateError
+from holdfast.errors import SceneError, StateError
 from holdfast.io.case_file import Case
+from holdfast.scenario.build import load_scene
 
 
-def diagnose(file: Path, case: str | None, format: str) -> int:
-    """Print the diagnosis of one or all cases; a singular one is a finding, not a failure.
+def diagnose(file: Path, case: str | None, format: str, trust_xacro: bool) -> int:
+    """Print the diagnosis of a scene's initial state, or of one or all cases; a singular one is a finding.
+
+    Args:
+        file: a scene (.toml), or problem cases.
+        case: the name of the only case to diagnose.
+        format: "table" or "json".
+        trust_xacro: expand xacro files that the scene names.
 
     Returns:
         0 if anything was diagnosed, else 3.
 
     Raises:
         SceneError: a bad file or an unknown case.
+        ClosureError: an arm of the scene cannot reach its grasp.
     """
-    found = [(problem, _diagnosis(problem)) for problem in with_progress(chosen_cases(file, case), "diagnosing")]
+    found: list[tuple[str, Diagnosis | str]]
+    if file.suffix.lower() == ".toml":
+        if case is not None:
+            raise SceneError(f"{file}: expected no --case for a scene, got '{case}'")
+        scenario = load_scene(file, trust_xacro=trust_xacro)
+        tell_notes(scenario)
+        found = [(scenario.name, diagnosis_of(scenario.chain, scenario.state))]
+    else:
+        cases = chosen_cases(file, case)
+        found = [(problem.name, _diagnosis(problem)) for problem in with_progress(cases, "diagnosing")]
     if format == "json":
-        print_json([_as_json(problem.name, outcome) for problem, outcome in found])
+        print_json([_as_json(name, outcome) for name, outcome in found])
     else:
         console = stdout()
-        for problem, outcome in found:
+        for name, outcome in found:
             text = outcome.report() if isinstance(outcome, Diagnosis) else f"refused: {outcome}"
-            console.print(f"{problem.name}: {text}", soft_wrap=True)
+            console.print(f"{name}: {text}", soft_wrap=True)
     return 0 if any(isinstance(outcome, Diagnosis) for _, outcome in found) else REFUSED
 
 

@@ -20,7 +20,7 @@ def doctor() -> int:
     """Print versions, processor and optional packages."""
     console = stdout()
     table = Table("what", "found", show_header=False)
-    table.add_row("holdfast", metadata.version("holdfast"))
+    table.add_row("holdfast", _version("holdfast") or "not installed")
     table.add_row("python", f"{platform.python_version()} ({platform.system()} {platform.machine()})")
     extras = _requirements()
     for package in extras.pop("", []):

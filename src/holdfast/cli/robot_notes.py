@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-
+from holdfast.cli import say
 from holdfast.scenario.build import Scenario
 
 
@@ -11,4 +10,4 @@ def tell_notes(scenario: Scenario) -> None:
     """Say on stderr what was read in another way than it stands in robot files, each thing once."""
     notes = [note for robot in scenario.robots.values() if robot.links is not None for note in robot.links.notes]
     for note in dict.fromkeys(notes):
-        print(f"note: {note}", file=sys.stderr)
+        say(f"note: {note}")

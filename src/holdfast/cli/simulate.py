@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from holdfast.cli import INTERRUPTED, REFUSED, complain
+from holdfast.cli import INTERRUPTED, REFUSED, complain, say
 from holdfast.cli.console import stdout
 from holdfast.cli.robot_notes import tell_notes
 from holdfast.errors import MissingExtra, ResultError, SingularChainError, StateError
@@ -27,7 +27,12 @@ SILENCE = 10.0  # seconds after which a line says how far a run is, where no bar
 
 
 def simulate(
-    scene: Path, out: Path | None = None, overwrite: bool = False, with_plots: bool = True, resume: bool = False
+    scene: Path,
+    out: Path | None = None,
+    overwrite: bool = False,
+    with_plots: bool = True,
+    resume: bool = False,
+    trust_xacro: bool = False,
 ) -> int:
     """Simulate a scene: progress on stderr, summary on stdout, everything in the result folder.
 
@@ -37,6 +42,7 @@ def simulate(
         overwrite: replace an earlier result there.
         with_plots: write the plots too.
         resume: go on with an interrupted run of the same scene there.
+        trust_xacro: expand xacro files that the scene names.
 
     Returns:
         0; 3 if the run was stopped by physics; 130 if the user interrupted it. What was
@@ -49,17 +55,17 @@ def simulate(
     if resume and overwrite:
         raise ResultError("--resume goes on with a result, --overwrite replaces it; try one of them")
     folder = Path("results") / scene.stem if out is None else out
-    scenario = load_scene(scene)
+    scenario = load_scene(scene, trust_xacro=trust_xacro)
     tell_notes(scenario)
-    named = any(robot.file for robot in scenario.robots.values())
-    home = str(scene.parent.resolve()) if named else ""
+    robots = {name: robot.source for name, robot in scenario.robots.items() if robot.source is not None}
+    home = str(scene.parent.resolve()) if robots else ""
     meta = run_meta(scenario.chain, scenario.name, scenario.duration, scenario.step, scene_folder=home)
     if resume:
-        writer = ResultWriter.resume(folder, meta, scenario.text)
+        writer = ResultWriter.resume(folder, meta, scenario.text, robots=robots)
         if writer.start is None:
-            print(f"{folder}: nothing to resume yet; the run begins", file=sys.stderr)
+            say(f"{folder}: nothing to resume yet; the run begins")
     else:
-        writer = ResultWriter(folder, meta, scenario.text, overwrite=overwrite)
+        writer = ResultWriter(folder, meta, scenario.text, robots=robots, overwrite=overwrite)
     try:
         run = _run(scenario, writer)
     except (SingularChainError, StateError) as cause:
@@ -107,16 +113,16 @@ def _progress(scenario: Scenario) -> Iterator[Callable[[float], None]]:
     doing, whole = f"simulating {scenario.name}", scenario.duration
     if not sys.stderr.isatty():
         steps = math.ceil(whole / scenario.step)
-        print(f"{doing}: {whole:g} s in {steps} steps", file=sys.stderr, flush=True)
+        say(f"{doing}: {whole:g} s in {steps} steps")
         said = time.monotonic()
 
-        def say(t: float) -> None:
+        def report(t: float) -> None:
             nonlocal said
             if time.monotonic() - said >= SILENCE:
                 said = time.monotonic()
-                print(f"{doing}: {t:.3f} of {whole:g} s", file=sys.stderr, flush=True)
+                say(f"{doing}: {t:.3f} of {whole:g} s")
 
-        yield say
+        yield report
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 
+from holdfast.cli import say
 from holdfast.cli.console import stdout
 from holdfast.cli.recorded import recorded
 from holdfast.cli.robot_notes import tell_notes
-from holdfast.errors import ResultError, SingularChainError, StateError
+from holdfast.errors import ModelError, ResultError, SingularChainError, StateError
 from holdfast.io.place import refusal
 from holdfast.robots.urdf import urdf_visuals
 from holdfast.scenario.build import Scenario, load_scene
@@ -21,8 +21,10 @@ from holdfast.view.live import watch
 from holdfast.view.page import export_page
 from holdfast.view.pieces import pieces_of_urdf
 
+LAST_PORT = 65535
 
-def view(target: Path, page: Path | None, port: int, rate: float, overwrite: bool) -> int:
+
+def view(target: Path, page: Path | None, port: int, rate: float, overwrite: bool, trust_xacro: bool) -> int:
     """Show a run, or a scene's closed initial state, until the user has seen enough; or write it as a page.
 
     Args:
@@ -31,6 +33,7 @@ def view(target: Path, page: Path | None, port: int, rate: float, overwrite: boo
         port: to serve at; 0 for any that is free.
         rate: moments a second that are shown.
         overwrite: replace an existing file.
+        trust_xacro: expand xacro files that a scene names.
 
     Returns:
         0, also after Ctrl-C, which is how a viewer ends.
@@ -38,9 +41,11 @@ def view(target: Path, page: Path | None, port: int, rate: float, overwrite: boo
     Raises:
         HoldfastError: what is not there, cannot be read, or cannot be shown.
     """
-    if page is not None and page.exists() and not overwrite:
+    if not 0 <= port <= LAST_PORT:
+        raise ModelError(f"port: expected 0 (any that is free) to {LAST_PORT}, got {port}")
+    if page is not None and os.path.lexists(page) and not overwrite:
         raise ResultError(f"{page}: is there already; try --overwrite, or another --export")
-    film = _film(target, rate)
+    film = _film(target, rate, trust_xacro)
     if page is not None:
         export_page(film, page)
         moments = "1 moment" if len(film) == 1 else f"{len(film)} moments"
@@ -59,14 +64,14 @@ def _announce(address: str) -> None:
     console.file.flush()
 
 
-def _film(target: Path, rate: float) -> Film:
+def _film(target: Path, rate: float, trust_xacro: bool) -> Film:
     if not os.path.exists(target):  # Path.exists raises at names that are too long
         raise refusal(str(target), "no such file or folder; expected a result folder or a scene file")
-    if not target.is_dir():
-        scenario = load_scene(target)
+    if not os.path.isdir(target):
+        scenario = load_scene(target, trust_xacro=trust_xacro)
         tell_notes(scenario)
         return _film_of_scene(scenario, target)
-    scenario, result = recorded(target)
+    scenario, result = recorded(target, trust_xacro)
     moving = scenario.options.get("base_motion")
     return film_of_run(scenario.chain, result.trajectory, scenario.name, rate, moving, _looks(scenario))
 
@@ -86,13 +91,13 @@ def _looks(scenario: Scenario) -> Looks:
     """Return the surfaces of arms whose robot files have them; say on stderr whose meshes are not to be had."""
     looks = {}
     for name, robot in scenario.robots.items():
-        if robot.links is None or robot.file is None:
+        if robot.links is None or robot.source is None or robot.source.folder is None:
             continue
-        found = pieces_of_urdf(urdf_visuals(robot.links), robot.file.parent)
+        found = pieces_of_urdf(urdf_visuals(robot.links), robot.source.folder)
         if found.pieces is not None:
             looks[name] = found.pieces
         elif found.missing:
             first, *others = found.missing
             more = f", and {len(others)} more" if others else ""
-            print(f"note: arm '{name}' is drawn with simple solids: {first}{more}", file=sys.stderr)
+            say(f"note: arm '{name}' is drawn with simple solids: {first}{more}")
     return looks

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import warnings
 from os import PathLike, fspath
+from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 from holdfast.errors import MissingExtra, SceneError
+from holdfast.interop.mjcf_bounds import bounded_mjcf, read_mjcf
 
 
 def mujoco_module() -> Any:
@@ -60,12 +61,11 @@ def compiled_mjcf(path_or_text: str | PathLike[str]) -> tuple[str, Any]:
 
 def _require_mjcf(given: Any, is_text: bool, source: str) -> None:
     """Refuse what cannot be read, and other formats that MuJoCo would take for its own."""
+    text = given.strip("\ufeff \t\r\n") if is_text else read_mjcf(given)
     try:
-        root = ElementTree.fromstring(given.strip("\ufeff \t\r\n")) if is_text else ElementTree.parse(given).getroot()
-    except OSError as cause:
-        raise SceneError(f"{source}: cannot be read: {cause.strerror or cause}") from cause
-    except (ElementTree.ParseError, ValueError, LookupError) as cause:
-        raise SceneError(f"{source}: expected an MJCF file: {cause}") from cause
+        root = bounded_mjcf(text, source, Path() if is_text else Path(given).parent)
+    except RecursionError as cause:
+        raise SceneError(f"{source}: expected an MJCF file: nested too deeply") from cause
     if root.tag != "mujoco":
         hint = "; try load_urdf" if root.tag == "robot" else ""
         raise SceneError(f"{source}: expected <mujoco> as the outermost element, got <{root.tag}>{hint}")

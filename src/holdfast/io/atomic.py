@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import IO
 
 from holdfast.errors import ResultError
+from holdfast.io.place import LONGEST_NAME, one_line
 
 
 def write_atomically(path: Path, content: bytes | Callable[[IO[bytes]], object]) -> None:
@@ -22,6 +24,8 @@ def write_atomically(path: Path, content: bytes | Callable[[IO[bytes]], object])
     Raises:
         ResultError: it cannot be written; what was at its place is still there.
     """
+    require_file(path)
+    name = one_line(str(path), LONGEST_NAME)
     beside = path.with_name(path.name + ".part")
     try:
         try:
@@ -34,11 +38,25 @@ def write_atomically(path: Path, content: bytes | Callable[[IO[bytes]], object])
                 os.fsync(file.fileno())
             os.replace(beside, path)
         except BaseException:
-            beside.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                beside.unlink(missing_ok=True)
             raise
         keep_names(path.parent)
     except OSError as cause:
-        raise ResultError(f"{path}: cannot be written: {cause.strerror or cause}") from cause
+        raise ResultError(f"{name}: cannot be written: {cause.strerror or cause}") from cause
+
+
+def require_file(path: Path) -> None:
+    """Refuse what cannot be a file's place: no name, a folder, or a device, which a file must not take the place of.
+
+    Raises:
+        ResultError: saying which.
+    """
+    name = one_line(str(path), LONGEST_NAME)
+    if path.name in ("", ".."):
+        raise ResultError(f"{name}: cannot be written: expected the name of a file")
+    if os.path.exists(path) and not os.path.isfile(path):
+        raise ResultError(f"{name}: cannot be written: is not a file")
 
 
 def remove(*paths: Path) -> None:

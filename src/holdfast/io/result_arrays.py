@@ -37,12 +37,15 @@ def read_arrays(path: Path, *texts: str) -> tuple[dict[str, Array], dict[str, An
     Raises:
         Damage: there is no such file, not one byte of it may be believed, or it lacks the plain data.
     """
-    if not path.exists():
-        raise Damage(f"{path.name} is missing")
+    if not path.is_file():
+        raise Damage(f"{path.name} is {'not a file' if path.exists() else 'missing'}")
     try:
         # opened here: np.load leaves a file open when it is damaged
         with path.open("rb") as raw:
             with zipfile.ZipFile(raw) as archive:
+                # ours are stored as they are; what unpacks to more than the file holds was made to fill the memory
+                if sum(part.file_size for part in archive.infolist()) > path.stat().st_size:
+                    raise Damage(f"{path.name} is damaged: it unpacks to more than it holds")
                 torn = archive.testzip()  # before any header is trusted
             if torn is not None:
                 raise Damage(f"{path.name} is damaged at '{torn}'")

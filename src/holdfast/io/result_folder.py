@@ -2,6 +2,7 @@
 
     meta.json             which run it is, and which samples and which checkpoint are there
     scene.toml            the scene's text
+    robot_*.urdf          the robots that it takes from files, xacro expanded
     chunk_0000.npz        samples: the trajectory's arrays under their names
     checkpoint_0000.npz   what the run goes on from, while it has not ended
     summary.json          the summary table's numbers, once it has
@@ -14,7 +15,7 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -26,6 +27,7 @@ from msgspec.structs import replace
 from holdfast.errors import ResultError
 from holdfast.io.atomic import remove, write_atomically
 from holdfast.io.fingerprint import fingerprint
+from holdfast.io.kept_robots import kept_files
 from holdfast.io.result_arrays import write_arrays
 from holdfast.io.result_chunk import write_chunk
 from holdfast.io.result_meta import (
@@ -40,6 +42,7 @@ from holdfast.io.result_meta import (
 )
 from holdfast.io.result_resume import resumed
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.robots.urdf.source import Source
 from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.occurrence import Occurrence
@@ -50,6 +53,7 @@ CHUNK = 1000  # samples that wait until they are flushed
 PATIENCE = 5.0  # seconds after which fewer are
 OURS = (
     "scene.toml",
+    "robot_*.urdf",
     "summary.json",
     "chunk_*.npz",
     "checkpoint_*.npz",
@@ -68,13 +72,22 @@ class ResultWriter:
         start: what a resumed run goes on from; None for a new one.
     """
 
-    def __init__(self, folder: Path, meta: ResultMeta, scene_text: str, *, overwrite: bool = False) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        meta: ResultMeta,
+        scene_text: str,
+        *,
+        robots: Mapping[str, Source] | None = None,
+        overwrite: bool = False,
+    ) -> None:
         """Check that the folder can be used.
 
         Args:
             folder: where to; made if need be.
             meta: what `run_meta` returns.
             scene_text: the scene file's own text.
+            robots: the URDF of each arm that is out of a file, by the arm's name.
             overwrite: replace an earlier result there.
 
         Raises:
@@ -84,7 +97,8 @@ class ResultWriter:
         self.folder = folder
         self.start: Checkpoint | None = None
         self._scene = scene_text.encode("utf-8")
-        self._meta = replace(meta, scene_sha256=sha256(self._scene))
+        records, self._robots = kept_files(robots or {})
+        self._meta = replace(meta, scene_sha256=sha256(self._scene), robots=records)
         self._waiting: list[Trajectory] = []
         self._told = 0  # occurrences
         self._marked: tuple[int, Checkpoint] | None = None
@@ -93,7 +107,9 @@ class ResultWriter:
         self._flushed_at = -np.inf  # so that the first sample goes to disk at once
 
     @classmethod
-    def resume(cls, folder: Path, meta: ResultMeta, scene_text: str) -> Self:
+    def resume(
+        cls, folder: Path, meta: ResultMeta, scene_text: str, *, robots: Mapping[str, Source] | None = None
+    ) -> Self:
         """Return a writer that adds to the run in a folder what comes after its checkpoint, `start`.
 
         Where a writer died before its first flush the run begins anew: `start` is None.
@@ -102,12 +118,13 @@ class ResultWriter:
             folder: where the run is.
             meta: what `run_meta` returns now.
             scene_text: the scene file's own text.
+            robots: as for a new writer.
 
         Raises:
             ResultError: the run has ended, is damaged, is another one than this, or its
                 controller's memory could not be written.
         """
-        writer = cls(folder, meta, scene_text, overwrite=True)
+        writer = cls(folder, meta, scene_text, robots=robots, overwrite=True)
         if (found := resumed(folder, writer._meta)) is not None:
             writer._meta, writer.start = found
             writer._begun, writer._texts = True, (json_text(writer._meta),)
@@ -191,7 +208,8 @@ class ResultWriter:
             raise ResultError(f"{self.folder}: cannot be written: {cause.strerror or cause}") from cause
         self._write_meta(self._meta)  # first: files of ours never lie in a folder that does not say so
         remove(*(path for pattern in OURS for path in self.folder.glob(pattern)))
-        write_atomically(self.folder / "scene.toml", self._scene)
+        for name, content in {"scene.toml": self._scene, **self._robots}.items():
+            write_atomically(self.folder / name, content)
         self._begun = True
 
     def _require_alone(self) -> None:
@@ -236,7 +254,7 @@ def require_free(folder: Path, overwrite: bool) -> None:
     """
     try:
         names = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
-        earlier = META in names and FORMAT in (folder / META).read_text(errors="replace")
+        earlier = META in names and FORMAT in read_bytes(folder / META).decode(errors="replace")
     except OSError as cause:
         raise ResultError(f"{folder}: cannot be a result folder: {cause.strerror or cause}") from cause
     if names in ([], [META + ".part"]):  # a writer died before it wrote anything

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +12,13 @@ import msgspec
 
 from holdfast.errors import ResultError
 from holdfast.io.atomic import write_atomically
+from holdfast.io.place import LONGEST_NAME, one_line
 from holdfast.simulation.occurrence import Occurrence
 
 FORMAT = "holdfast-result"
 FORMAT_VERSION = 2
 META = "meta.json"
+LARGEST_FILE = 64 * 2**20  # [bytes] of meta.json, scene.toml and a robot; samples lie elsewhere
 INTERRUPTED = "interrupted"  # the one `stopped` after which a run can go on
 
 
@@ -30,6 +34,20 @@ class CheckpointRecord(msgspec.Struct, frozen=True):
     samples: int
 
 
+class RobotRecord(msgspec.Struct, frozen=True):
+    """Where the URDF of an arm is.
+
+    Attributes:
+        file: its name in the result folder.
+        sha256: of it.
+        folder: that relative names of meshes in it start from; empty if it came without one.
+    """
+
+    file: str
+    sha256: str
+    folder: str
+
+
 class ResultMeta(msgspec.Struct, frozen=True, kw_only=True):
     """What meta.json says.
 
@@ -38,6 +56,7 @@ class ResultMeta(msgspec.Struct, frozen=True, kw_only=True):
         scene: the scene's name.
         scene_sha256: of scene.toml.
         scene_folder: that names of robot files in scene.toml start from.
+        robots: the URDF of each arm that is out of a file, as simulated; nothing in folders of holdfast 0.1.
         model_sha256: of all numbers of the chain, see `fingerprint`; files that a scene names have a part in it.
         versions: of everything that has a part in the last bit.
         arms: their names, in the arrays' order.
@@ -62,6 +81,7 @@ class ResultMeta(msgspec.Struct, frozen=True, kw_only=True):
     scene: str
     scene_sha256: str = ""
     scene_folder: str = ""
+    robots: dict[str, RobotRecord] = {}
     model_sha256: str
     versions: dict[str, str]
     arms: list[str]
@@ -89,7 +109,10 @@ class ResultMeta(msgspec.Struct, frozen=True, kw_only=True):
 
 
 _PROGRESS = ("samples", "chunks", "last_time", "checkpoint", "no_checkpoint", "complete", "stopped", "occurrences")
-_ANYWHERE = ("scene_folder",)  # the files may have moved; what they say is in the model
+_ANYWHERE = ("scene_folder", "robots")  # the files may have moved; what they say is in the model
+# A name in meta.json is never a way out of the folder.
+_ROBOT_FILE = re.compile(r"robot_[0-9a-f]{16}\.urdf")
+_CHECKPOINT_FILE = re.compile(r"checkpoint_[0-9]{4,12}\.npz")
 
 
 def read_meta(folder: Path) -> ResultMeta:
@@ -99,8 +122,8 @@ def read_meta(folder: Path) -> ResultMeta:
         ResultError: there is none, it is damaged, or its format is of another version.
     """
     path = folder / META
-    if not folder.is_dir():
-        raise ResultError(f"{folder}: no such folder")
+    if not os.path.isdir(folder):  # Path.is_dir raises at names that are too long
+        raise ResultError(f"{one_line(str(folder), LONGEST_NAME)}: no such folder")
     try:
         found = msgspec.json.decode(read_bytes(path), type=dict)
         here = {"format": found.get("format"), "format_version": found.get("format_version")}
@@ -118,6 +141,10 @@ def read_meta(folder: Path) -> ResultMeta:
         raise ResultError(f"{path}: expected chunks of {meta.samples} samples together, got {meta.chunks}")
     if meta.checkpoint is not None and not 1 <= meta.checkpoint.samples <= meta.samples:
         raise ResultError(f"{path}: expected a checkpoint in {meta.samples} samples, got {meta.checkpoint.samples}")
+    if meta.checkpoint is not None and not _CHECKPOINT_FILE.fullmatch(meta.checkpoint.file):
+        raise ResultError(f"{path}: checkpoint: expected a file such as 'checkpoint_0000.npz', got another name")
+    if not all(_ROBOT_FILE.fullmatch(robot.file) for robot in meta.robots.values()):
+        raise ResultError(f"{path}: robots: expected files such as 'robot_0123456789abcdef.urdf', got another name")
     return meta
 
 
@@ -137,9 +164,16 @@ def read_bytes(path: Path) -> bytes:
         ResultError: it cannot be read.
     """
     try:
-        return path.read_bytes()
-    except OSError as cause:
-        raise ResultError(f"{path}: cannot be read: {cause.strerror or cause}; is this a result folder?") from cause
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise OSError("is not a file")  # a device or a pipe, which might never end
+        with path.open("rb") as file:
+            content = file.read(LARGEST_FILE + 1)
+    except (OSError, ValueError) as cause:  # ValueError: a name that no file system takes
+        reason = cause.strerror if isinstance(cause, OSError) and cause.strerror else cause
+        raise ResultError(f"{path}: cannot be read: {reason}; is this a result folder?") from cause
+    if len(content) > LARGEST_FILE:
+        raise ResultError(f"{path}: expected at most {LARGEST_FILE >> 20} MiB, got more")
+    return content
 
 
 def json_text(data: Any) -> bytes:

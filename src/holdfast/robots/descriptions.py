@@ -13,22 +13,25 @@ from holdfast.model.arm import Arm
 from holdfast.robots.urdf import load_urdf
 
 
-def load_robot_description(name: str, *, xacro_args: Mapping[str, str] | None = None, **options: Any) -> Arm:
+def load_robot_description(
+    name: str, *, xacro_args: Mapping[str, str] | None = None, trust_xacro: bool = False, **options: Any
+) -> Arm:
     """Return the arm of a description, such as `load_robot_description("panda_description", tip="panda_hand", ...)`.
 
     Args:
         name: a name that `robot_descriptions` knows.
         xacro_args: values for the <xacro:arg> of a description that is a xacro file.
+        trust_xacro: whether to expand a description that is a xacro file, which runs the Python in it.
         **options: base, tip, locked, lock_others, mount and physical of `load_urdf`.
 
     Raises:
         SceneError: an unknown name, or one that cannot be fetched; and as for `load_urdf`.
         MissingExtra: the extra `robots` is not installed.
     """
-    return load_urdf(robot_description_path(name, xacro_args=xacro_args), **options)
+    return load_urdf(robot_description_path(name, xacro_args=xacro_args, trust_xacro=trust_xacro), **options)
 
 
-def robot_description_path(name: str, *, xacro_args: Mapping[str, str] | None = None) -> str:
+def robot_description_path(name: str, *, xacro_args: Mapping[str, str] | None = None, trust_xacro: bool = False) -> str:
     """Return the path of a description's URDF file, for `load_urdf_arms` and `urdf_chain`.
 
     The package fetches a description from the network when it is first asked for, and keeps
@@ -37,6 +40,7 @@ def robot_description_path(name: str, *, xacro_args: Mapping[str, str] | None = 
     Args:
         name: a name that `robot_descriptions` knows, `_description` left out or not.
         xacro_args: values for the <xacro:arg> of a description that is a xacro file.
+        trust_xacro: whether to expand a description that is a xacro file, which runs the Python in it.
 
     Raises:
         SceneError: an unknown name, or one that cannot be fetched or expanded.
@@ -55,7 +59,14 @@ def robot_description_path(name: str, *, xacro_args: Mapping[str, str] | None = 
         raise SceneError(f"robot_descriptions: no URDF named '{name}'.{checks.did_you_mean(full, with_urdf)}")
     try:
         module = import_module(f"robot_descriptions.{full}")
+        if not hasattr(module, "URDF_PATH") and trust_xacro is not True:
+            raise SceneError(
+                f"robot_descriptions: '{full}' is a xacro file, and expanding it runs the Python that stands in it; if"
+                " you trust those who published it, try trust_xacro=True"
+            )
         return paths.get_urdf_path(module, xacro_args=dict(xacro_args) if xacro_args else None)
+    except SceneError:
+        raise
     except Exception as cause:  # git, network, file system, xacro
         reason = re.sub(r"\s+", " ", f"{type(cause).__name__}: {cause}")[:300]
         raise SceneError(

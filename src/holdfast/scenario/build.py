@@ -18,9 +18,10 @@ from holdfast.io import typed
 from holdfast.io.place import LONGEST_NAME, Place, one_line
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.robots.urdf.source import Source
 from holdfast.scenario import parts
 from holdfast.scenario.controllers import build_controller
-from holdfast.scenario.robot import Robot, robot
+from holdfast.scenario.robot import Robot, RobotFiles, robot
 from holdfast.scenario.scene import ReleaseData, SceneData
 from holdfast.scenario.surroundings import pushes, swaying_base
 from holdfast.simulation.events import Attach, Event, Release, holding_after
@@ -62,15 +63,23 @@ class Scenario:
     options: dict[str, Any] = field(default_factory=dict)
 
 
-def load_scene(path: str | Path, folder: str | Path | None = None) -> Scenario:
+def load_scene(
+    path: str | Path,
+    folder: str | Path | None = None,
+    *,
+    trust_xacro: bool = False,
+    robots: Mapping[str, Source] | None = None,
+) -> Scenario:
     """Return the scenario of a TOML file.
 
     Args:
         path: the file.
         folder: that relative names of robot files in it start from; None: the one that it is in.
+        trust_xacro: whether to expand xacro files that it names, which runs the Python in them.
+        robots: URDFs to take instead of the files that it names, by the arm's name.
 
     Raises:
-        SceneError: unreadable or invalid, with the path of the first fault.
+        SceneError: unreadable or invalid, with the path of the first fault; a xacro file without `trust_xacro`.
         ClosureError: an arm cannot reach its grasp.
         MissingExtra: it names a xacro file, and xacrodoc is not installed.
     """
@@ -81,14 +90,14 @@ def load_scene(path: str | Path, folder: str | Path | None = None) -> Scenario:
     data = typed.convert(raw, SceneData, source)
     home = Path(path).parent if folder is None else Path(folder)
     name = data.name or one_line(Path(path).stem, LONGEST_NAME)
-    return build_scene(data, source, text.decode("utf-8"), name, home)
+    return build_scene(data, source, text.decode("utf-8"), name, RobotFiles(home, trust_xacro, robots or {}))
 
 
 @np.errstate(all="ignore")  # what overflows is refused where it is found
 def build_scene(
-    data: SceneData, source: str = "scene", text: str = "", name: str = "scene", folder: Path = Path()
+    data: SceneData, source: str = "scene", text: str = "", name: str = "scene", files: RobotFiles | None = None
 ) -> Scenario:
-    """Return the scenario of a scene's data; relative names of robot files start from a folder.
+    """Return the scenario of a scene's data.
 
     Raises:
         SceneError: with the path of the first fault.
@@ -101,7 +110,7 @@ def build_scene(
         )
     with (at / "simulation").refusals():
         step_times(data.simulation.duration, data.simulation.step)
-    robots = build_robots(data, folder, at)
+    robots = build_robots(data, files or RobotFiles(), at)
     chain, guess = build_chain(data, robots, at)
     search = any(arm.q is None and arm.name in chain.grasps for arm in data.arms)
     try:
@@ -114,7 +123,7 @@ def build_scene(
     return Scenario(name, text, chain, state, controller, how.duration, how.step, robots, options)
 
 
-def build_robots(data: SceneData, folder: Path, at: Place) -> dict[str, Robot]:
+def build_robots(data: SceneData, files: RobotFiles, at: Place) -> dict[str, Robot]:
     """Return what the arms are made from, by name.
 
     Raises:
@@ -127,7 +136,7 @@ def build_robots(data: SceneData, folder: Path, at: Place) -> dict[str, Robot]:
     _require_names((arm.name for arm in data.arms), at / "arms", "name")
     robots, joints = {}, 0
     for i, arm in enumerate(data.arms):
-        robots[arm.name] = robot(arm, folder, at / "arms" / i)
+        robots[arm.name] = robot(arm, files, at / "arms" / i)
         joints += robots[arm.name].arm.joint_count
         if joints > MOST_JOINTS:
             raise (at / "arms" / i).refuse(f"expected at most {MOST_JOINTS} joints in all, got {joints} up to here")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from holdfast.model.arm import Arm
 from holdfast.model.joint import Joint
 from holdfast.robots import ROBOTS
 from holdfast.robots.urdf import UrdfChain, urdf_chain
+from holdfast.robots.urdf.source import Source, read_source
 from holdfast.scenario.parts import pose
 from holdfast.scenario.scene import ArmData, UrdfData
 from holdfast.spatial.pose import Pose
@@ -28,22 +30,46 @@ class Robot:
     Attributes:
         arm: the arm, where it stands, with its tool.
         q: (N,) joint positions to start from [rad or m].
-        file: the URDF that it is out of; None for a built-in robot.
+        source: the URDF that it is out of; None for a built-in robot.
         links: what became of the file's links; None for a built-in robot.
     """
 
     arm: Arm
     q: Array
-    file: Path | None = None
+    source: Source | None = None
     links: UrdfChain | None = None
 
 
-def robot(data: ArmData, folder: Path, at: Place) -> Robot:
+@dataclass(frozen=True)
+class RobotFiles:
+    """Where a scene's robots come from.
+
+    Attributes:
+        folder: that relative names of files start from.
+        trust_xacro: whether xacro files may be expanded, which runs the Python in them.
+        kept: texts that are taken instead of an arm's file, by the arm's name.
+    """
+
+    folder: Path = Path()
+    trust_xacro: bool = False
+    kept: Mapping[str, Source] = field(default_factory=dict)
+
+    def source(self, data: UrdfData, arm: str) -> Source:
+        """Return the URDF of an arm.
+
+        Raises:
+            SceneError: the file cannot be read, or is xacro that may not or cannot be expanded.
+            MissingExtra: a xacro file without xacrodoc.
+        """
+        return self.kept.get(arm) or read_source(self.folder / data.file, data.xacro_args, self.trust_xacro)
+
+
+def robot(data: ArmData, files: RobotFiles, at: Place) -> Robot:
     """Return an arm where it stands, and the joint positions to start from.
 
     Args:
         data: the arm's.
-        folder: that relative names of files start from.
+        files: where its URDF is, if it has one.
         at: its place in the scene.
 
     Raises:
@@ -54,7 +80,10 @@ def robot(data: ArmData, folder: Path, at: Place) -> Robot:
         raise at.refuse(f"expected robot or urdf, got {'neither' if data.robot is None else 'both'}")
     base = pose(data.base, at / "base")
     tool = None if data.tip is None else pose(data.tip, at / "tip")
-    found = _built_in(data.robot, base, tool, at) if data.urdf is None else _of_file(data.urdf, folder, base, tool, at)
+    if data.urdf is None:
+        found = _built_in(data.robot, base, tool, at)
+    else:
+        found = _of_file(data.urdf, files, data.name, base, tool, at)
     if data.q is None:
         return found
     q, joints = np.array(data.q, dtype=float), found.arm.joint_count
@@ -71,24 +100,23 @@ def _built_in(name: str | None, base: Pose, tool: Pose | None, at: Place) -> Rob
     return Robot(arm, preferred_posture(arm))
 
 
-def _of_file(data: UrdfData, folder: Path, base: Pose, tool: Pose | None, at: Place) -> Robot:
-    file = folder / data.file
+def _of_file(data: UrdfData, files: RobotFiles, name: str, base: Pose, tool: Pose | None, at: Place) -> Robot:
     try:
+        source = files.source(data, name)
         links = urdf_chain(
-            file,
+            source,
             base=data.base,
             tip=data.tip,
             locked=data.locked,
             lock_others=data.lock_others,
             mount=base,
-            xacro_args=data.xacro_args,
         )
     except HoldfastError as cause:  # it names file and line
         raise type(cause)((at / "urdf").said(str(cause))) from cause
     arm = links.arm if tool is None else links.arm.with_tip(links.arm.tip @ tool)
     if data.armature:
         arm = replace(arm, joints=_driven(arm, data.armature, at / "urdf" / "armature"))
-    return Robot(arm, preferred_posture(arm), file, links)
+    return Robot(arm, preferred_posture(arm), source, links)
 
 
 def _driven(arm: Arm, armature: dict[str, float], at: Place) -> list[Joint]:

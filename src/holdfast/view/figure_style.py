@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import sys
 from typing import Any
 
 from holdfast.errors import MissingExtra
@@ -53,9 +56,17 @@ def matplotlib() -> tuple[Any, Any]:
     Raises:
         MissingExtra: matplotlib is not installed.
     """
+    # a backend that matplotlib does not know ends its import, and figures in files need none
+    backend = None if "matplotlib" in sys.modules else os.environ.pop("MPLBACKEND", None)
     try:
-        from matplotlib import rc_context
+        from matplotlib import rc_context, rcParams
         from matplotlib.figure import Figure
     except ImportError as cause:
         raise MissingExtra("plots need matplotlib; try pip install 'holdfast[plot]'") from cause
+    finally:
+        if backend is not None:
+            os.environ["MPLBACKEND"] = backend
+    if backend:
+        with contextlib.suppress(ValueError):  # as matplotlib's import would have done, for whoever else draws
+            rcParams["backend"] = backend
     return Figure, rc_context

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,6 +15,8 @@ from holdfast.robots.primitive import COLOURS, Primitive
 from holdfast.robots.urdf.visuals import Box, Capsule, Cylinder, Sphere, Visual
 from holdfast.robots.urdf.visuals import Mesh as MeshFile
 from holdfast.view import meshes
+from holdfast.view.mesh_files.limits import FARTHEST, MeshFault, require_triangles
+from holdfast.view.mesh_files.read import read_mesh
 from holdfast.view.meshes import Mesh
 
 UNCOLOURED = (0.78, 0.78, 0.8, 1.0)
@@ -44,10 +47,6 @@ class UrdfPieces(NamedTuple):
     missing: tuple[str, ...]
 
 
-class _Unreadable(Exception):
-    """A mesh file that is not to be had; the message says why."""
-
-
 def pieces_of_arm(arm: Arm) -> list[list[Piece]]:
     """Return what to draw on the base and on each link of an arm, N + 1 lists, base to tip."""
     return [
@@ -64,14 +63,19 @@ def pieces_of_urdf(visuals: Sequence[Sequence[Visual]], folder: Path) -> UrdfPie
         visuals: of `urdf_visuals`.
         folder: that relative file names start from; a `package://` name is looked for in it and above it.
     """
+    read = cache(lambda filename: read_mesh(filename, folder))
     found: list[list[Piece]] = []
     missing: list[str] = []
+    triangles = 0
     for link in visuals:
         found.append([])
         for visual in link:
             try:
-                found[-1].append(_of_visual(visual, folder))
-            except _Unreadable as cause:
+                piece = _of_visual(visual, read)
+                triangles += len(piece.mesh.faces)
+                require_triangles(triangles)
+                found[-1].append(piece)
+            except MeshFault as cause:
                 missing.append(str(cause))
     return UrdfPieces(None if missing or not any(found) else found, tuple(missing))
 
@@ -82,7 +86,7 @@ def _of_primitive(solid: Primitive, scale: float) -> Piece:
     return Piece(mesh, None if solid.colour == "accent" else COLOURS[solid.colour])
 
 
-def _of_visual(visual: Visual, folder: Path) -> Piece:
+def _of_visual(visual: Visual, read: Callable[[str], Mesh]) -> Piece:
     shape = visual.shape
     match shape:
         case Box():
@@ -94,39 +98,20 @@ def _of_visual(visual: Visual, folder: Path) -> Piece:
         case Sphere():
             mesh = meshes.sphere(shape.radius)
         case MeshFile():
-            mesh = _from_file(shape, folder)
+            mesh = _from_file(shape, read)
     red, green, blue, _ = (round(255 * min(max(channel, 0.0), 1.0)) for channel in visual.rgba or UNCOLOURED)
     return Piece(mesh.at(visual.pose), (red, green, blue))
 
 
-def _from_file(shape: MeshFile, folder: Path) -> Mesh:
-    """Return the surface in a mesh file."""
-    path = _found(shape.filename, folder)
-    if path is None:
-        raise _Unreadable(f"{shape.filename}: no such file")
-    import trimesh  # viser brings it
-
-    try:
-        solid = trimesh.load_mesh(path)
-    except (ValueError, TypeError, OSError, ImportError, NotImplementedError) as cause:
-        raise _Unreadable(f"{path}: cannot be read: {cause}") from cause
-    faces = np.asarray(solid.faces)
-    if not len(faces):
-        raise _Unreadable(f"{path}: has no surface")
-    mirrored = np.prod(shape.scale) < 0
-    return Mesh(np.asarray(solid.vertices, dtype=float) * shape.scale, faces[:, ::-1] if mirrored else faces)
-
-
-def _found(filename: str, folder: Path) -> Path | None:
-    """Return where a mesh file is, or None."""
-    _, scheme, rest = filename.rpartition("://")
-    if not scheme:
-        candidates = [folder / filename]
-    elif filename.startswith("package://"):
-        candidates = [above / part for above in (folder, *folder.parents) for part in (rest, rest.partition("/")[2])]
-    else:
-        candidates = [Path(rest)]
-    return next((path for path in candidates if path.is_file()), None)
+def _from_file(shape: MeshFile, read: Callable[[str], Mesh]) -> Mesh:
+    """Return the surface in a mesh file, scaled."""
+    found = read(shape.filename)
+    mirrored = np.prod(np.sign(shape.scale)) < 0
+    with np.errstate(all="ignore"):
+        vertices = found.vertices * shape.scale
+    if not (np.abs(vertices) <= FARTHEST).all():
+        raise MeshFault(f"{shape.filename}: scale: expected vertices within {FARTHEST:g} m, got one beyond")
+    return Mesh(vertices, found.faces[:, ::-1] if mirrored else found.faces)
 
 
 def _box(x: float, y: float, z: float) -> Mesh:

@@ -17,6 +17,7 @@ from holdfast.robots.urdf.locking import Locks, checked_locks
 from holdfast.robots.urdf.reading import read_urdf
 from holdfast.robots.urdf.refusals import refuse_moving_branches, refuse_unsupported
 from holdfast.robots.urdf.robot import UrdfRobot
+from holdfast.robots.urdf.source import Source
 from holdfast.robots.urdf.tips import ends
 from holdfast.robots.urdf.tree import Step, way
 from holdfast.spatial.pose import Pose
@@ -30,6 +31,7 @@ class UrdfOptions(TypedDict, total=False):
     mount: Any
     physical: bool
     xacro_args: Mapping[str, str] | None
+    trust_xacro: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +61,7 @@ class UrdfChain:
 
 
 def urdf_chain(
-    path_or_text: str | PathLike[str],
+    path_or_text: str | PathLike[str] | Source,
     *,
     base: str | None = None,
     tip: str | None = None,
@@ -76,7 +78,7 @@ def urdf_chain(
     Raises:
         SceneError, ModelError, MissingExtra: as for `load_urdf`.
     """
-    robot = read_urdf(path_or_text, xacro_args=options.get("xacro_args"))
+    robot = read_urdf(path_or_text, xacro_args=options.get("xacro_args"), trust_xacro=options.get("trust_xacro", False))
     held = checked_locks(robot, options.get("locked"))
     start, end = ends(robot, base, tip, held)
     steps = way(robot, start, end)

@@ -21,6 +21,7 @@ def load_urdf(
     mount: Any = None,
     physical: bool = True,
     xacro_args: Mapping[str, str] | None = None,
+    trust_xacro: bool = False,
 ) -> Arm:
     """Return the arm between two links of a URDF file. O(links).
 
@@ -44,6 +45,7 @@ def load_urdf(
         mount: pose of the base link in the world (a Pose or wxyz_xyz); default: the world.
         physical: False accepts principal moments that no mass distribution has.
         xacro_args: values of the file's <xacro:arg> by name.
+        trust_xacro: whether to expand a `.xacro` file, which runs the Python in it.
 
     Raises:
         SceneError: what is wrong or cannot be an arm, with file, line and element, and what to try.
@@ -59,6 +61,7 @@ def load_urdf(
         mount=mount,
         physical=physical,
         xacro_args=xacro_args,
+        trust_xacro=trust_xacro,
     ).arm
 
 
@@ -71,6 +74,7 @@ def load_urdf_arms(
     mount: Any = None,
     physical: bool = True,
     xacro_args: Mapping[str, str] | None = None,
+    trust_xacro: bool = False,
 ) -> dict[str, Arm]:
     """Return several arms of one robot, each where it stands on it. O(arms links).
 
@@ -87,6 +91,7 @@ def load_urdf_arms(
         mount: pose of the file's root link in the world (a Pose or wxyz_xyz); default: the world.
         physical: as for `load_urdf`.
         xacro_args: as for `load_urdf`.
+        trust_xacro: as for `load_urdf`.
 
     Raises:
         SceneError, ModelError, MissingExtra: as for `load_urdf`.
@@ -99,5 +104,6 @@ def load_urdf_arms(
         mount=mount,
         physical=physical,
         xacro_args=xacro_args,
+        trust_xacro=trust_xacro,
     )
     return {name: chain.arm for name, chain in chains.items()}

@@ -11,14 +11,19 @@ from holdfast.robots.urdf.document import parse_document
 from holdfast.robots.urdf.joints import read_joint
 from holdfast.robots.urdf.links import read_link
 from holdfast.robots.urdf.robot import UrdfJoint, UrdfLink, UrdfRobot
-from holdfast.robots.urdf.source import read_source
+from holdfast.robots.urdf.source import Source, read_source
 from holdfast.robots.urdf.tree import root_of
 from holdfast.robots.urdf.vocabulary import read_words
 
 Named = TypeVar("Named", UrdfLink, UrdfJoint)
 
 
-def read_urdf(path_or_text: str | PathLike[str], *, xacro_args: Mapping[str, str] | None = None) -> UrdfRobot:
+def read_urdf(
+    path_or_text: str | PathLike[str] | Source,
+    *,
+    xacro_args: Mapping[str, str] | None = None,
+    trust_xacro: bool = False,
+) -> UrdfRobot:
     """Return the tree of links and joints that a URDF file describes. O(links + joints).
 
     Every link and joint is read, wherever it stands; whether masses and inertias are
@@ -27,15 +32,16 @@ def read_urdf(path_or_text: str | PathLike[str], *, xacro_args: Mapping[str, str
 
     Args:
         path_or_text: a file, or the text itself (it begins with `<`). A file whose name ends
-            in `.xacro` is expanded first (extra `robots`). That runs the Python expressions
-            in it: expand only files that you trust.
+            in `.xacro` is expanded first (extra `robots`), if `trust_xacro` says so.
         xacro_args: values of the file's <xacro:arg> by name.
+        trust_xacro: whether to expand a `.xacro` file. That runs the Python expressions in it
+            and in the files that it includes, which can do whatever you can.
 
     Raises:
-        SceneError: what is wrong, with file, line and element.
+        SceneError: what is wrong, with file, line and element; a .xacro file without `trust_xacro`.
         MissingExtra: a .xacro file without xacrodoc.
     """
-    source = read_source(path_or_text, xacro_args)
+    source = read_source(path_or_text, xacro_args, trust_xacro)
     root = parse_document(source.text, source.name)
     if root.tag != "robot":
         raise root.refuse("expected <robot> as the outermost element")

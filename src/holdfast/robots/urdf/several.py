@@ -30,7 +30,7 @@ def urdf_chains(
     Raises:
         SceneError, ModelError, MissingExtra: as for `load_urdf_arms`.
     """
-    robot = read_urdf(path_or_text, xacro_args=options.get("xacro_args"))
+    robot = read_urdf(path_or_text, xacro_args=options.get("xacro_args"), trust_xacro=options.get("trust_xacro", False))
     held = checked_locks(robot, options.get("locked"))
     ends_of = _ends_of_arms(robot, arms)
     ways = {name: way(robot, base, tip) for name, (base, tip) in ends_of.items()}

@@ -22,21 +22,28 @@ class Source:
     Attributes:
         name: for messages.
         text: the XML, bytes if their encoding is still to be found out.
+        folder: that relative names of meshes start from; None for a text that came without a file.
         notes: what xacro had to say.
     """
 
     name: str
     text: str | bytes
+    folder: Path | None = None
     notes: tuple[str, ...] = ()
 
 
-def read_source(path_or_text: str | PathLike[str], xacro_args: Mapping[str, str] | None = None) -> Source:
-    """Return the text of a URDF from a file, a xacro file, or as it is.
+def read_source(
+    path_or_text: str | PathLike[str] | Source, xacro_args: Mapping[str, str] | None = None, trust_xacro: bool = False
+) -> Source:
+    """Return the text of a URDF from a file, a xacro file, or as it is; a source that was read already stays.
 
     Raises:
-        SceneError: a file that cannot be read or expanded, or `xacro_args` for one that is not xacro.
+        SceneError: a file that cannot be read or expanded, a .xacro file without `trust_xacro`, or
+            `xacro_args` for one that is not xacro.
         MissingExtra: a .xacro file without xacrodoc.
     """
+    if isinstance(path_or_text, Source):
+        return path_or_text
     if not isinstance(path_or_text, (str, PathLike)):
         raise SceneError(f"URDF: expected a path or the text of a URDF, got {type(path_or_text).__name__}")
     given = fspath(path_or_text)
@@ -47,10 +54,12 @@ def read_source(path_or_text: str | PathLike[str], xacro_args: Mapping[str, str]
     name = shortened(given, 200)
     is_text = isinstance(path_or_text, str) and given.lstrip("\ufeff \t\r\n").startswith("<")
     if not is_text and given.endswith(".xacro"):
-        return _expanded(given, dict(xacro_args or {}))
+        return _expanded(given, dict(xacro_args or {}), trust_xacro)
     if xacro_args:
         raise SceneError(f"{'URDF text' if is_text else name}: xacro_args: expected none, since this is no .xacro file")
-    return Source("URDF text", given.lstrip("\ufeff")) if is_text else Source(name, _read_bytes(given, name))
+    if is_text:
+        return Source("URDF text", given.lstrip("\ufeff"))
+    return Source(name, _read_bytes(given, name), Path(given).parent)
 
 
 def _read_bytes(path: str, name: str) -> bytes:
@@ -66,10 +75,15 @@ def _read_bytes(path: str, name: str) -> bytes:
         raise SceneError(f"{quoted(path)}: cannot be read: {cause}") from cause
 
 
-def _expanded(path: str, xacro_args: dict[str, str]) -> Source:
+def _expanded(path: str, xacro_args: dict[str, str], trusted: bool) -> Source:
     """Return what xacro makes of a file; its lines are counted after expansion."""
     name = shortened(path, 200)
     _read_bytes(path, name)
+    if trusted is not True:  # xacro's own guard against this does not look into a lambda
+        raise SceneError(
+            f"{name}: expanding xacro runs Python that stands in it and in the files that it includes; if you trust"
+            " them all, try trust_xacro=True (--trust-xacro on the command line), or expand it to a .urdf yourself"
+        )
     try:
         xacro_document = import_module("xacrodoc").XacroDoc
     except ImportError as cause:
@@ -92,4 +106,4 @@ def _expanded(path: str, xacro_args: dict[str, str]) -> Source:
         raise SceneError(f"{name}: xacro cannot expand it: {shortened(reason, 400)}{advice}") from cause
     lines = (*said.getvalue().splitlines(), *(str(warning.message) for warning in warned))
     notes = tuple(f"{name}: xacro says: {line}" for line in lines if line.strip())
-    return Source(f"{name} (expanded)", text, notes)
+    return Source(f"{name} (expanded)", text, folder, notes)

@@ -1,0 +1,89 @@
+"""The standard streams, which may be closed, full, or without a reader."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import sys
+from collections.abc import Iterator
+from typing import Any, Self, TextIO, cast
+
+OUTPUT, READER_GONE = 74, 141  # exit codes: EX_IOERR of sysexits.h; 128 + SIGPIPE
+
+
+def open_streams() -> bool:
+    """Make the standard streams safe to use; return whether there is a stdout.
+
+    A closed one gets /dev/null: the next file that is opened would otherwise be taken for it.
+    """
+    for descriptor in (0, 1, 2):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free, which is this one
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # letters that a terminal lacks are escaped, not fatal
+            stream.reconfigure(errors="backslashreplace")
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+    return sys.stdout is not None
+
+
+def say(line: str) -> None:
+    """Print a line on stderr, if anyone can be told."""
+    try:
+        print(line, file=sys.stderr, flush=True)
+    except (OSError, ValueError):
+        _silence(sys.stderr)
+
+
+class WatchedStdout:
+    """Stands in for stdout, and remembers why it could not be written: a caught error does not say whose it is.
+
+    Attributes:
+        fault: the first error; None if all went well.
+    """
+
+    def __init__(self) -> None:
+        self._stream = sys.stdout
+        self.fault: OSError | None = None
+
+    def __enter__(self) -> Self:
+        sys.stdout = cast(TextIO, self)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with contextlib.suppress(OSError):
+            self.flush()
+        sys.stdout = self._stream
+        if self.fault is not None:
+            _silence(self._stream)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what else a stream has: its encoding, its number, whether it is a terminal."""
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        """Write a text."""
+        with self._remembering():
+            return self._stream.write(text)
+
+    def flush(self) -> None:
+        """Write out what waits."""
+        with self._remembering():
+            self._stream.flush()
+
+    @contextlib.contextmanager
+    def _remembering(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as cause:
+            self.fault = self.fault or cause
+            raise
+
+
+def _silence(stream: TextIO) -> None:
+    """Let a stream end in /dev/null, so that what waits in it does no harm when the interpreter ends."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

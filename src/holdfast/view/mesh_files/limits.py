@@ -1,0 +1,59 @@
+"""How large a mesh may be, and the errors of those that are larger, damaged or not to be had."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from holdfast.spatial.scalar import Array
+
+LARGEST_FILE = 64 * 2**20  # [bytes]
+MOST_TRIANGLES = 2_000_000  # of a file, and of all files of an arm together
+MOST_VERTICES = 3 * MOST_TRIANGLES
+FARTHEST = 1e6  # [m, before scaling]; beyond it the viewer's float32 has no millimetres left anyway
+
+
+class MeshFault(Exception):
+    """A mesh file cannot be had; the message says why, without the file's name."""
+
+
+def require_triangles(count: int) -> None:
+    """Refuse a number of triangles before room is made for them.
+
+    Raises:
+        MeshFault: none, or too many.
+    """
+    if not count:
+        raise MeshFault("has no surface")
+    if not 0 < count <= MOST_TRIANGLES:
+        raise MeshFault(f"expected at most {MOST_TRIANGLES:,} triangles, got {count:,}")
+
+
+def numbers(text: str | bytes, kind: type[float] | type[int], what: str) -> Array:
+    """Return the numbers of a text with blanks between, in memory of at most a few times its length.
+
+    Raises:
+        MeshFault: a word that is no number.
+    """
+    if not text.strip():
+        return np.zeros(0, dtype=kind)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # NumPy only warns of what it does not understand
+        try:
+            return np.fromstring(text, dtype=kind, sep=" ")  # pyright: ignore[reportArgumentType, reportCallIssue]
+        except (ValueError, DeprecationWarning, OverflowError) as cause:
+            raise MeshFault(f"{what}: expected numbers with blanks between") from cause
+
+
+def require_plain(vertices: Array, faces: Array) -> None:
+    """Refuse vertices that are nowhere or very far away, and faces of vertices that are not there.
+
+    Raises:
+        MeshFault: saying which.
+    """
+    require_triangles(len(faces))
+    if not (np.abs(vertices) <= FARTHEST).all():  # false for NaN too
+        raise MeshFault(f"expected vertices within {FARTHEST:g} m, got one beyond, or not a number")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise MeshFault(f"expected faces of its {len(vertices)} vertices, got one of others")

@@ -1,0 +1,62 @@
+"""STL, binary and text: triangles, each with its own corners."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from holdfast.spatial.scalar import Array
+from holdfast.view.mesh_files.limits import MOST_TRIANGLES, MeshFault, numbers, require_triangles
+
+_HEAD, _TRIANGLE = 84, 50  # [bytes]
+_CORNERS = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
+
+
+def read_stl(content: bytes) -> tuple[Array, Array]:
+    """Return vertices (V, 3) and faces (F, 3); corners at one point become one vertex.
+
+    Raises:
+        MeshFault: what is wrong with it.
+    """
+    count = int.from_bytes(content[_HEAD - 4 : _HEAD], "little")
+    is_binary = len(content) == _HEAD + count * _TRIANGLE  # some binary files begin with "solid" too
+    if not is_binary and content.lstrip()[:5].lower() == b"solid":
+        corners = _of_text(content)
+    else:
+        corners = _of_bytes(content, count)
+    return _shared(corners.reshape(-1, 3).astype(float))
+
+
+def _shared(corners: Array) -> tuple[Array, Array]:
+    """Return the points among corners (3 F, 3) once each, and which of them each corner is, (F, 3)."""
+    order = np.lexsort(corners.T)  # several times faster than np.unique of rows
+    is_new = np.ones(len(corners), dtype=bool)
+    is_new[1:] = (corners[order[1:]] != corners[order[:-1]]).any(axis=1)
+    indices = np.empty(len(corners), dtype=int)
+    indices[order] = np.cumsum(is_new) - 1
+    return corners[order[is_new]], indices.reshape(-1, 3)
+
+
+def _of_bytes(content: bytes, count: int) -> Array:
+    """Return the corners (F, 3, 3) of a binary file."""
+    if len(content) < _HEAD:
+        raise MeshFault(f"expected STL: a head of {_HEAD} bytes, got {len(content)}")
+    require_triangles(count)
+    if len(content) < _HEAD + count * _TRIANGLE:
+        whole = (len(content) - _HEAD) // _TRIANGLE
+        raise MeshFault(f"is cut off: expected {count:,} triangles as its head says, got {whole:,}")
+    return np.frombuffer(content, _CORNERS, count, _HEAD)["corners"]
+
+
+def _of_text(content: bytes) -> Array:
+    """Return the corners (F, 3, 3) of a text file."""
+    lower = content.lower()
+    begun, ended, named = (lower.count(word) for word in (b"outer loop", b"endloop", b"vertex"))
+    if begun > MOST_TRIANGLES or named > 3 * MOST_TRIANGLES:
+        require_triangles(max(begun, named // 3))
+    points = numbers(b" ".join(re.findall(rb"vertex[ \t]+([^\r\n]*)", lower)), float, "vertex")
+    require_triangles(begun)
+    if not 9 * begun == 9 * ended == 3 * named == len(points):
+        raise MeshFault(f"is damaged: expected {begun} triangles of three vertices, got {len(points) / 9:g}")
+    return points.reshape(-1, 3, 3)

@@ -1,0 +1,267 @@
+"""Whatever a command is given: one line on stderr, the exit code that a shell expects, and nothing half-written."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from tests.cli.forked import Try, run_all
+from tests.cli.test_commands import FILE, program
+from tests.io.mutations import small_case
+from tests.robots.two_armed import TWO_ARMED
+from tests.scenario.test_robot import scene
+from tests.view.mesh_files.written import stl_bytes
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="needs fork and POSIX shells")
+
+LONG = "x" * 300
+MESHED = TWO_ARMED.replace("package://two_armed/finger.stl", "finger.stl")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A folder of scenes, cases, a result, and everything that is none."""
+    folder = tmp_path_factory.mktemp("made")
+    (folder / "robots").mkdir()
+    (folder / "robots" / "two.urdf").write_text(MESHED)
+    (folder / "robots" / "finger.stl").write_bytes(stl_bytes()[:-7])
+    (folder / "short.toml").write_text(scene(arm="q = [0.1, 1.1, 0.12]"))
+    (folder / "cases.json").write_text(json.dumps([small_case()]))
+    (folder / "latin.toml").write_bytes('name = "Prüfung"'.encode("latin-1"))
+    (folder / "latin.json").write_bytes('{"name": "Prüfung"}'.encode("latin-1"))
+    (folder / "zeros").write_bytes(b"\0" * 1000)
+    (folder / "empty").write_bytes(b"")
+    (folder / "deep.json").write_text("[" * 100_000)
+    (folder / "a_folder").mkdir()
+    (folder / "a_folder" / "something").touch()
+    os.mkfifo(folder / "pipe")
+    (done,) = run_all([Try(["simulate", "short.toml", "--out", "result", "--no-plots"])], folder)
+    assert done.code == 0, done.err
+    shutil.copytree(folder / "result", folder / "broken")
+    (folder / "broken" / "meta.json").write_bytes(b"\xff\xfe{}")
+    return folder
+
+
+def cases():
+    """Return tries that are refused, and a part of what is said."""
+    inputs = (
+        "none",
+        "a_folder",
+        "latin.toml",
+        "latin.json",
+        "zeros",
+        "empty",
+        "deep.json",
+        "pipe",
+        "/dev/zero",
+        LONG,
+        ".",
+        "/",
+    )
+    for command in ("solve", "diagnose", "simulate", "view", "plot", "export"):
+        for given in (*inputs, "broken"):
+            yield Try([command, given]), ""
+        yield Try([command, ""]), "expected"
+        yield Try([command]), "Missing"
+    for command in ("solve", "diagnose"):
+        yield Try([command, "short.toml", "--case", "x"]), ""
+        yield Try([command, FILE, "--case", LONG]), "no case"
+        yield Try([command, FILE, "--format", "xml"]), "invalid choice"
+    yield Try(["solve", FILE, "--method", "\x1b[31m"]), "no method"
+    yield Try(["solve", "short.toml"]), "holdfast simulate"
+    yield Try(["simulate", "cases.json"]), "not valid TOML"
+    for out in ("/", ".", "a_folder", "empty", "empty/under", LONG, "/proc/none", "/dev/null", "/dev/full", "pipe"):
+        yield Try(["simulate", "short.toml", "--out", out]), ""
+        yield Try(["simulate", "short.toml", "--out", out, "--overwrite"]), ""
+    for out in ("/", ".", "a_folder", "empty/under", LONG, "/proc/none", "none/under"):
+        yield Try(["export", "result", "--out", out]), ""
+        yield Try(["export", "result", "--out", out, "--overwrite"]), ""
+        yield Try(["view", "result", "--export", out, "--overwrite"]), ""
+        yield Try(["export", "result", "--format", "mcap", "--out", out, "--overwrite"]), ""
+    for out in ("empty", "empty/under", LONG, "/proc/none", "/dev/null"):
+        yield Try(["plot", "result", "--out", out]), ""
+    for command, option in (("simulate", "--out"), ("export", "--out"), ("plot", "--out"), ("view", "--export")):
+        yield Try([command, "short.toml" if command == "simulate" else "result", option, ""]), "expected"
+        yield Try([command, "short.toml" if command == "simulate" else "result", f"{option}="]), "expected"
+    for port in ("-1", "99999", "65536", "x", "1e3", "9" * 30):
+        yield Try(["view", "result", "--port", port]), "port"
+    for rate in ("nan", "inf", "-1", "0", "x"):
+        yield Try(["view", "result", "--rate", rate, "--export", "rate.html"]), "rate"
+    yield Try(["simulate", "short.toml", "--resume", "--overwrite"]), "one of them"
+    yield Try(["simulate", "short.toml", "--out", "result", "--resume"]), "nothing to resume"
+    yield Try(["export", "result", "--format", "parquet"], missing=("pyarrow",)), "holdfast[parquet]"
+    yield Try(["export", "result", "--format", "mcap"], missing=("mcap_ros2", "mcap")), "holdfast[ros]"
+    yield Try(["plot", "result"], missing=("matplotlib",)), "holdfast[plot]"
+    yield Try(["view", "result", "--export", "no.html"], missing=("viser",)), "holdfast[view]"
+
+
+def fine():
+    """Return tries that work, however odd their surroundings."""
+    bare = {"LC_ALL": "C", "LANG": "C", "PYTHONUTF8": "0", "COLUMNS": "5", "TERM": "dumb"}
+    yield Try(["methods"], environment=bare)
+    yield Try(["doctor"], unset=("HOME", "XDG_CACHE_HOME"))
+    yield Try(["doctor"], missing=("matplotlib", "viser", "mujoco", "pinocchio"))
+    yield Try(["doctor"], environment={"HOLDFAST_CACHE": "empty/under"})
+    yield Try(["doctor"], environment={"HOLDFAST_CACHE": LONG})
+    yield Try(["solve", "cases.json"], environment=bare | {"COLUMNS": "1"}, unset=("HOME",))
+    yield Try(["diagnose", "cases.json"], environment=bare)
+    yield Try(["diagnose", "short.toml"])
+    yield Try(["diagnose", "short.toml", "--format", "json"])
+    nonsense = {"MPLBACKEND": "nonsense", "HOLDFAST_CACHE": "/proc/none"}
+    yield Try(["simulate", "short.toml", "--out", "bare"], environment=bare | nonsense, unset=("HOME",))
+    yield Try(["simulate", "short.toml", "--out", "again", "--resume", "--no-plots"])  # nothing is there: it begins
+    yield Try(["view", "result", "--export", "damaged_mesh.html"])
+    yield Try(["export", "result", "--out", "table.csv"])
+
+
+def half_written(folder):
+    """Return the files there that were begun and not ended."""
+    return sorted(str(path) for path in folder.rglob("*.part"))
+
+
+def test_refused(made):
+    """Exit 2, one line, which is an error of ours; nothing on stdout, no file left."""
+    table = list(cases())
+    before = sorted(made.iterdir())
+    wrong = []
+    for (one, said), ended in zip(
+        table, run_all([one for one, _ in table], made, "viser", "mcap_ros2.writer"), strict=True
+    ):
+        lines = [line for line in ended.err.splitlines() if not line.startswith(("note: ", "simulating "))]
+        proper = (
+            ended.code == 2
+            and ended.out == ""
+            and len(lines) == 1
+            and lines[0].startswith("holdfast: error: ")
+            and len(lines[0]) < 1000
+            and said in lines[0]
+            and not any(word in lines[0] for word in ("Traceback", "internal fault", "Errno"))
+        )
+        if not proper:
+            wrong.append(f"{one.arguments} {said!r}: {ended.code} {ended.out[-200:]!r} {ended.err[-600:]}")
+    assert not wrong, f"{len(wrong)} of {len(table)}:\n" + "\n".join(wrong)
+    left = [path for path in sorted(made.iterdir()) if path not in before and path.suffix not in (".out", ".err")]
+    assert left == []
+    assert half_written(made) == []
+
+
+def test_odd_surroundings(made):
+    """Exit 0 without a home, a locale, a width or a good MPLBACKEND, with a cache that cannot be written."""
+    table = list(fine())
+    wrong = []
+    for one, ended in zip(table, run_all(table, made), strict=True):
+        if ended.code or "Traceback" in ended.err or "Warning" in ended.err:
+            wrong.append(f"{one.arguments}: {ended.code} {ended.out[-200:]!r} {ended.err[-600:]}")
+    assert not wrong, "\n".join(wrong)
+    assert half_written(made) == []
+
+
+@pytest.mark.parametrize(
+    ("redirected", "code", "said"),
+    [
+        (">&-", 74, "stdout"),
+        (">/dev/full", 74, "stdout: cannot be written: No space left on device"),
+        ("2>&-", 0, ""),
+        ("2>/dev/full", 0, ""),
+        ("<&- >&- 2>&-", 74, ""),
+        ("| head -c 1 >/dev/null; exit ${PIPESTATUS[0]}", 141, ""),
+    ],
+)
+@pytest.mark.parametrize("command", [f"solve {FILE} --format json", "--help"])
+def test_streams_that_cannot_be_written(redirected, code, said, command):
+    """74 where stdout cannot be written, 141 where its reader has gone, and nothing else is said."""
+    if "head" in redirected and command != f"solve {FILE} --format json":
+        pytest.skip("said at once: the reader is still there")
+    shell = ["bash", "-c", f'"$0" "${{@}}" {command} {redirected}', *program()]
+    done = subprocess.run(shell, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, said in done.stderr, len(done.stderr.splitlines())) == (code, True, 1 if said else 0), done
+    assert "Traceback" not in done.stderr and "Exception ignored" not in done.stderr
+
+
+def test_errors_that_cannot_be_said():
+    """A refusal with stderr closed, full or gone keeps its exit code."""
+    for redirected in ("2>&-", "2>/dev/full", "2>&1 | true; exit ${PIPESTATUS[0]}"):
+        shell = ["bash", "-c", f'"$0" "$@" solve none.json {redirected}', *program()]
+        done = subprocess.run(shell, capture_output=True, text=True, timeout=60)
+        assert (done.returncode, done.stdout, done.stderr) == (2, "", "")
+
+
+def test_ctrl_c_while_it_starts():
+    """One line and 130, also while the commands are imported."""
+    code = (
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from holdfast.cli import main\n"
+        "print('begins', flush=True)\n"
+        "sys.exit(main())"
+    )
+    with subprocess.Popen([sys.executable, "-c", code, "solve", FILE], stdout=-1, stderr=-1, text=True) as running:
+        running.stdout.readline()
+        time.sleep(0.1)  # into main, whose imports take longer
+        running.send_signal(signal.SIGINT)
+        _, err = running.communicate(timeout=60)
+    assert (running.returncode, err) == (130, "holdfast: error: interrupted\n")
+
+
+@pytest.fixture
+def full_disk(tmp_path):
+    """A disk of 64 KiB."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    if (
+        os.getuid()
+        or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "none", place], capture_output=True).returncode
+    ):
+        pytest.skip("needs the right to mount a small tmpfs")
+    yield place
+    subprocess.run(["umount", place], check=True)
+
+
+def test_a_full_disk(made, full_disk):
+    """Nothing half-written stays, and what ended it is said; the samples that did fit can be read."""
+    tries = [
+        Try(["simulate", str(made / "short.toml"), "--out", str(full_disk / "run")]),
+        Try(["export", str(made / "result"), "--out", str(full_disk / "table.csv")]),
+        Try(["plot", str(made / "result"), "--out", str(full_disk / "plots")]),
+        Try(["view", str(made / "result"), "--export", str(full_disk / "page.html")]),
+    ]
+    (full_disk / "ballast").write_bytes(b"x" * 40_000)
+    for one, ended in zip(tries, run_all(tries, made), strict=True):
+        assert ended.code == 2, (one.arguments, ended)
+        assert "No space left on device" in ended.err and "Traceback" not in ended.err, ended.err
+    assert half_written(full_disk) == []
+
+
+def test_read_only_disk(made, full_disk):
+    """A folder that nobody may write to."""
+    subprocess.run(["mount", "-o", "remount,ro", full_disk], check=True)
+    tries = [
+        Try(["simulate", str(made / "short.toml"), "--out", str(full_disk / "run")]),
+        Try(["export", str(made / "result"), "--out", str(full_disk / "table.csv")]),
+        Try(["plot", str(made / "result"), "--out", str(full_disk / "plots")]),
+        Try(["view", str(made / "result"), "--export", str(full_disk / "page.html")]),
+    ]
+    for one, ended in zip(tries, run_all(tries, made), strict=True):
+        assert (ended.code, "Read-only file system" in ended.err, "Traceback" in ended.err) == (2, True, False), (
+            one,
+            ended,
+        )
+
+
+def test_the_last_net(made):
+    """A fault of the program's own: where it is, whom to tell, 70; with HOLDFAST_TRACEBACK the traceback."""
+    code = (
+        "import holdfast.cli.solve as s, sys; s.chosen_cases = lambda *_: 1 / 0\n"
+        "from holdfast.cli import main; sys.exit(main())"
+    )
+    for said, environment in (("", {}), ("Traceback", {"HOLDFAST_TRACEBACK": "1"})):
+        command = [sys.executable, "-c", code, "solve", FILE]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=os.environ | environment)
+        assert (done.returncode, done.stdout) == (70, "")
+        assert "internal fault at cli/solve.py:" in done.stderr and "ZeroDivisionError" in done.stderr
+        assert ("Traceback" in done.stderr) == bool(said)
+        assert said or done.stderr.count("\n") == 1

@@ -1,0 +1,121 @@
+"""Opening a scene or a result never runs what came with it: xacro is Python, expanded on the user's word only."""
+
+import json
+import shutil
+
+import pytest
+
+from holdfast import SceneError, load_result, load_scene, load_urdf
+from holdfast.cli import main
+from tests.robots.two_armed import TWO_ARMED
+from tests.scenario.test_robot import scene
+
+pytest.importorskip("xacrodoc", reason="needs xacrodoc: pip install 'holdfast[robots]'")
+
+# xacro refuses names with two underscores, but does not look into a lambda
+ESCAPE = (
+    "${{(lambda: [c for c in ().__class__.__base__.__subclasses__() if c.__name__ == 'catch_warnings'][0]()"
+    "._module.__builtins__['open']('{proof}', 'w'))() and 'two_armed'}}"
+)
+
+
+def hostile(proof):
+    """Return a robot that is as good as any, and makes a file when xacro expands it."""
+    assert TWO_ARMED.count('<robot name="') == 1
+    head, _, rest = TWO_ARMED.partition('<robot name="')
+    _, _, rest = rest.partition('"')
+    name = ESCAPE.format(proof=proof)
+    return f'{head}<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="{name}"{rest}'
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A scene of both arms of a hostile xacro file, and where its proof would be."""
+    (tmp_path / "robots").mkdir()
+    (tmp_path / "robots" / "two.urdf.xacro").write_text(hostile(tmp_path / "proof"))
+    (tmp_path / "two.toml").write_text(scene().replace("two.urdf", "two.urdf.xacro"))
+    return tmp_path
+
+
+@pytest.fixture
+def result(folder):
+    """A result of that scene, made by someone who trusts it; without the proof."""
+    out = str(folder / "result")
+    assert main(["simulate", str(folder / "two.toml"), "--out", out, "--no-plots", "--trust-xacro"]) == 0
+    assert (folder / "proof").exists()  # so the robot is as hostile as it is meant to be
+    (folder / "proof").unlink()
+    return folder / "result"
+
+
+def test_a_scene_expands_xacro_on_a_word_only(folder, capsys):
+    """`simulate` and `view` name the file and what to say; in Python it is the same."""
+    scene = folder / "two.toml"
+    for command in (["simulate"], ["view"]):
+        assert main([*command, str(scene)]) == 2
+        said = capsys.readouterr().err
+        assert "two.urdf.xacro: expanding xacro runs Python" in said and "--trust-xacro" in said
+    with pytest.raises(SceneError, match="trust_xacro=True"):
+        load_scene(scene)
+    with pytest.raises(SceneError, match="trust_xacro=True"):
+        load_urdf(folder / "robots" / "two.urdf.xacro")
+    assert not (folder / "proof").exists()
+    assert load_scene(scene, trust_xacro=True).chain.names == ("left", "right")
+
+
+def test_a_result_is_opened_without_expanding(folder, result, capsys):
+    """`plot`, `view` and `export` draw the model that the result keeps, wherever the folder was moved."""
+    shutil.move(folder / "robots", folder / "gone")
+    capsys.readouterr()
+    assert main(["plot", str(result), "--out", str(folder / "plots")]) == 0
+    assert main(["view", str(result), "--export", str(folder / "page.html")]) == 0
+    assert main(["export", str(result), "--format", "mcap"]) == 0
+    said = capsys.readouterr().err
+    assert "another model" not in said
+    assert not (folder / "proof").exists()
+
+
+def test_a_result_that_keeps_no_robot(folder, result, capsys):
+    """A folder as 0.1 wrote it: its figures are drawn without the robot, and nothing is expanded without a word."""
+    meta = json.loads((result / "meta.json").read_text())
+    for record in meta.pop("robots").values():
+        (result / record["file"]).unlink(missing_ok=True)
+    (result / "meta.json").write_text(json.dumps(meta))
+    assert load_result(result).samples == 5
+    capsys.readouterr()
+    assert main(["view", str(result), "--export", str(folder / "page.html")]) == 2
+    said = capsys.readouterr().err
+    assert "two.urdf.xacro" in said and "--trust-xacro" in said
+    assert main(["plot", str(result)]) == 0
+    said = capsys.readouterr()
+    assert "two.urdf.xacro" in said.err and "drawn without the robots' limits" in said.err
+    assert said.out.count("look at") == 4
+    assert not (folder / "proof").exists()
+    assert main(["view", str(result), "--export", str(folder / "page.html"), "--trust-xacro"]) == 0
+    assert (folder / "proof").exists()
+
+
+@pytest.mark.parametrize("file", ["../two.toml", "/etc/hostname", "scene.toml", "robot_0123.urdf", ""])
+def test_a_result_names_files_of_its_own_only(file, result, capsys):
+    """A meta.json cannot make anyone read, or remove, a file elsewhere."""
+    meta = json.loads((result / "meta.json").read_text())
+    meta["robots"]["left"]["file"] = file
+    (result / "meta.json").write_text(json.dumps(meta))
+    capsys.readouterr()
+    assert main(["plot", str(result)]) == 2
+    assert "robots: expected" in capsys.readouterr().err
+    meta["robots"], meta["checkpoint"] = {}, {"file": file, "samples": 1}
+    (result / "meta.json").write_text(json.dumps(meta))
+    assert main(["plot", str(result)]) == 2
+    assert "checkpoint: expected" in capsys.readouterr().err
+
+
+def test_a_robot_exchanged_in_a_result(result, capsys):
+    """A kept robot that is another one than was simulated is refused by name."""
+    (kept,) = result.glob("robot_*.urdf")
+    kept.write_text(TWO_ARMED.replace('<mass value="3"/>', '<mass value="4"/>'))
+    capsys.readouterr()
+    assert main(["plot", str(result)]) == 2
+    assert f"{kept.name}: expected the robot that was simulated" in capsys.readouterr().err
+    kept.unlink()
+    assert main(["plot", str(result)]) == 2
+    assert f"{kept.name}: cannot be read" in capsys.readouterr().err
