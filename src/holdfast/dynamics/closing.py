@@ -177,8 +177,8 @@ def _require_reached(chain: ClosedChain, state: State) -> None:
     ]
     more = f", and {len(named) - MOST_NAMED} more" if len(named) > MOST_NAMED else ""
     raise ClosureError(
-        f"cannot close the chains: {', '.join(named[:MOST_NAMED])}{more}. {_tips_advice(chain, missed, worst)}Try a closer"
-        " object pose, another guess for q, other base poses, or wider joint limits"
+        f"cannot close the chains: {', '.join(named[:MOST_NAMED])}{more}. {_tips_advice(chain, missed, worst)}"
+        "Try a closer object pose, another guess for q, other base poses, or wider joint limits"
     )
 
 
