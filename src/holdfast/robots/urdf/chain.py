@@ -18,7 +18,7 @@ from holdfast.robots.urdf.folding import Body, Fold, fold
 from holdfast.robots.urdf.inertia import welded_link
 from holdfast.robots.urdf.locking import Locks, checked_locks
 from holdfast.robots.urdf.reading import read_urdf
-from holdfast.robots.urdf.refusals import refuse_moving_branches, refuse_unsupported
+from holdfast.robots.urdf.refusals import hanging, refuse_loose, refuse_unsupported
 from holdfast.robots.urdf.robot import UrdfRobot
 from holdfast.robots.urdf.tips import ends
 from holdfast.robots.urdf.tree import Step, way
@@ -90,7 +90,10 @@ def urdf_chain(
     start, end = ends(robot, base, tip, held)
     steps = way(robot, start, end)
     locks = Locks(robot, held, bool(options.get("lock_others")), frozenset(step.joint.name for step in steps))
-    return chain_along(locks, start, steps, mounted(options), options)
+    refuse_unsupported(locks, steps)
+    folded = fold(start, steps, locks)
+    refuse_loose(locks, hanging(locks, folded, steps))
+    return chain_of(locks, start, folded, steps, mounted(options), options)
 
 
 def mounted(options: UrdfOptions) -> Pose:
@@ -99,12 +102,9 @@ def mounted(options: UrdfOptions) -> Pose:
     return Pose.identity() if mount is None else checks.pose(mount, "mount")
 
 
-def chain_along(locks: Locks, base: str, steps: list[Step], mount: Pose, options: UrdfOptions) -> UrdfChain:
-    """Return the arm along the steps from a base link that is mounted at a pose."""
+def chain_of(locks: Locks, base: str, folded: Fold, steps: list[Step], mount: Pose, options: UrdfOptions) -> UrdfChain:
+    """Return the arm along the steps from a base link that is mounted at a pose; nothing moves on it unheld."""
     robot, tip = locks.robot, steps[-1].beyond if steps else base
-    refuse_unsupported(locks, steps)
-    folded = fold(base, steps, locks)
-    refuse_moving_branches(locks, folded, steps)
     if not folded.bodies:
         raise robot.element.refuse(
             f"expected a joint that moves between base {quoted(base)} and tip {quoted(tip)}, got none"
