@@ -36,8 +36,8 @@ def mended(arm: Arm) -> list[Arm]:
     angles = re.search(r"tip = { rpy = \[(.*)\] }", advice)
     assert code
     assert angles
-    rpy = [float(angle) for angle in angles[1].split(",")]
-    in_a_scene = arm.tip @ parts.pose(PoseData(rpy=rpy), Place("scene"))
+    roll, pitch, yaw = (float(angle) for angle in angles[1].split(","))
+    in_a_scene = arm.tip @ parts.pose(PoseData(rpy=(roll, pitch, yaw)), Place("scene"))
     return [eval(code[1], {"arm": arm, "hf": hf}), arm.with_tip(in_a_scene)]
 
 

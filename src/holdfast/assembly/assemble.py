@@ -93,11 +93,11 @@ def assemble(
     if given is None:
         return Assembly(chain, _nearest(chain, preferred, _starts_somewhere, hold_object=False))
     _require_reach(chain, given)
-    q = np.concatenate([np.clip(preferred[name], *arm.position_limits.T) for name, arm in chain.arms.items()])
+    at = np.concatenate([np.clip(preferred[name], *arm.position_limits.T) for name, arm in chain.arms.items()])
     for name, grasp in chain.grasps.items():  # the object is held: each arm is alone
         alone = ClosedChain({name: chain.arms[name]}, held_object, {name: grasp}, gravity)
-        q[chain.joints[name]] = _nearest(alone, preferred, partial(_starts_around, given), hold_object=True).q
-    return Assembly(chain, State(q, 0 * q, given.wxyz_xyz))
+        at[chain.joints[name]] = _nearest(alone, preferred, partial(_starts_around, given), hold_object=True).q
+    return Assembly(chain, State(at, 0 * at, given.wxyz_xyz))
 
 
 def _starts_around(object_pose: Pose, chain: ClosedChain, preferred: Mapping[str, Array]) -> Iterator[Iterable[State]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from pathlib import Path
 from typing import Any
 
@@ -99,7 +100,7 @@ def read_meta(folder: Path) -> ResultMeta:
         ResultError: there is none, it is damaged, or its format is of another version.
     """
     path = folder / META
-    if not folder.is_dir():
+    if not os.path.isdir(folder):  # Path.is_dir raises at names that are too long
         raise ResultError(f"{folder}: no such folder")
     try:
         found = msgspec.json.decode(read_bytes(path), type=dict)

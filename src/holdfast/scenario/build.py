@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,9 @@ import numpy as np
 
 from holdfast.assembly.assemble import assemble
 from holdfast.dynamics.closing import close
-from holdfast.errors import ClosureError
+from holdfast.errors import ClosureError, SceneError
 from holdfast.io import typed
+from holdfast.io.path import file_path
 from holdfast.io.place import LONGEST_NAME, Place, one_line
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -62,7 +64,7 @@ class Scenario:
     options: dict[str, Any] = field(default_factory=dict)
 
 
-def load_scene(path: str | Path, folder: str | Path | None = None) -> Scenario:
+def load_scene(path: str | PathLike[str], folder: str | PathLike[str] | None = None) -> Scenario:
     """Return the scenario of a TOML file.
 
     Args:
@@ -74,13 +76,14 @@ def load_scene(path: str | Path, folder: str | Path | None = None) -> Scenario:
         ClosureError: an arm cannot reach its grasp.
         MissingExtra: it names a xacro file, and xacrodoc is not installed.
     """
-    source = str(path)
-    text = typed.read_bytes(Path(path), LARGEST_FILE)
+    file = file_path(path, "path", SceneError)
+    source = str(file)
+    text = typed.read_bytes(file, LARGEST_FILE)
     raw = typed.parse_toml(text, source)
     require_sensible(raw, Place(source))
     data = typed.convert(raw, SceneData, source)
-    home = Path(path).parent if folder is None else Path(folder)
-    name = data.name or one_line(Path(path).stem, LONGEST_NAME)
+    home = file.parent if folder is None else file_path(folder, "folder", SceneError)
+    name = data.name or one_line(file.stem, LONGEST_NAME)
     return build_scene(data, source, text.decode("utf-8"), name, home)
 
 
