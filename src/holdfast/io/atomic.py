@@ -22,6 +22,8 @@ def write_atomically(path: Path, content: bytes | Callable[[IO[bytes]], object])
     Raises:
         ResultError: it cannot be written; what was at its place is still there.
     """
+    if "\0" in str(path):
+        raise ResultError(f"{ascii(str(path))}: cannot be written: no file's name has a null character")
     beside = path.with_name(path.name + ".part")
     try:
         try:

@@ -18,11 +18,11 @@ def file_path(given: Any, what: str, error: type[HoldfastError] = ResultError) -
         error: what to raise.
 
     Raises:
-        HoldfastError: of that kind, if it is neither, or no file system takes it.
+        HoldfastError: of that kind, if it is neither, or empty.
     """
     name = fspath(given) if isinstance(given, str | PathLike) else given
     if not isinstance(name, str):
         raise error(f"{what}: expected a path (str or pathlib.Path), got {type(given).__name__}")
-    if "\0" in name or not name:
-        raise error(f"{what}: expected a path, got {'a null character in it' if name else 'an empty text'}")
+    if not name:
+        raise error(f"{what}: expected a path, got an empty text")
     return Path(name)
