@@ -164,7 +164,7 @@ def test_import_loads_little():
     assert not set(loaded) & set(HEAVY)
 
 
-def test_import_is_quick():
-    """`import holdfast` takes at most 0.15 s of processor time, the best of many: other work slows each down."""
-    code = "import time; t = time.process_time(); import holdfast; print(time.process_time() - t)"
-    assert any(float(fresh(code)) <= 0.15 for _ in range(20))
+def test_import_loads_the_model_only():
+    """`import holdfast` loads what a model is made of; algorithms, files and machine code wait until they are used."""
+    loaded = fresh("import sys, holdfast; print(*(m for m in sys.modules if m.startswith('holdfast.')))").split()
+    assert {module.split(".")[1] for module in loaded} == {"errors", "model", "spatial", "state"}

@@ -1,10 +1,13 @@
 """The five-line start: closed, nearest to the preferred posture, the same every time, and plain about what failed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from holdfast import (
     Arm,
+    ClosedChain,
     ClosureError,
     Grasp,
     HeldObject,
@@ -12,13 +15,16 @@ from holdfast import (
     Link,
     ModelError,
     Pose,
+    State,
     StateError,
+    close,
     closure,
     diagnose,
     forward_dynamics,
 )
 from holdfast.assembly.assemble import assemble
 from holdfast.assembly.nearest_posture import distance
+from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.object_level import motion_basis
 from holdfast.robots import HOME, ROBOTS, stewart_platform, three_finger_hand
 from holdfast.spatial import rotation
@@ -27,6 +33,7 @@ from tests.control.two_pandas import ELBOW_UP, LEFT, RIGHT
 BOX = HeldObject.box(3.0, 0.3, 0.2, 0.2)
 CLOSED = 1e-10
 STATIONARY = 1e-8  # slope of the distance along any self-motion
+MENDED = Pose.from_wxyz_xyz([0.5**0.5, 0, 0.5**0.5, 0, 0, 0, 0])
 APART = {"panda": 0.55, "iiwa14": 0.75, "ur5e": 0.6, "gen3": 0.55}  # [m]
 
 
@@ -196,6 +203,66 @@ def test_within_reach_but_not_that_way():
     """An attitude that the joint limits forbid: the arm, and what is left of the gap."""
     with pytest.raises(ClosureError, match=r"arm 'left' misses its grasp by 0.* Try"):
         assemble(*facing("panda"), object_pose=[1, 0, 0, 0, 0, 0, 0.3])
+
+
+def narrowed(robot: str, widest: float) -> Arm:
+    """Return a built-in robot whose joints turn no farther than so far from 0."""
+    arm = ROBOTS[robot]()
+    limits = np.clip(arm.position_limits, -widest, widest)
+    pairs = zip(arm.joints, limits, strict=True)
+    return replace(arm, joints=[replace(joint, position_limits=tuple(pair)) for joint, pair in pairs])
+
+
+@pytest.mark.parametrize("kind", ["rigid", "hinge", "ball"])
+@pytest.mark.parametrize(("robot", "widest", "draws"), [("ur5e", 2.5, range(4)), ("panda", 9.0, (7, 19, 27))])
+def test_other_postures_are_tried(robot, widest, draws, kind):
+    """Where a posture with 5 % of every joint's range to spare exists, the one found has the 2 % that are asked for."""
+    arm, random = narrowed(robot, widest), np.random.default_rng(1)
+    low, high = arm.position_limits.T
+    postures = random.uniform(low + 0.05 * (high - low), high - 0.05 * (high - low), (max(draws) + 1, len(low)))
+    for k in draws:
+        grasps = {"arm": Grasp(kind, Pose.identity())}
+        chain, state = assemble({"arm": arm}, BOX, grasps, object_pose=posture(arm, postures[k]).tip)
+        assert largest_gap(chain, state) <= CLOSED
+        assert (np.minimum(state.q - low, high - state.q) >= (0.02 - 1e-9) * (high - low)).all()
+
+
+def sideways(robot: str = "panda") -> tuple[dict[str, Arm], HeldObject, dict[str, Grasp]]:
+    """Return two robots on either side of the box whose tips point sideways, as a UR's `ee_link` does."""
+    arms, box, grasps = facing(robot)
+    turn = Pose(rotation.exp(np.array([0.0, -np.pi / 2, 0.0])), np.zeros(3))
+    return {name: arm.with_tip(arm.tip @ turn) for name, arm in arms.items()}, box, grasps
+
+
+def test_a_tip_that_points_sideways():
+    """Accepted, but the report says so with the angle and the turn, once for each arm that holds."""
+    arms, box, grasps = sideways("gen3")
+    assembly = assemble(arms, box, grasps)
+    left = assembly.report.arms[0]
+    assert np.degrees(left.tip_angle) == pytest.approx(90.0)
+    assert "hf.Pose.from_wxyz_xyz([0.5**0.5, 0, 0.5**0.5, 0, 0, 0, 0])" in left.tip_note
+    lines = str(assembly.report).splitlines()
+    told = [line for line in lines if "the tip's z axis is 90 deg off" in line]
+    assert [line.split(":")[1] for line in told] == [" left", " right"]
+    straight = assemble(*facing("gen3")).report
+    assert straight.arms[0].tip_angle == pytest.approx(0.0, abs=1e-7)
+    assert "note:" not in str(straight)
+
+
+def test_a_tip_that_points_sideways_cannot_reach():
+    """The error has the reason: the angle, and the turn that mends it, once for arms that are alike."""
+    arms, box, grasps = sideways()
+    pose = [1, 0, 0, 0, 0, 0, 1.05]
+    wanted = r"misses its grasp .* 90 deg off .* try arm\.with_tip\(arm\.tip @"
+    with pytest.raises(ClosureError, match=wanted) as refused:
+        assemble({"left": arms["left"]}, box, {"left": grasps["left"]}, object_pose=pose)
+    assert len(str(refused.value)) < 600
+    alike = ClosedChain(arms, box, grasps)
+    with pytest.raises(ClosureError, match="Of 'left', 'right': the tip's z axis") as refused:
+        close(alike, State(np.tile(HOME["panda"], 2), np.zeros(14), pose), hold_object=True)
+    assert str(refused.value).count("deg off") == 1
+    turned = arms["left"].with_tip(arms["left"].tip @ MENDED)
+    assemble({"left": turned}, box, {"left": grasps["left"]}, object_pose=pose)
 
 
 @pytest.mark.parametrize(

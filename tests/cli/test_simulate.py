@@ -1,13 +1,14 @@
 """`holdfast simulate` from the command line: what it prints, writes and returns."""
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
 
 import holdfast.cli.simulate as command
 from holdfast.cli import main
-from holdfast.errors import SingularChainError
+from holdfast.errors import ResultError, SingularChainError
 from holdfast.io.result_reader import load_result
 
 TEXT = (Path(__file__).parents[2] / "examples" / "two_pandas.toml").read_text()
@@ -107,16 +108,37 @@ def test_stopped_by_physics(scene, capsys, monkeypatch):
 
 
 def test_without_matplotlib(scene, capsys, monkeypatch):
-    """No plots, a line that says how to get them, and everything else as usual."""
-
-    def missing(*arguments):
-        raise command.MissingExtra("plots need matplotlib; try pip install 'holdfast[plot]'")
-
-    monkeypatch.setattr(command, "save_plots", missing)
-    assert main(["simulate", str(scene)]) == 0
+    """Said before anything is simulated, with the command that brings it and the one that does without."""
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert main(["simulate", str(scene)]) == 2
     said = capsys.readouterr()
-    assert "pip install 'holdfast[plot]'" in said.err
+    assert said.err == (
+        "holdfast: error: plots need matplotlib; try pip install 'holdfast[plot]', or --no-plots now and `holdfast plot"
+        " RESULT` later\n"
+    )
+    assert said.out == ""
+    assert not Path("results").exists()
+    assert main(["simulate", str(scene), "--no-plots"]) == 0
+    assert "look at results/short/summary.json" in capsys.readouterr().out
+    assert load_result("results/short").complete
+    assert main(["plot", "results/short"]) == 2
+    monkeypatch.undo()
+    monkeypatch.chdir(scene.parent)
+    assert main(["plot", "results/short"]) == 0
+
+
+def test_plots_that_fail_leave_the_result(scene, capsys, monkeypatch):
+    """Whatever happens to a plot, the run is on disk and its summary is told first."""
+
+    def broken(*arguments):
+        raise ResultError("results/short/torques.png: cannot be written: No space left on device")
+
+    monkeypatch.setattr(command, "save_plots", broken)
+    assert main(["simulate", str(scene)]) == 2
+    said = capsys.readouterr()
     assert "look at results/short/summary.json" in said.out
+    assert "No space left on device" in said.err
+    assert load_result("results/short").complete
 
 
 BALLS = TEXT.replace('kind = "rigid"', 'kind = "ball"\ncontact = { mu = 0.5 }')

@@ -41,6 +41,22 @@ def test_page_of_a_result(result, tmp_path, capsys):
     assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
 
 
+@pytest.mark.parametrize(
+    ("again", "said"),
+    [
+        (("--export", "b.html"), "--export: expected once, got --export a.html and --export b.html"),
+        (("--export=b.html",), "--export: expected once, got --export a.html and --export b.html"),
+        (("--no-overwrite", "--overwrite"), "--overwrite: expected once, got --no-overwrite and --overwrite"),
+    ],
+)
+def test_an_option_twice(tmp_path, monkeypatch, capsys, again, said):
+    """Neither the first nor the last is obeyed: both are named, and nothing is written."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["view", str(EXAMPLE), "--export", "a.html", *again]) == 2
+    assert capsys.readouterr().err == f"holdfast: error: {said}; try one of them, or two commands\n"
+    assert not list(tmp_path.iterdir())
+
+
 def test_page_of_a_scene(tmp_path, capsys):
     """The state in which a scene begins, with the forces of its controller's torques."""
     page = tmp_path / "page.html"

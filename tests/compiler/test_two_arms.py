@@ -1,14 +1,9 @@
 """A real text: two seven-joint arms hold a box, `sequential` with q, qd, tau, object pose and twist as inputs."""
 
-import time
-import timeit
-
 import numpy as np
 import pytest
 
 from holdfast import ClosedChain, Grasp, HeldObject, Inputs, Pose, State
-from holdfast.compiler import cpu
-from holdfast.compiler.expand import lowered
 from holdfast.compiler.interpret import interpret
 from holdfast.compiler.kernel import Kernel, compile_program
 from holdfast.compiler.program import Program
@@ -81,30 +76,3 @@ def test_same_bits(traced):
     stacked = tuple(np.stack(results) for results in zip(*singles, strict=True))
     for threads in (1, 2):
         assert all_same_bits(kernel(*batch, threads=threads), stacked)
-
-
-def test_times(capsys):
-    """Counts and times, printed, not asserted: they are the machine's."""
-    clock = time.perf_counter
-    start = clock()
-    program = trace(text("rigid"), SHAPES)
-    traced = clock()
-    kernel = compile_program(program)
-    compiled = clock()
-    batch = states(2048)
-    out = kernel(*batch)
-    in_lanes = clock()
-    one = tuple(x[0] for x in states(1))
-
-    def best(call, number: int) -> float:
-        return 1e6 * min(timeit.repeat(call, number=number, repeat=5)) / number
-
-    small = lowered(program)
-    with capsys.disabled():
-        print(
-            f"\n2 x 7 joints, {cpu.lanes()} lanes: {program.operation_count} operations,"
-            f" {small.operation_count} after {small.counts['fma']} fma;"
-            f" trace {traced - start:.2f} s, compile {compiled - traced:.2f} s, for lanes {in_lanes - compiled:.2f} s;"
-            f" single call {best(lambda: kernel(*one), 1000):.2f} us, bound {best(kernel.bind().run, 1000):.2f} us,"
-            f" in a batch {best(lambda: kernel(*batch, out=out), 3) / 2048:.3f} us per system"
-        )

@@ -1,13 +1,14 @@
 """Arms out of a URDF: geometry, welding, holding, mounting, and every value that the file gives."""
 
 import math
+import re
 
 import numpy as np
 import pytest
 
 from holdfast import HoldfastError, Pose, SceneError
 from holdfast.dynamics.arm.posture import posture
-from holdfast.robots.urdf import load_urdf, load_urdf_arms, read_urdf, urdf_chain, urdf_tree
+from holdfast.robots.urdf import load_urdf, load_urdf_arms, read_urdf, urdf_chain, urdf_chains, urdf_tree
 from holdfast.spatial import rotation
 from tests.robots.arm_dynamics import mass_jacobian_bias
 from tests.robots.two_armed import TWO_ARMED
@@ -134,14 +135,61 @@ def test_two_arms_stand_where_the_robot_has_them():
 def test_shared_joints():
     """A joint that moves both arms, or an arm's base, or hangs one on the other, is refused by name."""
     pair = {"left": ("base", "left_grasp"), "right": ("base", "right_grasp")}
-    with pytest.raises(SceneError, match="joint 'lift': moves both arm 'left' and arm 'right'; try locked="):
+    with pytest.raises(SceneError, match="joint 'lift': moves both arm 'left' and arm 'right'; try locked=") as refused:
         load_urdf_arms(TWO_ARMED, pair, lock_others=True)
-    with pytest.raises(SceneError, match="'lift': moves the base 'torso' of arm 'left'; try locked="):
-        load_urdf_arms(TWO_ARMED, {"left": ("torso", "left_grasp")}, lock_others=True)
-    assert len(load_urdf_arms(TWO_ARMED, pair, lock_others=True, locked={"lift": 0.0})) == 2
+    assert len(load_urdf_arms(TWO_ARMED, pair, lock_others=True, locked=locks_to_try(refused.value))) == 2
     chained = {"a": ("torso", "left_upper"), "b": ("left_upper", "left_grasp")}
     with pytest.raises(SceneError, match="'left_shoulder': moves the base 'left_upper' of arm 'b'"):
         load_urdf_arms(TWO_ARMED, chained, locked={"lift": 0.0})
+
+
+# a robot whose arms stand on a torso of two joints, as many humanoids' do; the second one cannot be at 0
+WAIST = """<link name="waist"/>
+  <joint name="bow" type="revolute">
+    <parent link="waist"/> <child link="torso"/> <axis xyz="0 1 0"/> <limit lower="0.1" upper="0.5"/>
+  </joint>
+  <link name="torso">"""
+ON_A_TORSO = TWO_ARMED.replace('<child link="torso"/>', '<child link="waist"/>').replace('<link name="torso">', WAIST)
+SIDES = {side: ("torso", f"{side}_grasp") for side in ("left", "right")}
+
+
+def locks_to_try(refusal: SceneError) -> dict[str, float]:
+    """Return the `locked=` that a refusal says to try."""
+    found = re.search(r"try locked=({.*?})", str(refusal))
+    assert found, refusal
+    return eval(found[1])
+
+
+def test_everything_that_moves_is_refused_at_once():
+    """One refusal lists the torso's joints and the fingers, and what it says to try serves."""
+    with pytest.raises(SceneError) as refused:
+        load_urdf_arms(ON_A_TORSO, SIDES)
+    said = str(refused.value)
+    base = "moves the base 'torso' of arm 'left' and the base 'torso' of arm 'right', as does 'bow'"
+    assert said.startswith("URDF text:5: joint 'lift': " + base)
+    assert said.endswith("or lock_others=True")
+    wanted = {"lift": 0.0, "bow": 0.1, "left_finger1": 0.01, "right_finger1": 0.01}
+    assert locks_to_try(refused.value) == wanted
+    arms = load_urdf_arms(ON_A_TORSO, SIDES, locked=wanted)
+    assert [arm.joint_count for arm in arms.values()] == [3, 3]
+
+
+def test_lock_others_holds_the_torso():
+    """Joints below the bases, which are on no arm's way, are held too, at 0 or the limit nearest to it, and noted."""
+    chains = urdf_chains(ON_A_TORSO, SIDES, lock_others=True)
+    held = load_urdf_arms(ON_A_TORSO, SIDES, lock_others=True, locked={"lift": 0.0, "bow": 0.1})
+    for name, chain in chains.items():
+        assert (chain.arm.base.wxyz_xyz == held[name].base.wxyz_xyz).all()
+        assert "joint 'bow': held at 0.1, since it moves the base 'torso'" in "".join(chain.notes)
+    lifted = load_urdf_arms(ON_A_TORSO, SIDES, lock_others=True, locked={"lift": 0.2})
+    assert (lifted["left"].base.p - held["left"].base.p).tolist() == pytest.approx([0.0, 0.0, 0.2])
+
+
+def test_a_torso_that_cannot_be_held():
+    """A floating joint below the bases has no position to be held at."""
+    text = TWO_ARMED.replace('name="lift" type="prismatic"', 'name="lift" type="floating"')
+    with pytest.raises(SceneError, match="expected a joint that can be held, since it moves the base 'torso' of arm"):
+        load_urdf_arms(text, SIDES, lock_others=True)
 
 
 def test_listing():

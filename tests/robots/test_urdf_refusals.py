@@ -95,7 +95,7 @@ ASKED = [
     ({"base": "left_hand", "tip": "left_grasp"}, "joint that moves between base 'left_hand' and tip 'left_grasp'"),
     ({"base": "head", "tip": "head"}, "expected a joint that moves between base 'head' and tip 'head'"),
     ({"base": "torso", "tip": "left_grasp"}, "'left_finger1': moves link 'left_finger1_link', which hangs"),
-    ({"base": "torso", "tip": "left_grasp"}, "try locked={'left_finger1': 0.0} or lock_others=True"),
+    ({"base": "torso", "tip": "left_grasp"}, "try locked={'left_finger1': 0.01} or lock_others=True"),
     ({"tip": "left_finger2_link"}, "mimic: expected joints that move independently"),
     ({"tip": "left_finger1_link", "lock_others": True}, "try locked={'left_finger2': 0.0}"),
     ({"tip": "head", "locked": {"lfit": 0.0}}, "locked: no joint 'lfit'. Did you mean 'lift'?"),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +12,9 @@ from holdfast.assembly.nearest_posture import distance, nearest_posture
 from holdfast.assembly.object_guesses import object_guesses
 from holdfast.assembly.preferred import preferred_postures, starting_postures
 from holdfast.assembly.reach import asked_reach, longest_reach
+from holdfast.assembly.reaching_postures import reaching_postures
 from holdfast.assembly.report import AssemblyReport, assembly_report
+from holdfast.assembly.room import room_left, with_room
 from holdfast.dynamics.closing import close
 from holdfast.errors import ClosureError, ModelError
 from holdfast.model import checks
@@ -23,9 +26,12 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-STARTS = 10  # postures an arm is closed from, if the preferred one does not lead to a closed one
+STARTS = 96  # postures that an arm is brought to its grasp from, if the preferred one does not lead there
+MOST_CLOSED = 6  # of them, the nearest
+LIKELIEST = 4  # guesses of the object's pose that the arms are brought to one by one
 BEST = 3  # closures whose posture is improved
-ROOM = 0.02  # of a joint's range: more room to a limit does not count
+
+Starts = Callable[[ClosedChain, Mapping[str, Array]], Iterator[Iterable[State]]]
 
 
 class Assembly(NamedTuple):
@@ -61,7 +67,8 @@ def assemble(
     Nearest: the smallest sum of squared joint differences, angles in rad and strokes in parts
     of the longest reach, over the self-motions of redundant arms, and over the object's pose
     if none is given; a local minimum, the best of those that a fixed list of starts leads to,
-    so the same input gives the same state. Closures with room to the joint limits come first.
+    so the same input gives the same state. Joints keep 2 % of their range away from their limits,
+    as far as their preferred positions do; only where nothing closes so do they go to the limits.
     Collisions are not checked. Tenths of a second; seconds where nothing closes.
 
     Args:
@@ -80,68 +87,74 @@ def assemble(
     """
     chain = ClosedChain(arms, held_object, grasps, gravity)
     preferred = preferred_postures(chain, q)
-    wanted = np.concatenate(list(preferred.values()))
-    if object_pose is not None:
-        given = checks.pose(object_pose, "object_pose")
-        _require_reach(chain, given)
-        closures = iter([_closed_around(chain, given, preferred, wanted)])
-    elif chain.grasps:
-        closures = _closed_somewhere(chain, preferred, wanted)
-    else:
+    given = None if object_pose is None else checks.pose(object_pose, "object_pose")
+    if given is None and not chain.grasps:
         raise ModelError("assemble: expected at least one grasp to find the object's pose, got none; try object_pose=")
-    return Assembly(chain, _best(chain, closures, wanted))
+    if given is None:
+        return Assembly(chain, _nearest(chain, preferred, _starts_somewhere, hold_object=False))
+    _require_reach(chain, given)
+    at = np.concatenate([np.clip(preferred[name], *arm.position_limits.T) for name, arm in chain.arms.items()])
+    for name, grasp in chain.grasps.items():  # the object is held: each arm is alone
+        alone = ClosedChain({name: chain.arms[name]}, held_object, {name: grasp}, gravity)
+        at[chain.joints[name]] = _nearest(alone, preferred, partial(_starts_around, given), hold_object=True).q
+    return Assembly(chain, State(at, 0 * at, given.wxyz_xyz))
 
 
-def _closed_around(chain: ClosedChain, pose: Pose, preferred: Mapping[str, Array], wanted: Array) -> State:
-    """Return the closed state with the object held: each arm is alone."""
-    q = np.clip(wanted, *np.concatenate([arm.position_limits for arm in chain.arms.values()]).T)
-    for name, grasp in chain.grasps.items():
-        alone = ClosedChain({name: chain.arms[name]}, chain.held_object, {name: grasp})
-        starts = starting_postures(chain.arms[name], preferred[name], STARTS)
-        found = _closures(alone, (State(start, 0 * start, pose.wxyz_xyz) for start in starts), preferred[name], True)
-        q[chain.joints[name]] = _best(alone, found, preferred[name]).q
-    return State(q, 0 * q, pose.wxyz_xyz)
+def _starts_around(object_pose: Pose, chain: ClosedChain, preferred: Mapping[str, Array]) -> Iterator[Iterable[State]]:
+    """Yield states to close an arm alone from: the preferred one; then what many starts lead to, the nearest first."""
+    (name,) = chain.arms
+    yield [State(preferred[name], 0 * preferred[name], object_pose.wxyz_xyz)]
+    yield [State(q, 0 * q, object_pose.wxyz_xyz) for q in _reaching(chain, name, object_pose, preferred)[:MOST_CLOSED]]
 
 
-def _closed_somewhere(chain: ClosedChain, preferred: Mapping[str, Array], wanted: Array) -> Iterator[State]:
-    """Yield closed states nearest to the preferred postures, from every guess of the object's pose."""
-    guesses = [State(wanted, 0 * wanted, pose.wxyz_xyz) for pose in object_guesses(chain, preferred)]
-    return _closures(chain, guesses, wanted, False)
+def _starts_somewhere(chain: ClosedChain, preferred: Mapping[str, Array]) -> Iterator[Iterable[State]]:
+    """Yield states to close from, at every guess of the object's pose: in the preferred postures; then reaching it."""
+    guesses = object_guesses(chain, preferred)
+    wanted = np.concatenate([preferred[name] for name in chain.arms])
+    yield [State(wanted, 0 * wanted, pose.wxyz_xyz) for pose in guesses]
+    states = []
+    for pose in guesses[:LIKELIEST]:
+        q = wanted.copy()
+        for name in chain.grasps:
+            q[chain.joints[name]] = next(iter(_reaching(chain, name, pose, preferred)), preferred[name])
+        states.append(State(q, 0 * q, pose.wxyz_xyz))
+    yield states
 
 
-def _closures(chain: ClosedChain, starts: Iterable[State], wanted: Array, hold_object: bool) -> Iterator[State]:
-    """Return the nearest closed states from so many starts; an arm alone needs no other if the first one serves.
+def _reaching(chain: ClosedChain, name: str, object_pose: Pose, preferred: Mapping[str, Array]) -> Array:
+    """Return postures in which an arm reaches its grasp, (found, N), the nearest to its preferred one first."""
+    arm = chain.arms[name]
+    starts = starting_postures(arm, preferred[name], STARTS)
+    return reaching_postures(arm, chain.grasps[name], object_pose, starts, preferred[name])
+
+
+def _nearest(chain: ClosedChain, preferred: Mapping[str, Array], starts: Starts, *, hold_object: bool) -> State:
+    """Return the nearest closed state that the starts lead to, with room to the joint limits if one has it.
+
+    Args:
+        chain: the chain.
+        preferred: joint positions by arm name.
+        starts: groups of states to close from; a later one counts only if none of those before closes.
+        hold_object: keep the object where it is.
 
     Raises:
-        ClosureError: none of them closes.
+        ClosureError: none of the starts closes.
     """
-    closed, cause = [], None
-    for start in starts:
-        try:
-            closed.append(close(chain, start, hold_object=hold_object))
-        except ClosureError as missed:
-            cause = cause or missed  # the preferred start's
-            continue
-        if hold_object and cause is None and _room(chain, closed[0]) >= ROOM:
-            break
-    if not closed:
-        assert cause is not None
-        raise ClosureError(f"assemble: no start of a search closes. From the first one: {cause}") from cause
-    closed.sort(key=lambda state: distance(chain, state, wanted))
-    return (nearest_posture(chain, state, wanted, hold_object=hold_object) for state in closed[:BEST])
-
-
-def _best(chain: ClosedChain, states: Iterable[State], wanted: Array) -> State:
-    """Return the state with room to the limits that is nearest to the preferred posture."""
-    return min(states, key=lambda state: (-_room(chain, state), round(distance(chain, state, wanted), 9)))
-
-
-def _room(chain: ClosedChain, state: State) -> float:
-    """Return the smallest margin to a joint limit, as part of the joint's range, up to `ROOM`."""
-    low, high = np.concatenate([arm.position_limits for arm in chain.arms.values()]).T
-    span = np.where(np.isfinite(high - low), high - low, 2 * np.pi)
-    margin = np.minimum(state.q - low, high - state.q) / np.maximum(span, 1e-300)
-    return float(np.clip(margin.min(), 0.0, ROOM))
+    wanted, missed = np.concatenate([preferred[name] for name in chain.arms]), None
+    for within in (with_room(chain, preferred), chain):
+        missed = None  # told is what misses within the arms' own limits, in the preferred postures
+        for group in starts(within, preferred):
+            closed = []
+            for start in group:
+                try:
+                    closed.append(close(within, start, hold_object=hold_object))
+                except ClosureError as cause:
+                    missed = missed or cause
+            if closed:
+                closed.sort(key=lambda state: distance(chain, state, wanted))
+                nearest = [nearest_posture(within, one, wanted, hold_object=hold_object) for one in closed[:BEST]]
+                return min(nearest, key=lambda at: (-room_left(chain, at), round(distance(chain, at, wanted), 9)))
+    raise ClosureError(f"assemble: no start of a search closes. From the first one: {missed}") from missed
 
 
 def _require_reach(chain: ClosedChain, pose: Pose) -> None:

@@ -10,6 +10,7 @@ from holdfast.assembly.reach import asked_reach, longest_reach
 from holdfast.dynamics.consistency import closure
 from holdfast.dynamics.rank import constraint_rank
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.tip_direction import advice_for, tip_angle
 from holdfast.state import State
 
 AT_LIMIT = 1e-9  # rad or m
@@ -28,6 +29,8 @@ class ArmReport:
         margin: how far that joint is from it [rad or m]; infinite if none has limits.
         unit: "rad" or "m", of the margin.
         residual: largest position gap at its grasp [m or rad].
+        tip_angle: between the tip's z axis and the way from the last joint to the tip [rad]; nan if unknown.
+        tip_note: what to do if that z axis should point out of the hand and does not; else empty.
     """
 
     name: str
@@ -38,6 +41,8 @@ class ArmReport:
     margin: float
     unit: str
     residual: float
+    tip_angle: float
+    tip_note: str
 
     @property
     def reach_used(self) -> float:
@@ -83,6 +88,7 @@ class AssemblyReport:
 
     def __str__(self) -> str:
         lines = [str(arm) for arm in self.arms]
+        lines += [f"  note: {arm.name}: {arm.tip_note}" for arm in self.arms if arm.tip_note]
         lines.append(f"mobility {self.mobility}, rank {self.rank} of {self.rows}")
         if self.rank < self.rows:
             lines.append("  rows are dependent: singular, or grasp forces not unique; holdfast.diagnose tells which")
@@ -125,4 +131,6 @@ def _arm_report(chain: ClosedChain, state: State, name: str, gap: float | None) 
         margin=float(margins[nearest]),
         unit="rad" if joint.kind == "revolute" else "m",
         residual=np.nan if gap is None else gap,
+        tip_angle=tip_angle(arm),
+        tip_note=advice_for(arm, chain.grasps[name]) if name in chain.grasps else "",
     )

@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 import tyro
 
 from holdfast.cli import BAD_INPUT, complain
+from holdfast.cli.repeated import refuse_repeated
 from holdfast.errors import SceneError
 from holdfast.model import checks
 
@@ -73,7 +74,7 @@ def simulate(
         out: the result folder to write.
         overwrite: replace an existing result folder.
         resume: go on with a run that was interrupted or killed, to the same bits.
-        plots: draw the plots too.
+        plots: draw the plots too (needs matplotlib); `holdfast plot` draws them later.
         trust_xacro: expand xacro files that the scene names; that runs the Python in them.
     """
     from holdfast.cli import simulate as command
@@ -186,6 +187,7 @@ def run(arguments: list[str]) -> int:
     first = arguments[0] if arguments else "--help"
     if not first.startswith("-") and first not in COMMANDS:
         raise SceneError(f"no command {first!r}.{checks.did_you_mean(first, COMMANDS)}")
+    refuse_repeated(arguments)
     call = _parsed(arguments or ["--help"])
     return call if isinstance(call, int) else call()
 

@@ -20,6 +20,7 @@ from holdfast.scenario.build import Scenario, load_scene
 from holdfast.simulation.simulate import simulate as run_simulation
 from holdfast.simulation.summary import summarise
 from holdfast.simulation.trajectory import Trajectory
+from holdfast.view.figure_style import matplotlib
 from holdfast.view.plots import save_plots
 from holdfast.view.summary_table import summary_table
 
@@ -49,6 +50,7 @@ def simulate(
         simulated until then is kept in both cases.
 
     Raises:
+        MissingExtra: there is no matplotlib to draw the plots with; nothing is simulated.
         HoldfastError: bad input, an unreachable or singular start, or a result folder that
             cannot be used; nothing is written.
     """
@@ -57,6 +59,8 @@ def simulate(
     folder = Path("results") / scene.stem if out is None else out
     scenario = load_scene(scene, trust_xacro=trust_xacro)
     tell_notes(scenario)
+    if with_plots:
+        _require_plots()
     robots = {name: robot.source for name, robot in scenario.robots.items() if robot.source is not None}
     home = str(scene.parent.resolve()) if robots else ""
     meta = run_meta(scenario.chain, scenario.name, scenario.duration, scenario.step, scene_folder=home)
@@ -81,9 +85,9 @@ def simulate(
     stdout().print(summary_table(summary))
     if run.stopped is not None:
         complain(f"{scene}: {run.stopped}")
-    look_at = ["summary.json", *(_plots(scenario, run, folder) if with_plots else [])]
-    for name in look_at:
-        stdout().print(f"look at {folder / name}", soft_wrap=True)
+    _point_to(folder, "summary.json")
+    for name in save_plots(scenario.chain, run, folder) if with_plots else []:
+        _point_to(folder, name)
     return 0 if run.stopped is None else REFUSED
 
 
@@ -153,10 +157,13 @@ def _interrupted(scenario: Scenario, writer: ResultWriter) -> int:
     return INTERRUPTED
 
 
-def _plots(scenario: Scenario, run: Trajectory, folder: Path) -> list[str]:
-    """Write the plots and return their names; without matplotlib say so and go on."""
+def _require_plots() -> None:
+    """Refuse to begin a run whose plots cannot be drawn: a user who waits for them would wait in vain."""
     try:
-        return save_plots(scenario.chain, run, folder)
+        matplotlib()
     except MissingExtra as missing:
-        complain(f"no plots: {missing}")
-        return []
+        raise MissingExtra(f"{missing}, or --no-plots now and `holdfast plot RESULT` later") from missing
+
+
+def _point_to(folder: Path, name: str) -> None:
+    stdout().print(f"look at {folder / name}", soft_wrap=True)

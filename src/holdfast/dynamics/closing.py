@@ -10,6 +10,7 @@ from holdfast.dynamics.constraint import constraint_rows, coordinate_sizes
 from holdfast.dynamics.projection import moved
 from holdfast.errors import ClosureError
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.tip_direction import advice_for
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
@@ -19,6 +20,7 @@ MAX_ITERATIONS = 200
 LONGEST_STEP = 0.5  # rad, or part of the arms' reach, in one iteration
 WORTH_NAMING = 1e-2  # of the largest miss: a smaller one was only waiting for it
 MOST_NAMED = 4  # arms in one message
+MOST_ADVISED = 2  # pieces of advice, where tips seem to point another way than the hands
 
 
 def close(
@@ -175,6 +177,15 @@ def _require_reached(chain: ClosedChain, state: State) -> None:
     ]
     more = f", and {len(named) - MOST_NAMED} more" if len(named) > MOST_NAMED else ""
     raise ClosureError(
-        f"cannot close the chains: {', '.join(named[:MOST_NAMED])}{more}. Try a closer object pose, another guess for"
-        " q, other base poses, or wider joint limits"
+        f"cannot close the chains: {', '.join(named[:MOST_NAMED])}{more}. {_tips_advice(chain, missed, worst)}"
+        "Try a closer object pose, another guess for q, other base poses, or wider joint limits"
     )
+
+
+def _tips_advice(chain: ClosedChain, missed: dict[str, float], worst: float) -> str:
+    """Return what to say of tips that seem to point another way than their hands, those of arms that are named."""
+    advice: dict[str, list[str]] = {}
+    for name, gap in missed.items():
+        if gap > WORTH_NAMING * worst and (told := advice_for(chain.arms[name], chain.grasps[name])):
+            advice.setdefault(told, []).append(f"'{name}'")
+    return "".join(f"Of {', '.join(names[:MOST_NAMED])}: {told}. " for told, names in [*advice.items()][:MOST_ADVISED])

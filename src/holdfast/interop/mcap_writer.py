@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from pathlib import Path
+from os import PathLike
 from typing import IO, Any
 
 from holdfast.dynamics.arm.posture import Posture, joint_placement, posture
@@ -12,9 +12,10 @@ from holdfast.errors import MissingExtra
 from holdfast.interop import ros_messages
 from holdfast.interop.ros_messages import JOINT_STATE, POSE, TRANSFORMS, WRENCH
 from holdfast.io.atomic import write_atomically
+from holdfast.io.path import file_path
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.trajectory import Trajectory
+from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.simulation.world import BaseMotion, World
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
@@ -24,7 +25,7 @@ Message = tuple[str, str, dict[str, Any]]  # topic, kind, content
 
 
 def write_mcap(
-    chain: ClosedChain, run: Trajectory, path: str | Path, base_motion: Mapping[str, BaseMotion] | None = None
+    chain: ClosedChain, run: Trajectory, path: str | PathLike[str], base_motion: Mapping[str, BaseMotion] | None = None
 ) -> None:
     """Write a run as an MCAP file; what is there is replaced. A message of each topic for every sample.
 
@@ -48,13 +49,15 @@ def write_mcap(
     Raises:
         MissingExtra: mcap-ros2-support is not installed.
         ModelError: a moving base of no arm.
+        StateError: what is no run, or not of this chain.
         ResultError: the file cannot be written.
     """
     try:
         from mcap_ros2.writer import Writer
     except ImportError as cause:
         raise MissingExtra("MCAP files need mcap-ros2-support; try pip install 'holdfast[ros]'") from cause
-    world = World(chain, base_motion or {})
+    require_run_of(chain, run)
+    place, world = file_path(path, "path"), World(chain, base_motion or {})
 
     def write(file: IO[bytes]) -> None:
         writer = Writer(file)
@@ -66,7 +69,7 @@ def write_mcap(
                 writer.write_message(topic, schemas[kind], content, log_time=time, publish_time=time, sequence=k)
         writer.finish()
 
-    write_atomically(Path(path), write)
+    write_atomically(place, write)
 
 
 def _messages(chain: ClosedChain, run: Trajectory, k: int, time: int) -> Iterator[Message]:

@@ -53,6 +53,8 @@ def require_file(path: Path) -> None:
         ResultError: saying which.
     """
     name = one_line(str(path), LONGEST_NAME)
+    if "\0" in str(path):
+        raise ResultError(f"{name}: cannot be written: no file's name has a null character")
     if path.name in ("", ".."):
         raise ResultError(f"{name}: cannot be written: expected the name of a file")
     if os.path.exists(path) and not os.path.isfile(path):

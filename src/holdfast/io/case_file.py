@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
+from os import PathLike
 
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
+from holdfast.errors import SceneError
 from holdfast.io import typed
 from holdfast.io.case_format import FREE_AXES, ArmData, CaseData, CaseFileData, ExpectedData, GraspData
+from holdfast.io.path import file_path
 from holdfast.io.place import Place
 from holdfast.model import checks
 from holdfast.model.arm import Arm
@@ -47,14 +49,15 @@ class Case:
     expected: ExpectedData | None
 
 
-def load_cases(path: str | Path) -> list[Case]:
+def load_cases(path: str | PathLike[str]) -> list[Case]:
     """Return the problems of a JSON file: one case, a list, or an object with `cases`.
 
     Raises:
         SceneError: unreadable or invalid, with the JSON path of the first fault.
     """
-    source = str(path)
-    data = typed.parse_json(typed.read_bytes(Path(path)), source)
+    file = file_path(path, "path", SceneError)
+    source = str(file)
+    data = typed.parse_json(typed.read_bytes(file), source)
     if isinstance(data, dict) and ("cases" in data or not data.keys() & {"name", "object", "arms"}):
         items = typed.convert(data, CaseFileData, source).cases
         listed = [(f"$.cases[{i}]", item) for i, item in enumerate(items)]

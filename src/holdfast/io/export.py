@@ -5,16 +5,19 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Iterable, Iterator
+from os import PathLike
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
-from holdfast.errors import MissingExtra
+from holdfast.errors import MissingExtra, ResultError
 from holdfast.io.atomic import remove, write_atomically
 from holdfast.io.columns import Column, columns, rows
 from holdfast.io.occurrence_table import TEXTS, Entry, occurrence_columns, occurrence_row
+from holdfast.io.path import file_path
 from holdfast.io.result_reader import Result
+from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.scalar import Array
 
 Rows = Array | list[list[Entry]]
@@ -22,7 +25,7 @@ Rows = Array | list[list[Entry]]
 TableWriter = Callable[[IO[bytes], list[Column], Iterable[Rows]], None]
 
 
-def export_csv(result: Result, path: str | Path) -> list[Path]:
+def export_csv(result: Result, path: str | PathLike[str]) -> list[Path]:
     """Write a run as CSV, a header line and a row for each sample, and return the files written.
 
     Columns are named `array what-in-it [unit]`, such as `q left/joint1 [rad]` or `object_pose qw`.
@@ -36,10 +39,10 @@ def export_csv(result: Result, path: str | Path) -> list[Path]:
     Raises:
         ResultError: a file cannot be written, or the result no longer be read.
     """
-    return _export(result, Path(path), _write_csv)
+    return _export(result, path, _write_csv)
 
 
-def export_parquet(result: Result, path: str | Path) -> list[Path]:
+def export_parquet(result: Result, path: str | PathLike[str]) -> list[Path]:
     """Write a run as Parquet, the tables of `export_csv`, and return the files written.
 
     The unit of a column stands in its title and, alone, in its metadata under `unit`; every chunk
@@ -65,7 +68,7 @@ def export_parquet(result: Result, path: str | Path) -> list[Path]:
                 entries = [arrow.array(given, kind) for given, kind in zip(by_column, kinds, strict=True)]
                 table.write_table(arrow.Table.from_arrays(entries, schema=schema))
 
-    return _export(result, Path(path), write)
+    return _export(result, path, write)
 
 
 def occurrences_path(path: Path) -> Path:
@@ -73,7 +76,9 @@ def occurrences_path(path: Path) -> Path:
     return path.with_name(f"{path.stem}_occurrences{path.suffix}")
 
 
-def _export(result: Result, path: Path, write: TableWriter) -> list[Path]:
+def _export(result: Result, given: str | PathLike[str], write: TableWriter) -> list[Path]:
+    _require_result(result)
+    path = file_path(given, "path")
     meta, log = result.meta, occurrences_path(path)
     happened: list[list[Entry]] = []
 
@@ -89,6 +94,23 @@ def _export(result: Result, path: Path, write: TableWriter) -> list[Path]:
         return [path]
     write_atomically(log, lambda file: write(file, occurrence_columns(meta), [happened]))
     return [path, log]
+
+
+def _require_result(result: Any) -> None:
+    """Refuse what is no result on disk.
+
+    Raises:
+        ResultError: saying how to come by one.
+    """
+    if isinstance(result, Result):
+        return
+    got = f"expected a result, as load_result(folder) returns it, got a {type(result).__name__}"
+    if isinstance(result, Trajectory):
+        raise ResultError(
+            f"{got}, which does not know its joints' names. Try `holdfast simulate SCENE --out FOLDER`, then"
+            " export_csv(load_result(FOLDER), path); or keep its arrays with numpy.savez(path, t=run.t, q=run.q)"
+        )
+    raise ResultError(f"{got}{'. Try load_result of it' if isinstance(result, str | PathLike) else ''}")
 
 
 def _write_csv(file: IO[bytes], head: list[Column], blocks: Iterable[Rows]) -> None:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
 
 from holdfast.errors import ResultError
+from holdfast.io.path import file_path
 from holdfast.io.result_arrays import Damage
 from holdfast.io.result_chunk import chunk_name, read_chunk, stray_chunks
 from holdfast.io.result_meta import ResultMeta, read_bytes, read_meta, sha256
@@ -69,7 +71,7 @@ class Result:
             yield replace(part, stopped=self.meta.stopped, occurrences=part.occurrences + at_end)
 
 
-def load_result(folder: str | Path) -> Result:
+def load_result(folder: str | PathLike[str]) -> Result:
     """Return the run in a result folder, up to the last flush before the first damage.
 
     Looks at every chunk, one at a time; the samples are read when they are asked for.
@@ -77,7 +79,7 @@ def load_result(folder: str | Path) -> Result:
     Raises:
         ResultError: no result is there, or none of it can be read, or it lacks arrays.
     """
-    folder = Path(folder)
+    folder = file_path(folder, "folder")
     meta = read_meta(folder)
     if not meta.samples:
         raise ResultError(f"{folder}: no samples yet: the run ended before its first flush, or has just begun")

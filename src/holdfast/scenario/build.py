@@ -6,15 +6,16 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
+from os import PathLike
 from typing import Any
 
 import numpy as np
 
 from holdfast.assembly.assemble import assemble
 from holdfast.dynamics.closing import close
-from holdfast.errors import ClosureError
+from holdfast.errors import ClosureError, SceneError
 from holdfast.io import typed
+from holdfast.io.path import file_path
 from holdfast.io.place import LONGEST_NAME, Place, one_line
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -64,8 +65,8 @@ class Scenario:
 
 
 def load_scene(
-    path: str | Path,
-    folder: str | Path | None = None,
+    path: str | PathLike[str],
+    folder: str | PathLike[str] | None = None,
     *,
     trust_xacro: bool = False,
     robots: Mapping[str, Source] | None = None,
@@ -83,13 +84,14 @@ def load_scene(
         ClosureError: an arm cannot reach its grasp.
         MissingExtra: it names a xacro file, and xacrodoc is not installed.
     """
-    source = str(path)
-    text = typed.read_bytes(Path(path), LARGEST_FILE)
+    file = file_path(path, "path", SceneError)
+    source = str(file)
+    text = typed.read_bytes(file, LARGEST_FILE)
     raw = typed.parse_toml(text, source)
     require_sensible(raw, Place(source))
     data = typed.convert(raw, SceneData, source)
-    home = Path(path).parent if folder is None else Path(folder)
-    name = data.name or one_line(Path(path).stem, LONGEST_NAME)
+    home = file.parent if folder is None else file_path(folder, "folder", SceneError)
+    name = data.name or one_line(file.stem, LONGEST_NAME)
     return build_scene(data, source, text.decode("utf-8"), name, RobotFiles(home, trust_xacro, robots or {}))
 
 

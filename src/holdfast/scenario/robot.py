@@ -113,7 +113,10 @@ def _of_file(data: UrdfData, files: RobotFiles, name: str, base: Pose, tool: Pos
         )
     except HoldfastError as cause:  # it names file and line
         raise type(cause)((at / "urdf").said(str(cause))) from cause
-    arm = links.arm if tool is None else links.arm.with_tip(links.arm.tip @ tool)
+    arm = links.arm
+    if tool is not None:  # what there is to say of the link's own frame says nothing of the tool's
+        arm = arm.with_tip(arm.tip @ tool)
+        links = replace(links, notes=tuple(note for note in links.notes if note != links.tip_note), tip_note="")
     if data.armature:
         arm = replace(arm, joints=_driven(arm, data.armature, at / "urdf" / "armature"))
     return Robot(arm, preferred_posture(arm), source, links)

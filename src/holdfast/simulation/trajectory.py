@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
-from holdfast.errors import StateError
+from holdfast.errors import ModelError, StateError
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import imbalance, momentum_imbalance
 from holdfast.simulation.interpolation import Knot, interpolant
 from holdfast.simulation.occurrence import Occurrence
@@ -157,6 +159,27 @@ def stacked(samples: Sequence[Trajectory], stopped: str | None = None) -> Trajec
     """Return single samples as one run."""
     arrays = {key: np.stack([getattr(s, key) for s in samples]) for key in array_names()}
     return Trajectory(**arrays, stopped=stopped, occurrences=tuple(one for s in samples for one in s.occurrences))
+
+
+def require_run_of(chain: Any, run: Any) -> None:
+    """Refuse what is no run of a chain, before its arrays are taken apart.
+
+    Raises:
+        ModelError: what is no chain.
+        StateError: what is no run, one without samples, or one of other arms.
+    """
+    if not isinstance(chain, ClosedChain):
+        raise ModelError(f"chain: expected a ClosedChain, got a {type(chain).__name__}")
+    if not isinstance(run, Trajectory):
+        inside = "; try its .trajectory" if hasattr(type(run), "trajectory") else ""
+        raise StateError(f"run: expected a Trajectory, as simulate returns it, got a {type(run).__name__}{inside}")
+    if not len(run):
+        raise StateError("run: expected samples, got none")
+    here, there = (chain.joint_count, len(chain.arms)), (run.q.shape[1], run.grasp_wrench.shape[1])
+    if here != there:
+        raise StateError(
+            f"run: expected one of this chain, {here[0]} joints in {here[1]} arms, got {there[0]} in {there[1]}"
+        )
 
 
 def array_names() -> list[str]:

@@ -15,7 +15,7 @@ from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.instant import Instant
-from holdfast.simulation.trajectory import Trajectory
+from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.simulation.world import BaseMotion, World
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
@@ -90,7 +90,7 @@ class Film:
 def film_of_run(
     chain: ClosedChain,
     run: Trajectory,
-    title: str,
+    title: str = "run",
     rate: float = RATE,
     base_motion: Mapping[str, BaseMotion] | None = None,
     looks: Looks | None = None,
@@ -106,8 +106,10 @@ def film_of_run(
         looks: as for `Film`.
 
     Raises:
+        StateError: what is no run, or not of this chain.
         ModelError: a rate that is not positive or gives more than 20,000 moments, or a moving base of no arm.
     """
+    require_run_of(chain, run)
     k = samples_at(run.t, checks.number(rate, "rate", above=0.0))
     if len(k) > MOST_MOMENTS:
         raise ModelError(f"rate: expected at most {MOST_MOMENTS} moments, got {len(k)}; try a lower rate")

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from os import PathLike
 
+from holdfast.errors import ModelError
 from holdfast.io.atomic import write_atomically
+from holdfast.io.path import file_path
 from holdfast.view.chain_scene import ChainScene
 from holdfast.view.film import Film
 from holdfast.view.page_panel import with_panel
@@ -13,7 +15,7 @@ from holdfast.view.scene_writer import SceneWriter, viewer_server
 PAUSE = 0.8  # the last moment stays so long before the player begins again [s]
 
 
-def export_page(film: Film, path: Path) -> None:
+def export_page(film: Film, path: str | PathLike[str]) -> None:
     """Write a film as one HTML file, whole or not at all.
 
     The player begins at once and repeats; space pauses it. A film of one moment stands still.
@@ -24,9 +26,13 @@ def export_page(film: Film, path: Path) -> None:
 
     Raises:
         MissingExtra: viser is not installed.
+        ModelError: what is no film.
         ResultError: the file cannot be written.
     """
-    write_atomically(path, page(film).encode("utf-8"))
+    if not isinstance(film, Film):
+        raise ModelError(f"film: expected a film, got a {type(film).__name__}; try film_of_run(chain, run)")
+    place = file_path(path, "path")
+    write_atomically(place, page(film).encode("utf-8"))
 
 
 def page(film: Film) -> str:

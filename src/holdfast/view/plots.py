@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from os import PathLike
 from typing import Any
 
 import numpy as np
 
 from holdfast.io.atomic import write_atomically
+from holdfast.io.path import file_path
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.trajectory import Trajectory
+from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.view import figure_style
 from holdfast.view.closure_figure import closure_and_energy_figure
 from holdfast.view.margin_figure import friction_margin_figure
@@ -39,19 +40,26 @@ def figures(chain: ClosedChain, run: Trajectory) -> dict[str, Any]:
     return found
 
 
-def save_plots(chain: ClosedChain, run: Trajectory, folder: Path) -> list[str]:
+def save_plots(chain: ClosedChain, run: Trajectory, folder: str | PathLike[str]) -> list[str]:
     """Write the figures of a run into a folder as PNG and return the files' names.
 
+    Args:
+        chain: the chain that was simulated.
+        run: its run.
+        folder: where to.
+
     Raises:
+        StateError: what is no run, or not of this chain.
         MissingExtra: matplotlib is not installed.
         ResultError: a file cannot be written.
     """
-    names = []
+    require_run_of(chain, run)
+    names, place = [], file_path(folder, "folder")
     for name, figure in figures(chain, run).items():
         names.append(f"{name}.png")
 
         def draw(file: Any, figure: Any = figure) -> None:
             figure.savefig(file, format="png", dpi=figure_style.DPI)
 
-        write_atomically(folder / names[-1], draw)
+        write_atomically(place / names[-1], draw)
     return names

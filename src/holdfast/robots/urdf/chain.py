@@ -7,20 +7,26 @@ from dataclasses import dataclass
 from os import PathLike
 from typing import Any, TypedDict, Unpack
 
+import numpy as np
+
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.joint import Joint
+from holdfast.model.tip_direction import tip_advice, tip_angle
 from holdfast.robots.urdf.document import quoted
-from holdfast.robots.urdf.folding import Body, fold
+from holdfast.robots.urdf.folding import Body, Fold, fold
 from holdfast.robots.urdf.inertia import welded_link
 from holdfast.robots.urdf.locking import Locks, checked_locks
 from holdfast.robots.urdf.reading import read_urdf
-from holdfast.robots.urdf.refusals import refuse_moving_branches, refuse_unsupported
+from holdfast.robots.urdf.refusals import hanging, refuse_loose, refuse_unsupported
 from holdfast.robots.urdf.robot import UrdfRobot
 from holdfast.robots.urdf.source import Source
 from holdfast.robots.urdf.tips import ends
 from holdfast.robots.urdf.tree import Step, way
 from holdfast.spatial.pose import Pose
+
+SAME_PLACE = 1e-6  # [m] between the origins of two frames
+UPRIGHT = 0.1  # [rad] between z and the way to the tip
 
 
 class UrdfOptions(TypedDict, total=False):
@@ -47,7 +53,9 @@ class UrdfChain:
         bodies: N + 1 mappings from link name to pose: of the links on the base in the base's
             frame, then of the links welded into arm link k in its frame.
         elsewhere: names of the links that joints of their own move on the base.
-        notes: what was read in another way than it stands, or not at all, with its line.
+        notes: what was read in another way than it stands, or not at all, with its line; and a tip
+            whose z axis does not point out of the hand.
+        tip_note: that last note alone; empty if there is none.
     """
 
     arm: Arm
@@ -58,6 +66,7 @@ class UrdfChain:
     bodies: tuple[Mapping[str, Pose], ...]
     elsewhere: tuple[str, ...]
     notes: tuple[str, ...]
+    tip_note: str = ""
 
 
 def urdf_chain(
@@ -83,7 +92,10 @@ def urdf_chain(
     start, end = ends(robot, base, tip, held)
     steps = way(robot, start, end)
     locks = Locks(robot, held, bool(options.get("lock_others")), frozenset(step.joint.name for step in steps))
-    return chain_along(locks, start, steps, mounted(options), options)
+    refuse_unsupported(locks, steps)
+    folded = fold(start, steps, locks)
+    refuse_loose(locks, hanging(locks, folded, steps))
+    return chain_of(locks, start, folded, steps, mounted(options), options)
 
 
 def mounted(options: UrdfOptions) -> Pose:
@@ -92,12 +104,9 @@ def mounted(options: UrdfOptions) -> Pose:
     return Pose.identity() if mount is None else checks.pose(mount, "mount")
 
 
-def chain_along(locks: Locks, base: str, steps: list[Step], mount: Pose, options: UrdfOptions) -> UrdfChain:
-    """Return the arm along the steps from a base link that is mounted at a pose."""
+def chain_of(locks: Locks, base: str, folded: Fold, steps: list[Step], mount: Pose, options: UrdfOptions) -> UrdfChain:
+    """Return the arm along the steps from a base link that is mounted at a pose; nothing moves on it unheld."""
     robot, tip = locks.robot, steps[-1].beyond if steps else base
-    refuse_unsupported(locks, steps)
-    folded = fold(base, steps, locks)
-    refuse_moving_branches(locks, folded, steps)
     if not folded.bodies:
         raise robot.element.refuse(
             f"expected a joint that moves between base {quoted(base)} and tip {quoted(tip)}, got none"
@@ -107,6 +116,9 @@ def chain_along(locks: Locks, base: str, steps: list[Step], mount: Pose, options
     bodies = (folded.on_base, *(body.links for body in folded.bodies))
     inside = {name: robot.links[name] for links in bodies for name in links}
     within = [joint for joint in robot.joints.values() if joint.parent in inside and joint.child in inside]
+    notes = [note for part in (robot, *inside.values(), *within) for note in part.notes]
+    notes += [_massless(robot, name) for body in folded.bodies for name in body.links if not robot.links[name].inertial]
+    tip_note = _tip_note(robot, arm, tip, folded)
     return UrdfChain(
         arm=arm,
         robot=robot,
@@ -115,8 +127,27 @@ def chain_along(locks: Locks, base: str, steps: list[Step], mount: Pose, options
         locked={j.name: q for j in within if not j.is_fixed and (q := locks.position(j)) is not None},
         bodies=bodies,
         elsewhere=tuple(name for name in robot.links if name not in inside),
-        notes=tuple(note for part in (robot, *inside.values(), *within) for note in part.notes),
+        notes=(*notes, *([tip_note] if tip_note else [])),
+        tip_note=tip_note,
     )
+
+
+def _massless(robot: UrdfRobot, link: str) -> str:
+    """Return the note on a link that moves and weighs nothing; of one that stands still no mass is needed."""
+    return robot.links[link].element.said("no <inertial>, taken as massless")
+
+
+def _tip_note(robot: UrdfRobot, arm: Arm, tip: str, folded: Fold) -> str:
+    """Return the note on a tip whose z axis does not point out of the hand, with links there whose does; or nothing."""
+    if not (advice := tip_advice(arm)):
+        return ""
+    better = [
+        f"tip={quoted(name)}"
+        for name, at in folded.bodies[-1].links.items()
+        if np.allclose(at.p, arm.tip.p, rtol=0, atol=SAME_PLACE) and tip_angle(arm.with_tip(at)) < UPRIGHT
+    ]
+    others = f", or {' or '.join(better[:3])}, a frame in the same place" if better else ""
+    return robot.links[tip].element.said(f"as a tip: {advice}{others}")
 
 
 def _joint(body: Body) -> Joint:

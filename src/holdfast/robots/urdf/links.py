@@ -14,11 +14,10 @@ SMALLEST_RADIUS = 1e-8  # [m] of gyration; iCub's exporter leaves 1e-35 to 1e-18
 
 
 def read_link(element: Element) -> UrdfLink:
-    """Return a link; without <inertial> it weighs nothing, which is noted."""
+    """Return a link; without <inertial> it weighs nothing."""
     notes = list(read_words(element))
     inertial = element.first("inertial")
     if inertial is None:
-        notes.append(element.said("no <inertial>, taken as massless"))
         return UrdfLink(attributes.name(element), None, element, tuple(notes))
     notes += read_words(inertial)
     for part in inertial.children:

@@ -80,8 +80,9 @@ def load_urdf_arms(
 
         load_urdf_arms("robot.urdf", {"left": ("torso", "left_hand"), "right": ("torso", "right_hand")})
 
-    Links that stand still may be shared. A joint that moves two arms, or an arm's base,
-    must be held by `locked`; `lock_others` holds those that are on no arm's way.
+    Links that stand still may be shared. A joint that moves two arms, or an arm's base, must be
+    held: `lock_others` holds those that are on no arm's way, a torso below both bases for one, at 0
+    or at their limit nearest to 0; `locked` holds any, where it says. One refusal lists them all.
 
     Args:
         path_or_text: a file, the text itself, or a `.xacro` file (see `read_urdf`).

@@ -25,7 +25,7 @@ class Locks:
     Attributes:
         robot: the robot.
         given: position by joint name, as the caller said.
-        others: hold also every joint that hangs on an arm but is on no arm's way.
+        others: hold also every joint that hangs on an arm, or moves its base, but is on no arm's way.
         on_the_way: names of the joints between base and tip of the arms.
     """
 
@@ -63,8 +63,7 @@ class Locks:
         if joint.name in self.given:
             return self.given[joint.name]
         if self.others and joint.kind in MOVING and joint.name not in self.on_the_way:
-            low, high = joint.position_limits
-            return min(max(0.0, low), high)
+            return resting_position(joint)
         return None
 
     def pose(self, joint: UrdfJoint) -> Pose | None:
@@ -77,6 +76,12 @@ class Locks:
         if joint.kind == "prismatic":
             return joint.origin @ Pose(np.eye(3), q * joint.axis)
         return joint.origin @ Pose(rotation.exp(q * joint.axis), np.zeros(3))
+
+
+def resting_position(joint: UrdfJoint) -> float:
+    """Return where a joint rests if nobody says: at 0, or at its limit nearest to 0 [rad or m]."""
+    low, high = joint.position_limits
+    return min(max(0.0, low), high)
 
 
 def checked_locks(robot: UrdfRobot, locked: Mapping[str, float] | None) -> dict[str, float]:

@@ -7,11 +7,12 @@ from dataclasses import replace
 from os import PathLike
 from typing import Unpack
 
-from holdfast.robots.urdf.chain import UrdfChain, UrdfOptions, chain_along, mounted
+from holdfast.robots.urdf.chain import UrdfChain, UrdfOptions, chain_of, mounted
 from holdfast.robots.urdf.document import quoted
-from holdfast.robots.urdf.locking import Locks, checked_locks
+from holdfast.robots.urdf.folding import fold
+from holdfast.robots.urdf.locking import Locks, checked_locks, resting_position
 from holdfast.robots.urdf.reading import read_urdf
-from holdfast.robots.urdf.refusals import refuse_shared
+from holdfast.robots.urdf.refusals import hanging, refuse_loose, refuse_unsupported, shared, under_bases
 from holdfast.robots.urdf.robot import UrdfRobot
 from holdfast.robots.urdf.tree import known_link, way
 from holdfast.spatial.pose import Pose
@@ -36,10 +37,21 @@ def urdf_chains(
     ways = {name: way(robot, base, tip) for name, (base, tip) in ends_of.items()}
     passed = frozenset(step.joint.name for steps in ways.values() for step in steps)
     locks = Locks(robot, held, bool(options.get("lock_others")), passed)
-    refuse_shared(locks, ways)
-    mount = mounted(options)
-    mounts = {name: mount @ _standing(locks, name, base) for name, (base, _) in ends_of.items()}
-    return {name: chain_along(locks, base, ways[name], mounts[name], options) for name, (base, _) in ends_of.items()}
+    for steps in ways.values():
+        refuse_unsupported(locks, steps)
+    bases = {name: base for name, (base, _) in ends_of.items()}
+    loose = [*shared(locks, ways), *under_bases(locks, bases)]
+    resting = {joint.name: resting_position(joint) for joint, _ in loose}
+    held_too = replace(locks, given={**resting, **held})  # so that one refusal tells what would still move then
+    folds = {name: fold(base, ways[name], held_too) for name, base in bases.items()}
+    loose += [one for name, folded in folds.items() for one in hanging(held_too, folded, ways[name])]
+    refuse_loose(locks, loose)
+    mount, chains = mounted(options), {}
+    for name, base in bases.items():
+        at, notes = _standing(locks, base)
+        chain = chain_of(locks, base, folds[name], ways[name], mount @ at, options)
+        chains[name] = replace(chain, notes=(*notes, *chain.notes))
+    return chains
 
 
 def _ends_of_arms(robot: UrdfRobot, arms: Mapping[str, tuple[str, str]]) -> dict[str, tuple[str, str]]:
@@ -59,14 +71,13 @@ def _ends_of_arms(robot: UrdfRobot, arms: Mapping[str, tuple[str, str]]) -> dict
     return found
 
 
-def _standing(locks: Locks, name: str, base: str) -> Pose:
-    """Return the pose of an arm's base link in the root link's frame; joints between them must be held by name."""
-    at, given = Pose.identity(), replace(locks, others=False)
+def _standing(locks: Locks, base: str) -> tuple[Pose, list[str]]:
+    """Return the pose of an arm's base link in the root link's frame, and notes on joints below it held unasked."""
+    at, notes = Pose.identity(), []
     for joint, _ in way(locks.robot, locks.robot.root, base):
-        across = given.pose(joint)
-        if across is None:
-            raise joint.element.refuse(
-                f"moves the base {quoted(base)} of arm '{name}'; try locked={{{quoted(joint.name)}: 0.0}}"
-            )
+        across, q = locks.pose(joint), locks.position(joint)
+        assert across is not None
         at = at @ across
-    return at
+        if q is not None and joint.name not in locks.given:
+            notes.append(joint.element.said(f"held at {q:g}, since it moves the base {quoted(base)}"))
+    return at, notes

@@ -1,0 +1,138 @@
+"""Postures in which an arm reaches its contact: a search from many starts at once, as arrays over the starts.
+
+Damped Newton steps of least length within the joint limits (Levenberg and Marquardt's damping, one for
+each start). This only finds where to begin: `dynamics.closing.close` brings what is found to rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from holdfast.model.arm import Arm
+from holdfast.model.grasp import Grasp
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+
+ROUNDS = 80
+REACHED = 1e-6  # rad, or part of the arm's length
+LONGEST_STEP = 0.5  # rad, or part of the arm's length, in one round
+SAME = 1e-3  # rad or m: postures nearer to one another are one
+LEAST_DAMPING, MOST_DAMPING = 1e-8, 1e4
+
+
+def reaching_postures(arm: Arm, grasp: Grasp, object_pose: Pose, starts: Iterable[Array], preferred: Array) -> Array:
+    """Return the postures that the starts lead to and in which the grasp closes, nearest to the preferred one first.
+
+    Joints that turn are brought as near to the preferred posture as whole turns within their limits allow.
+
+    Args:
+        arm: the arm.
+        grasp: its grasp.
+        object_pose: where the object is.
+        starts: (N,) joint positions each.
+        preferred: (N,) joint positions.
+
+    Returns:
+        (found, N).
+    """
+    contact, rows = object_pose @ grasp.frame, _position_rows(grasp)
+    size = _size(arm)
+    scale = np.array([1.0 if joint.kind == "revolute" else size for joint in arm.joints])
+    low, high = arm.position_limits.T
+    q = np.clip(np.array(list(starts)), low, high)
+    damping = np.full(len(q), 1e-2)
+    gap, J = _gap(arm, q, contact, size)
+    gap, J = gap[:, rows], J[:, rows] * scale
+    for _ in range(ROUNDS):
+        active = (np.abs(gap).max(axis=1) > REACHED) & (damping < MOST_DAMPING)
+        if not active.any():
+            break
+        at, here, slope = q[active], gap[active], J[active]
+        step = _step(slope, here, damping[active], at <= low, at >= high) * scale
+        trial = np.clip(at + step, low, high)
+        there, trial_slope = _gap(arm, trial, contact, size)
+        there, trial_slope = there[:, rows], trial_slope[:, rows] * scale
+        better = np.linalg.norm(there, axis=1) < np.linalg.norm(here, axis=1)
+        kept = np.flatnonzero(active)[better]
+        q[kept], gap[kept], J[kept] = trial[better], there[better], trial_slope[better]
+        damping[active] = np.maximum(damping[active] * np.where(better, 0.2, 10.0), LEAST_DAMPING)
+    found = _unwound(arm, q[np.abs(gap).max(axis=1) <= REACHED], preferred)
+    order = np.argsort(np.linalg.norm((found - preferred) / scale, axis=1), kind="stable")
+    return _distinct(found[order])
+
+
+def _position_rows(grasp: Grasp) -> list[int]:
+    """Return which of [turn; shift] in contact axes a grasp ties; a soft finger's spin is no position."""
+    return [i for i in grasp.transmitted if not (grasp.kind == "softfinger" and i == 2)]
+
+
+def _size(arm: Arm) -> float:
+    """Return the arm's length: from joint to joint, and on to the tip [m]; 1 m if that is nothing."""
+    lengths = [float(np.linalg.norm(part.p)) for part in (*(joint.placement for joint in arm.joints[1:]), arm.tip)]
+    return sum(lengths) or 1.0
+
+
+def _gap(arm: Arm, q: Array, contact: Pose, size: float) -> tuple[Array, Array]:
+    """Return how the tips lie in the contact frame, [turn; shift / size] (B, 6), and how they move, (B, 6, N)."""
+    R, p, axes, places = np.broadcast_to(arm.base.R, (len(q), 3, 3)), np.tile(arm.base.p, (len(q), 1)), [], []
+    for k, joint in enumerate(arm.joints):
+        p, R = p + R @ joint.placement.p, R @ joint.placement.R
+        axes.append(R @ joint.axis)
+        places.append(p)
+        if joint.kind == "revolute":
+            R = R @ _turns(joint.axis, q[:, k])
+        else:
+            p = p + q[:, k, None] * axes[-1]
+    p, R = p + R @ arm.tip.p, contact.R.T @ R @ arm.tip.R
+    J = np.zeros((len(q), 6, arm.joint_count))
+    for k, joint in enumerate(arm.joints):
+        revolute = joint.kind == "revolute"
+        J[:, :3, k] = axes[k] @ contact.R if revolute else 0.0
+        J[:, 3:, k] = (np.cross(axes[k], p - places[k]) if revolute else axes[k]) @ contact.R / size
+    return np.hstack([_logs(R), (p - contact.p) @ contact.R / size]), J
+
+
+def _turns(axis: Array, angles: Array) -> Array:
+    """Return rotations about a unit axis, (B, 3, 3): 1 + sin K + (1 - cos) K^2."""
+    x, y, z = axis
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angles)[:, None, None] * K + (1 - np.cos(angles))[:, None, None] * (K @ K)
+
+
+def _logs(R: Array) -> Array:
+    """Return rotation vectors, (B, 3); at half a turn exactly, which no start needs, none."""
+    sines = 0.5 * np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
+    sine, cosine = np.linalg.norm(sines, axis=1), 0.5 * (np.trace(R, axis1=1, axis2=2) - 1)
+    return sines * (np.arctan2(sine, cosine) / np.maximum(sine, 1e-12))[:, None]
+
+
+def _step(J: Array, gap: Array, damping: Array, lowest: Array, highest: Array) -> Array:
+    """Return -J^T (J J^T + damping 1)^-1 gap, (B, N), joints at a limit that it would push beyond left out."""
+    J = J.copy()
+    while True:
+        A = J @ J.transpose(0, 2, 1) + damping[:, None, None] * np.eye(J.shape[1])
+        step = -(J.transpose(0, 2, 1) @ np.linalg.solve(A, gap[:, :, None]))[:, :, 0]
+        beyond = ((lowest & (step < 0)) | (highest & (step > 0))) & J.any(axis=1)
+        if not beyond.any():
+            return step * np.minimum(1.0, LONGEST_STEP / np.maximum(np.abs(step).max(axis=1), 1e-300))[:, None]
+        J[np.broadcast_to(beyond[:, None, :], J.shape)] = 0.0
+
+
+def _unwound(arm: Arm, q: Array, preferred: Array) -> Array:
+    """Return the same postures, whole turns taken off towards the preferred one where the limits let them."""
+    turns = 2 * np.pi * np.round((q - preferred) / (2 * np.pi))
+    turns[:, [joint.kind != "revolute" for joint in arm.joints]] = 0.0
+    low, high = arm.position_limits.T
+    there = q - turns
+    return np.where((low <= there) & (there <= high), there, q)
+
+
+def _distinct(q: Array) -> Array:
+    """Return the postures without those that an earlier one is nearly the same as."""
+    kept: list[Array] = []
+    for one in q:
+        if all(np.abs(one - other).max() > SAME for other in kept):
+            kept.append(one)
+    return np.array(kept).reshape(len(kept), q.shape[1])

@@ -1,0 +1,124 @@
+"""Paths are given as text or as path objects; what is neither, and what is no result or run, is refused by name."""
+
+import inspect
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.interop.mcap_writer import write_mcap
+from holdfast.robots.urdf import read_urdf
+from tests.io.recorded import filled
+from tests.robots.two_armed import TWO_ARMED
+from tests.view.runs import lifted
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+NO_PATHS = [None, 3, b"bytes", ["a", "b"], "", "a\0b", "x" * 5000]
+
+
+def readers(folder: Path) -> dict:
+    """Return what reads a path, and a file or folder for it."""
+    filled(folder / "run", 2)
+    (folder / "two.urdf").write_text(TWO_ARMED)
+    body = '<body name="arm"><joint name="j" axis="0 1 0"/><geom size="0.1"/></body>'
+    (folder / "arm.xml").write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    torso = {"base": "torso", "lock_others": True}
+    return {
+        hf.load_result: (folder / "run", {}),
+        hf.load_cases: (EXAMPLES.parent / "tests" / "data" / "cases.json", {}),
+        hf.load_scene: (EXAMPLES / "two_pandas.toml", {}),
+        hf.load_urdf: (folder / "two.urdf", {"tip": "left_grasp", **torso}),
+        hf.urdf_chain: (folder / "two.urdf", {"tip": "left_grasp", **torso}),
+        hf.load_urdf_arms: (folder / "two.urdf", {"arms": {"left": ("torso", "left_grasp")}, "lock_others": True}),
+        read_urdf: (folder / "two.urdf", {}),
+        hf.load_mjcf: (folder / "arm.xml", {}),
+    }
+
+
+def writers(folder: Path) -> dict:
+    """Return what writes to a path, with what comes before the path, and the path's name."""
+    filled(folder / "run", 2)
+    chain, run = lifted()
+    result = hf.load_result(folder / "run")
+    return {
+        hf.export_csv: ((result,), "run.csv"),
+        hf.export_parquet: ((result,), "run.parquet"),
+        hf.export_page: ((hf.film_of_run(chain, run, rate=2.0),), "page.html"),
+        hf.save_plots: ((chain, run), "."),
+        write_mcap: ((chain, run), "run.mcap"),
+    }
+
+
+def test_none_is_left_out(tmp_path):
+    """Every public function with a path among its arguments is tried here."""
+    tried = {function.__name__ for function in (*readers(tmp_path / "a"), *writers(tmp_path / "b"))}
+    public = {name: getattr(hf, name) for name in hf.__all__ if inspect.isfunction(getattr(hf, name))}
+    takes_a_path = {
+        name
+        for name, function in public.items()
+        if any("path" in f"{p.name} {p.annotation}".lower() for p in inspect.signature(function).parameters.values())
+    }
+    assert takes_a_path <= tried | {"project"}, takes_a_path
+
+
+def test_read_by_text_and_by_path(tmp_path):
+    """The same either way; what is no path is refused with an error of the library's own."""
+    for read, (path, options) in readers(tmp_path).items():
+        assert path.exists()
+        assert type(read(str(path), **options)) is type(read(path, **options))
+        for given in NO_PATHS:
+            with pytest.raises(hf.HoldfastError):
+                read(given, **options)
+
+
+def test_written_by_text(tmp_path):
+    """A path as text serves, as path objects do everywhere else; what is no path is refused, and nothing is written."""
+    for write, (arguments, name) in writers(tmp_path).items():
+        folder = tmp_path / write.__name__
+        folder.mkdir()
+        try:
+            write(*arguments, str(folder / name))
+        except hf.MissingExtra:
+            continue
+        assert list(folder.iterdir())
+        before = sorted(tmp_path.rglob("*"))
+        for given in NO_PATHS[:-1] if write in (hf.save_plots, hf.export_page) else NO_PATHS:
+            with pytest.raises(hf.HoldfastError):
+                write(*arguments, given)
+        assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("export", [hf.export_csv, hf.export_parquet])
+def test_tables_of_what_is_no_result(tmp_path, export):
+    """A run in memory, a folder's name: the message says how to come by a result."""
+    if export is hf.export_parquet:
+        pytest.importorskip("pyarrow")
+    with pytest.raises(hf.ResultError, match=r"got a Trajectory, which does not know.* Try `holdfast simulate"):
+        export(lifted()[1], tmp_path / "run.csv")
+    with pytest.raises(hf.ResultError, match=r"got a str\. Try load_result of it"):
+        export("run", tmp_path / "run.csv")
+    assert not list(tmp_path.iterdir())
+
+
+def test_pictures_of_what_is_no_run(tmp_path):
+    """A result, the run of another chain, an empty one, arguments in another order: each refused by name."""
+    chain, run = lifted()
+    filled(tmp_path / "run", 2)
+    empty = replace(run, **{name: getattr(run, name)[:0] for name in hf.simulation.trajectory.array_names()})
+    one_arm = hf.ClosedChain({"left": chain.arms["left"]}, chain.held_object, {})
+    uses: list[Any] = [hf.film_of_run, lambda chain, run: hf.save_plots(chain, run, tmp_path)]
+    for use in uses:
+        with pytest.raises(hf.StateError, match=r"expected a Trajectory.*got a Result; try its \.trajectory"):
+            use(chain, hf.load_result(tmp_path / "run"))
+        with pytest.raises(hf.StateError, match="expected one of this chain, 7 joints in 1 arms, got 14 in 2"):
+            use(one_arm, run)
+        with pytest.raises(hf.StateError, match="expected samples, got none"):
+            use(chain, empty)
+        with pytest.raises(hf.ModelError, match="expected a ClosedChain, got a Trajectory"):
+            use(run, chain)
+    with pytest.raises(hf.ModelError, match=r"got a Trajectory; try film_of_run\(chain, run\)"):
+        hf.export_page(cast(Any, run), tmp_path / "page.html")
+    assert np.array_equal(hf.film_of_run(chain, run).t, hf.film_of_run(chain, run, "run").t)
