@@ -14,8 +14,14 @@ REFUSED = {
     "axis shape": ({"axis": [0, 1]}, r"joint 'elbow': axis: expected shape \(3,\)"),
     "axis text": ({"axis": "z"}, r"joint 'elbow': axis: expected numbers"),
     "placement": ({"placement": [1, 0, 0]}, r"joint 'elbow': placement"),
-    "placement mirror": ({"placement": Pose(-np.eye(3), np.zeros(3))}, r"joint 'elbow': placement: rotation: expected"),
-    "placement nan": ({"placement": Pose(np.eye(3), [0, np.nan, 0])}, r"joint 'elbow': placement: position"),
+    "placement mirror": (
+        {"placement": Pose.unchecked(-np.eye(3), np.zeros(3))},
+        r"joint 'elbow': placement: rotation: expected",
+    ),
+    "placement nan": (
+        {"placement": Pose.unchecked(np.eye(3), np.array([0, np.nan, 0]))},
+        r"joint 'elbow': placement: position",
+    ),
     "armature": ({"armature": -1e-9}, r"joint 'elbow': armature: expected >= 0, got -1e-09"),
     "damping": ({"damping": -1.0}, r"joint 'elbow': damping: expected >= 0"),
     "damping nan": ({"damping": np.nan}, r"joint 'elbow': damping: expected finite"),

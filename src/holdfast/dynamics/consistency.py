@@ -54,7 +54,7 @@ def tip_from_contact(c: Contact, contact_point: Array, tip: Pose) -> Pose:
         contact_point: (3,) on the object, world axes.
         tip: the arm's tip frame in the world.
     """
-    return Pose(c.R.T @ tip.R, (tip.p - contact_point) @ c.R)
+    return Pose.unchecked(c.R.T @ tip.R, (tip.p - contact_point) @ c.R)
 
 
 def position_gap(c: Contact, contact_point: Array, tip: Pose) -> Array:

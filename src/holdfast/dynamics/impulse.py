@@ -144,7 +144,7 @@ def grasp_here(grasp: Grasp, object_frame: Pose, tip: Pose, name: str = "") -> G
             )
         z = across / sine
         R = np.column_stack([x, np.cross(z, x), z])
-    return replace(grasp, frame=Pose(R, seen.p))
+    return replace(grasp, frame=Pose.unchecked(R, seen.p))
 
 
 def _require_there(motion: ChainMotion, state: State, name: str, tolerance: float) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.spatial.converted import making
+from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
 
@@ -30,7 +31,7 @@ FREE: dict[str, tuple[int, ...]] = {"rigid": (), "hinge": (0,), "softfinger": (0
 
 
 @dataclass(frozen=True)
-class Friction:
+class Friction(Frozen):
     """A one-sided contact: it can only press, and holds within a friction cone.
 
     Attributes:
@@ -52,7 +53,7 @@ class Friction:
 
 
 @dataclass(frozen=True)
-class WrenchLimits:
+class WrenchLimits(Frozen):
     """The largest wrench a grasp takes before it gives way, e.g. a gripper's rating.
 
     Attributes:
@@ -74,7 +75,7 @@ class WrenchLimits:
 
 
 @dataclass(frozen=True, eq=False)
-class Grasp:
+class Grasp(Frozen):
     """The attachment of one arm's tip frame to the contact frame on the object.
 
     The contact frame's z axis is the normal INTO the object: an arm that presses has

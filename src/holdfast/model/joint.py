@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 from numbers import Real
 from typing import Any, Literal
 
@@ -13,6 +12,7 @@ from numpy.typing import ArrayLike
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.spatial.converted import ArrayField, Converted, making
+from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import outer, skew
@@ -21,7 +21,7 @@ UNBOUNDED: Any = (-np.inf, np.inf)  # to a type checker no tuple is a `Converted
 
 
 @dataclass(frozen=True, eq=False)
-class Joint:
+class Joint(Frozen):
     """A joint between a link and its parent (the previous link, or the base).
 
     Revolute: R = R_parent R0 Rot(axis, q), p = p_parent + R_parent p0.
@@ -73,7 +73,7 @@ class Joint:
             raise ModelError(f"{label}: position_limits: expected lower <= upper, got {low:g} and {high:g}")
         put(self, "position_limits", (low, high))
 
-    @cached_property
+    @frozen_property
     def rotation_parts(self) -> tuple[Array, Array, Array]:
         """(F, C, S) with R0 Rot(axis, q) = F + cos(q) C + sin(q) S.
 
@@ -83,7 +83,7 @@ class Joint:
         fixed = outer(a, a)
         return R0 @ fixed, R0 @ (np.eye(3) - fixed), R0 @ skew(a)
 
-    @cached_property
+    @frozen_property
     def parent_axis(self) -> Array:
         """(3,) the axis at q = 0 in the parent's axes."""
         return self.placement.R @ self.axis

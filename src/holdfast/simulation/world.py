@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.frozen import FrozenDict
 from holdfast.state import Inputs
 
 # t [s] -> pose of the base (a Pose or wxyz_xyz), its twist (6,) and acceleration (6,), world axes
@@ -61,5 +62,5 @@ def mounted(chain: ClosedChain, bases: Mapping[str, Any]) -> ClosedChain:
     for name, base in bases.items():
         arms[name] = copy.copy(arms[name])
         object.__setattr__(arms[name], "base", checks.pose(base, f"base motion of '{name}'"))
-    object.__setattr__(moved, "arms", arms)
+    object.__setattr__(moved, "arms", FrozenDict(arms))
     return moved

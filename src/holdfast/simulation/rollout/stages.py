@@ -192,7 +192,7 @@ def no_gaps() -> Stage:
     """Return the stage that begins looking for the largest gaps, the object being where it is now."""
 
     def text(pose: Array) -> tuple[Array, Array]:
-        return np.zeros(2), Pose.from_wxyz_xyz(pose).R
+        return np.zeros(2), Pose.unchecked_seven(pose).R
 
     return stage("no_gaps", text, [{"object_pose": (7,)}], [("gaps'", "R")])
 
