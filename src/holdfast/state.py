@@ -76,7 +76,7 @@ class Inputs(Frozen):
 
     def __post_init__(self) -> None:
         for name, given in vars(self).items():
-            if given is not None and not isinstance(given, np.ndarray):  # `shaped` asks for its shape
+            if given is not None:  # `shaped` asks for its shape
                 object.__setattr__(self, name, checks.numbers(given, None, f"inputs: {name}", StateError))
 
     def shaped(self, chain: ClosedChain) -> Inputs:

@@ -47,7 +47,7 @@ def test_parameters():
     plain.set(**moving, gravity=[0.0, 0.0, 1.0])  # bases that begin to move
     assert plain() is Status.OK and all_same_bits(outputs(plain.result), outputs(bound.result))
     plain.set(gravity=chain.gravity, **{name: 0.0 * x for name, x in moving.items()})
-    mass = {"object_mass": 7.0, "object_wrench": acting["object_wrench"]}
+    mass = {"object_mass": 7.0, "object_inertia": "scale", "object_wrench": acting["object_wrench"]}
     bound.set(**mass)
     plain.set(base_pose=np.tile([0.5, 0.5, 0.5, 0.5, 0, 0, 0], (5, 1)))
     bound(), plain()
@@ -68,7 +68,8 @@ def test_wrong_parameters():
     for change, message in (
         ({"gravity": np.ones((2, 3))}, "gravity: expected numbers of one system, got a batch of 2"),
         ({"gravty": np.ones(3)}, "Did you mean 'gravity'"),
-        ({"object_mass": 3.0, "object_com": [1.0, 2.0]}, "object_com: expected shape"),
+        ({"object_mass": 3.0}, "object_mass: expected object_inertia beside it"),
+        ({"object_mass": 3.0, "object_inertia": "scale", "object_com": [1.0, 2.0]}, "object_com: expected shape"),
     ):
         with pytest.raises(StateError, match=message):
             bound.set(**change)

@@ -10,13 +10,14 @@ from holdfast.assembly.reach import asked_reach, longest_reach
 from holdfast.dynamics.consistency import closure
 from holdfast.dynamics.rank import constraint_rank
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.frozen import Frozen
 from holdfast.state import State
 
 AT_LIMIT = 1e-9  # rad or m
 
 
 @dataclass(frozen=True)
-class ArmReport:
+class ArmReport(Frozen):
     """How one arm stands.
 
     Attributes:
@@ -60,7 +61,7 @@ class ArmReport:
 
 
 @dataclass(frozen=True)
-class AssemblyReport:
+class AssemblyReport(Frozen):
     """How a closed chain stands.
 
     Attributes:

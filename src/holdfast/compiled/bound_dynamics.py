@@ -70,7 +70,7 @@ class BoundDynamics:
         """
         if any(name in parameters and name not in self._externals for name in BASE_MOTION):
             self._move(self._compiled.moving)
-        found = taken(parameters, self._externals)
+        found = taken(parameters, self._externals, self._compiled.chain)
         for name, x in found.items():
             if x.ndim > len(self._externals[name].shape):
                 raise StateError(f"set: {name}: expected numbers of one system, got a batch of {len(x)}")

@@ -203,7 +203,7 @@ class CompiledChain(ChainFunctions):
         inputs = zip(_INPUTS, (q, qd, tau, object_pose, object_twist), strict=True)
         found = {name: arrays.floats(name, x, self._externals[name].shape) for name, x in inputs}
         if parameters:
-            found |= taken(parameters, self._externals)
+            found |= taken(parameters, self._externals, self.chain)
         batch = arrays.batch_of(found, self._externals)
         if not isinstance(threads, int) or threads < 1:
             raise StateError(f"threads: expected an integer >= 1, got {threads!r}")

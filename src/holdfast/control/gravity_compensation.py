@@ -11,12 +11,13 @@ from holdfast.control.grasp_forces import commanded_wrenches
 from holdfast.dynamics.arm.newton_euler import drive_torques
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, concatenate
 from holdfast.state import Inputs, State
 
 
 @dataclass(frozen=True, eq=False)
-class GravityCompensation:
+class GravityCompensation(Frozen):
     """tau = C_gravity + J^T f - d qd: the closed chain's static balance.
 
     f carries the object's weight by the smallest wrenches the grasps can transmit, and

@@ -11,12 +11,13 @@ from holdfast.control.grasp_forces import commanded_wrenches
 from holdfast.control.paths import Target
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
+from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, concatenate
 from holdfast.state import State
 
 
 @dataclass(frozen=True, eq=False)
-class ObjectTracking:
+class ObjectTracking(Frozen):
     """tau = M qdd + C + J^T f + damping, with qdd and f that give the object its acceleration.
 
     The commanded acceleration is the path's and a correction,

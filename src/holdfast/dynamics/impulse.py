@@ -32,6 +32,7 @@ from holdfast.errors import ClosureError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
+from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_twist
@@ -41,7 +42,7 @@ ALONG_NORMAL = 1e-3  # sine of the angle below which a hinge's axis leaves no di
 
 
 @dataclass(frozen=True, eq=False)
-class Attachment:
+class Attachment(Frozen):
     """What closing a grasp does, world axes.
 
     Attributes:

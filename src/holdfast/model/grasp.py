@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from numbers import Real
 from typing import Any, Literal, get_args
@@ -12,7 +13,7 @@ import numpy as np
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.spatial.converted import making
-from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.frozen import Frozen, FrozenDict
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
 
@@ -20,14 +21,16 @@ GraspKind = Literal["rigid", "hinge", "softfinger", "ball"]
 
 # Contact-axes components of a wrench [mx, my, mz, fx, fy, fz] that the grasp transmits:
 # the rows of K, and with it the velocity rows.
-TRANSMITTED: dict[str, tuple[int, ...]] = {
-    "rigid": (0, 1, 2, 3, 4, 5),
-    "hinge": (1, 2, 3, 4, 5),
-    "softfinger": (2, 3, 4, 5),
-    "ball": (3, 4, 5),
-}
+TRANSMITTED: Mapping[str, tuple[int, ...]] = FrozenDict(
+    {
+        "rigid": (0, 1, 2, 3, 4, 5),
+        "hinge": (1, 2, 3, 4, 5),
+        "softfinger": (2, 3, 4, 5),
+        "ball": (3, 4, 5),
+    }
+)
 # Contact axes about which the object may turn against the tip: the columns of h.
-FREE: dict[str, tuple[int, ...]] = {"rigid": (), "hinge": (0,), "softfinger": (0, 1), "ball": (0, 1, 2)}
+FREE: Mapping[str, tuple[int, ...]] = FrozenDict({"rigid": (), "hinge": (0,), "softfinger": (0, 1), "ball": (0, 1, 2)})
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,12 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.simulation.occurrence import Occurrence
+from holdfast.spatial.frozen import Frozen
 from holdfast.state import Inputs, State
 
 
 @dataclass(frozen=True, eq=False)
-class Attach:
+class Attach(Frozen):
     """An arm grips the object: what still moves against each other stops at once, by an impulse.
 
     Attributes:
@@ -32,7 +33,7 @@ class Attach:
 
 
 @dataclass(frozen=True)
-class Release:
+class Release(Frozen):
     """An arm lets go; no velocity changes.
 
     Attributes:

@@ -13,7 +13,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.events import Event, in_order
-from holdfast.simulation.instant import Controller
+from holdfast.simulation.instant import Controller, require_controller
 from holdfast.simulation.leg import MakeStepper, Plan
 from holdfast.simulation.policy import OnLimit, OnSlip, Policy
 from holdfast.simulation.progress import Progress, begun, following, resumed
@@ -89,11 +89,15 @@ def simulate(
         make_stepper: what takes the steps; without it machine code does, unless there are too few to compile for.
 
     Raises:
-        ModelError: a duration or step that is not positive, too many steps, an unknown policy or scheme, or
-            an impossible event.
-        StateError: the initial state breaks a grasp, or the controller's torques do not fit.
+        ModelError: a duration or step that is not positive, too many steps, an unknown policy or scheme, an
+            impossible event, or a controller that is no function.
+        StateError: the initial state breaks a grasp, the controller returns no torques and memory that fit, or it is a
+            law that is told parameters.
         SingularChainError: the initial configuration is singular.
     """
+    require_controller(controller)
+    if isinstance(controller, ControlLaw):
+        controller.require_no_parameters()
     named = scheme_named(scheme)
     grid = step_times(duration, step)
     state.fits(chain)

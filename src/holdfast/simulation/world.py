@@ -36,9 +36,21 @@ class World:
     inputs: Inputs | Callable[[float], Inputs] = field(default_factory=Inputs)
 
     def __post_init__(self) -> None:
+        if not (isinstance(self.inputs, Inputs) or callable(self.inputs)):
+            raise ModelError(f"inputs: expected Inputs or a function t -> Inputs, got {type(self.inputs).__name__}")
+        if not isinstance(self.base_motion, Mapping):
+            raise ModelError(
+                "base motion: expected a mapping from an arm's name to a function of time, got"
+                f" {type(self.base_motion).__name__}"
+            )
         for name in self.base_motion:
             if name not in self.chain.arms:
                 raise ModelError(f"base motion '{name}': no such arm.{checks.did_you_mean(name, self.chain.arms)}")
+            if not callable(self.base_motion[name]):
+                raise ModelError(
+                    f"base motion '{name}': expected a function t -> (pose, twist, acceleration), got"
+                    f" {type(self.base_motion[name]).__name__}"
+                )
 
     def at(self, t: float) -> tuple[ClosedChain, Inputs]:
         """Return the chain with its bases where they are at time t [s], and the inputs then."""

@@ -68,7 +68,7 @@ def frozen(value: Any) -> Any:
     """Return a value whose arrays, lists and dicts cannot be written, at any depth; an array is not copied."""
     if isinstance(value, np.ndarray):
         return read_only(value)
-    if type(value) is dict:
+    if type(value) in (dict, FrozenDict):
         return FrozenDict({name: frozen(x) for name, x in value.items()})
     if type(value) in (tuple, list):
         return tuple([frozen(x) for x in value])

@@ -37,12 +37,15 @@ class RolloutSystems:
         arrays: what the machine code carries on, by name.
         begin: (systems,) when the steps began that are counted now [s].
         pace: (systems,) their length [s].
-        told: what the call was told that brought them here, by name; None if that is not known.
+        told: what they were told last, by the machine code's names, (1 or systems, ...) each; it acts until they are
+            told otherwise.
+        law: the law under which their slopes were found.
     """
 
     def __init__(self, chain: ClosedChain, arrays: Systems, begin: Array, pace: Array) -> None:
         self.chain, self.arrays, self.begin, self.pace = chain, arrays, begin, pace
-        self.told: dict[str, Array] | None = None
+        self.told: dict[str, Array] = {}
+        self.law: object = None
 
     def __len__(self) -> int:
         return len(self.begin)
@@ -148,20 +151,30 @@ class RolloutSystems:
         """(systems,) whether each goes on."""
         return self.arrays["code"] == 0.0
 
-    def tell(self, given: Mapping[str, Array]) -> bool:
-        """Note what a call is told; return whether it may differ from what was told before."""
-        before, self.told = self.told, {name: np.array(x) for name, x in given.items()}
-        if before is None or before.keys() != given.keys():
-            return True
-        return not all(np.array_equal(x, before[name]) for name, x in given.items())
+    def tell(self, said: Mapping[str, Array], law: object) -> bool:
+        """Keep what a call says until it is said otherwise; return whether anything may act that did not before.
+
+        Args:
+            said: arrays by the machine code's names, (1 or systems, ...) each.
+            law: the law that acts.
+        """
+        new = {name: np.array(x) for name, x in said.items() if not np.array_equal(x, self.told.get(name, ()))}
+        changed = bool(new) or self.law is not law
+        self.told, self.law = self.told | new, law
+        return changed
 
     def copy(self, rows: Any = None) -> RolloutSystems:
         """Return the systems, or some of them by number or truth value, apart from these."""
         which = slice(None) if rows is None else rows
         arrays = {name: x[which].copy() for name, x in self.arrays.items()}
         made = RolloutSystems(self.chain, arrays, self.begin[which].copy(), self.pace[which].copy())
-        made.told = self.told if rows is None else None
+        made.told = {name: x if len(x) == 1 else x[which] for name, x in self.told.items()}
+        made.law = self.law
         return made
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is pickled: a law may be a function without a name, and slopes can be found anew."""
+        return vars(self) | {"law": None}
 
     def _or_none(self, name: str) -> Array:
         return self.arrays.get(name, np.zeros((len(self), 0)))
