@@ -118,3 +118,26 @@ def test_singular():
         fast.forward_dynamics(**given)
     bound.q[...] += 0.2 * np.arange(12)
     assert bound() is Status.OK
+
+
+def test_nothing_is_set_in_vain():
+    """`bound.q = x` would not reach the machine code, so it is refused and says what does; `+=` writes, as it reads."""
+    chain, fast = chain_named(NAME), compiled(NAME)
+    bound, given = fast.bind(), one(numbers(chain, 1), 0)
+    write(bound, given)
+    bound.qd *= 1.0
+    for name, message in (
+        ("q", r"bound: q: .*try bound.q\[...\] = values, or bind\(q=array\) again"),
+        ("object_wrench", r"try bound.object_wrench\[...\] = values"),
+        ("result", "bound: result: expected it to stay"),
+        ("run", "bound: run: expected it to stay"),
+        ("tua", "bound: no attribute 'tua'. Did you mean 'tau'"),
+        ("gravity", r"bound: no attribute 'gravity'.*try bound.set\(gravity=...\)"),
+    ):
+        with pytest.raises(holdfast.FrozenError, match=message) as caught:
+            setattr(bound, name, np.zeros(3))
+        assert isinstance(caught.value, AttributeError)
+    assert bound() is Status.OK
+    assert all_same_bits(outputs(bound.result), outputs(fast.forward_dynamics(**given)))
+    bound.set(base_twist=np.ones((5, 6)), base_acceleration=np.zeros((5, 6)))  # other code, the same arrays
+    assert bound() is Status.OK

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from decimal import Decimal
 from numbers import Real
 from typing import Any
 
@@ -15,6 +14,7 @@ from holdfast.spatial.frozen import read_only
 from holdfast.spatial.scalar import Array
 
 ROTATION_TOLERANCE = 1e-6  # further from orthogonal or unit length is an error; nearer is normalised
+UNIT_ROUNDING = 1e-15  # a length this near to 1 is 1: dividing by it would change last bits again and again
 
 
 def numbers(value: Any, shape: tuple[int, ...] | None, what: str, error: type[HoldfastError] = ModelError) -> Array:
@@ -44,7 +44,7 @@ def real_array(value: Any, what: str, expected: str, error: type[HoldfastError])
     Raises:
         HoldfastError: of the type `error`.
     """
-    if _is_masked(value):
+    if is_masked(value):
         raise error(
             f"{what}: expected {expected}, got a masked array; try its method filled, or the rows without masks"
         )
@@ -87,7 +87,7 @@ def pose_numbers(value: Any, what: str, error: type[HoldfastError] = ModelError)
         raise error(
             f"{what}: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}; try dividing by it"
         )
-    return read_only(np.concatenate([a[:4] / length, a[4:]]))
+    return a if abs(length - 1) <= UNIT_ROUNDING else read_only(np.concatenate([a[:4] / length, a[4:]]))
 
 
 def short(value: Any) -> str:
@@ -99,10 +99,10 @@ def short(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _is_masked(value: Any) -> bool:
+def is_masked(value: Any) -> bool:
     """Return whether a value is a masked array, or a list that holds one at any depth."""
     if isinstance(value, list | tuple):
-        return any(_is_masked(x) for x in value if not isinstance(x, float))
+        return any(is_masked(x) for x in value if not isinstance(x, float))
     return isinstance(value, np.ndarray) and type(value) is not np.ndarray and hasattr(value, "mask")
 
 
@@ -111,7 +111,7 @@ def _of_objects(a: Array) -> Array:
     if any(hasattr(x, "where") for x in a.flat):
         return a
     for x in a.flat:
-        if not isinstance(x, Real | Decimal) or isinstance(x, bool):
+        if isinstance(x, bool) or not (isinstance(x, Real) or hasattr(x, "as_integer_ratio")):  # a decimal has that
             raise TypeError(f"{type(x).__name__} is no real number")
     return a.astype(float)
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holdfast import ControlLaw, Rollout, RolloutSystems, State, StateError, compile_rollout
+from holdfast import ControlLaw, FrozenError, Rollout, RolloutSystems, State, StateError, compile_rollout
 from holdfast.spatial.scalar import minimum, sin, where
 from tests.compiler.programs import same_bits
 from tests.simulation.rollout.problems import arrays, elsewhere, problem, told_torques
@@ -148,3 +148,16 @@ def test_laws_that_travel_as_they_are():
     """Given torques, and functions that a module defines."""
     rollout = told_torques("one")
     assert pickle.loads(pickle.dumps(rollout)).law.torque is rollout.law.torque
+
+
+def test_nothing_is_written_in_vain():
+    """A state written between two steps would not be what the next step begins with."""
+    rollout, state = told_torques("one"), problem("one")[1]
+    systems = rollout.start(**arrays(state), tau=np.zeros(6))
+    for name in ("q", "qd", "object_pose", "grasp_wrench", "gap", "margin", "work"):
+        with pytest.raises(FrozenError, match=f"systems: {name}: expected .* to stay.*try `start`"):
+            setattr(systems, name, np.zeros(6))
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(systems, name)[...] = 0.0
+    with pytest.raises(FrozenError, match=r"systems: no attribute 'qs'\. Did you mean 'q"):
+        systems.qs = np.zeros(6)

@@ -8,8 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.errors import FrozenError
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout.kernel import Systems
+from holdfast.spatial.frozen import read_only
 from holdfast.spatial.scalar import Array
 
 
@@ -23,13 +26,15 @@ class Fate(Enum):
     BROKEN = "its inputs are faulty, or the next step is not finite"
 
 
+_ATTRIBUTES = ("chain", "arrays", "begin", "pace", "told", "law")
 _FATES = np.array(list(Fate))
 
 
 class RolloutSystems:
     """Many systems of one chain, advanced in place by `Rollout.step`.
 
-    Every array has the systems along its first axis. A system that cannot go on keeps its last good
+    Every array has the systems along its first axis; it follows the steps and cannot be written, as what goes with
+    a state is found by `Rollout.start`. A system that cannot go on keeps its last good
     state; its `fate` says why.
 
     Attributes:
@@ -50,6 +55,18 @@ class RolloutSystems:
     def __len__(self) -> int:
         return len(self.begin)
 
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse what would not act: arrays in the place of the machine code's, and names that nothing reads."""
+        if isinstance(getattr(type(self), name, None), property):
+            raise FrozenError(
+                f"systems: {name}: expected what the last step found to stay, as the next one begins with it; try"
+                " `start` for other states"
+            )
+        if name not in _ATTRIBUTES:
+            known = [n for n, x in vars(type(self)).items() if isinstance(x, property)]
+            raise FrozenError(f"systems: no attribute '{name}'.{checks.did_you_mean(name, known)}")
+        object.__setattr__(self, name, value)
+
     @property
     def t(self) -> Array:
         """(systems,) time of each [s]: a whole number of steps, so that it does not drift."""
@@ -66,37 +83,37 @@ class RolloutSystems:
     @property
     def q(self) -> Array:
         """(systems, n) joint positions [rad or m]."""
-        return self.arrays["q"]
+        return read_only(self.arrays["q"])
 
     @property
     def qd(self) -> Array:
         """(systems, n) joint rates."""
-        return self.arrays["qd"]
+        return read_only(self.arrays["qd"])
 
     @property
     def qdd(self) -> Array:
         """(systems, n) joint accelerations."""
-        return self.arrays["qdd"]
+        return read_only(self.arrays["qdd"])
 
     @property
     def tau(self) -> Array:
         """(systems, n) torques of the drives [N m or N]."""
-        return self.arrays["drive"]
+        return read_only(self.arrays["drive"])
 
     @property
     def object_pose(self) -> Array:
         """(systems, 7) wxyz_xyz of the object frame."""
-        return self.arrays["object_pose"]
+        return read_only(self.arrays["object_pose"])
 
     @property
     def object_twist(self) -> Array:
         """(systems, 6) [omega; v of C], world axes."""
-        return self.arrays["object_twist"]
+        return read_only(self.arrays["object_twist"])
 
     @property
     def object_acceleration(self) -> Array:
         """(systems, 6) [omega_dot; v_dot of C], true, world axes."""
-        return self.arrays["object_acceleration"]
+        return read_only(self.arrays["object_acceleration"])
 
     @property
     def grasp_wrench(self) -> Array:
@@ -104,7 +121,7 @@ class RolloutSystems:
 
         Where the forces are not unique, one solution.
         """
-        return self.arrays["grasp_wrench"]
+        return read_only(self.arrays["grasp_wrench"])
 
     @property
     def memory(self) -> Array:
@@ -129,17 +146,17 @@ class RolloutSystems:
     @property
     def work(self) -> Array:
         """(systems, 4) work so far of drives, damping and friction, bases, external wrenches [J]."""
-        return self.arrays["work"]
+        return read_only(self.arrays["work"])
 
     @property
     def gap(self) -> Array:
         """(systems, 2) the largest open gap of any grasp, in position [m or rad] and in velocity."""
-        return self.arrays["gaps"][:, 2:]
+        return read_only(self.arrays["gaps"][:, 2:])
 
     @property
     def drift(self) -> Array:
         """(systems, 2) the same as the last step left it, before projection."""
-        return self.arrays["gaps"][:, :2]
+        return read_only(self.arrays["gaps"][:, :2])
 
     @property
     def fate(self) -> Array:
@@ -177,4 +194,4 @@ class RolloutSystems:
         return vars(self) | {"law": None}
 
     def _or_none(self, name: str) -> Array:
-        return self.arrays.get(name, np.zeros((len(self), 0)))
+        return read_only(self.arrays.get(name, np.zeros((len(self), 0))))
