@@ -37,7 +37,15 @@ class State(Frozen):
         put(self, "q", checks.vector(self.q, "state: q", StateError))
         put(self, "qd", checks.numbers(self.qd, self.q.shape, "state: qd", StateError))
         pose = self.object_pose.wxyz_xyz if isinstance(self.object_pose, Pose) else self.object_pose
-        put(self, "object_pose", checks.pose_numbers(pose, "state: object_pose", StateError))
+        pose = checks.numbers(pose, (7,), "state: object_pose", StateError)
+        if pose.dtype != object:
+            length = float(np.sqrt(pose[:4] @ pose[:4]))
+            if abs(length - 1) > checks.ROTATION_TOLERANCE:
+                raise StateError(
+                    f"state: object_pose: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}"
+                )
+            pose = checks.read_only(np.concatenate([pose[:4] / length, pose[4:]]))
+        put(self, "object_pose", pose)
         put(self, "object_twist", checks.numbers(self.object_twist, (6,), "state: object_twist", StateError))
 
     @frozen_property

@@ -13,9 +13,9 @@ REFUSED = {
     "q ragged": ({"q": [[0.0], [0.0, 0.0]]}, r"state: q: expected an array of numbers, got"),
     "q nan": ({"q": [0.0, np.nan]}, r"state: q: expected finite"),
     "qd length": ({"qd": [0.0]}, r"state: qd: expected shape \(2,\), got shape \(1,\)"),
-    "pose shape": ({"object_pose": POSE[:6]}, r"state: object_pose \(wxyz_xyz\): expected shape \(7,\)"),
+    "pose shape": ({"object_pose": POSE[:6]}, r"state: object_pose: expected shape \(7,\)"),
     "pose length": ({"object_pose": 2 * POSE}, r"state: object_pose: expected a unit quaternion .* got length 2"),
-    "pose inf": ({"object_pose": [1, 0, 0, 0, np.inf, 0, 0]}, r"state: object_pose \(wxyz_xyz\): expected finite"),
+    "pose inf": ({"object_pose": [1, 0, 0, 0, np.inf, 0, 0]}, r"state: object_pose: expected finite"),
     "twist": ({"object_twist": np.zeros(5)}, r"state: object_twist: expected shape \(6,\)"),
 }
 

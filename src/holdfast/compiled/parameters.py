@@ -119,7 +119,6 @@ def _from_quaternions(name: str, poses: Array) -> tuple[Array, Array]:
     length = np.array([math.hypot(*p) for p in poses[..., :4].reshape(-1, 4)]).reshape(*poses.shape[:-1], 1)
     if not (np.abs(length - 1) <= checks.ROTATION_TOLERANCE).all():
         raise StateError(f"{name}: expected unit quaternions (w, x, y, z), got lengths {np.unique(length)[:3]}")
-    length[np.abs(length - 1) <= checks.UNIT_ROUNDING] = 1.0
     R = rotation.from_quaternion(np.moveaxis(poses[..., :4] / length, -1, 0))
     R = np.moveaxis(R, (0, 1), (-2, -1))
     return np.ascontiguousarray(R), np.ascontiguousarray(poses[..., 4:])

@@ -13,7 +13,6 @@ from holdfast.errors import HoldfastError, ModelError
 from holdfast.spatial.frozen import read_only as read_only
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.real_numbers import ROTATION_TOLERANCE as ROTATION_TOLERANCE
-from holdfast.spatial.real_numbers import UNIT_ROUNDING as UNIT_ROUNDING
 from holdfast.spatial.real_numbers import numbers as numbers
 from holdfast.spatial.real_numbers import pose_numbers as pose_numbers
 from holdfast.spatial.real_numbers import rotation_matrix as rotation_matrix
@@ -48,7 +47,7 @@ def unit_vector(value: Any, what: str) -> Array:
     length = math.hypot(*a)
     if abs(length - 1) > ROTATION_TOLERANCE:
         raise ModelError(f"{what}: expected a unit vector, got length {length:.9g}; try dividing by it")
-    return a if abs(length - 1) <= UNIT_ROUNDING else read_only(a / length)
+    return a if abs(length - 1) < 1e-15 else read_only(a / length)
 
 
 def pose(value: Any, what: str) -> Pose:

@@ -14,7 +14,6 @@ from holdfast.spatial.frozen import read_only
 from holdfast.spatial.scalar import Array
 
 ROTATION_TOLERANCE = 1e-6  # further from orthogonal or unit length is an error; nearer is normalised
-UNIT_ROUNDING = 1e-15  # a length this near to 1 is 1: dividing by it would change last bits again and again
 
 
 def numbers(value: Any, shape: tuple[int, ...] | None, what: str, error: type[HoldfastError] = ModelError) -> Array:
@@ -77,17 +76,17 @@ def rotation_matrix(value: Any, what: str) -> Array:
     return R if rotation.is_rotation(R, 1e-14) else read_only(rotation.nearest(R))
 
 
-def pose_numbers(value: Any, what: str, error: type[HoldfastError] = ModelError) -> Array:
+def pose_numbers(value: Any, what: str) -> Array:
     """Return wxyz_xyz, (7,), its quaternion of unit length; one that is off by more than 1e-6 is refused."""
-    a = numbers(value, (7,), f"{what} (wxyz_xyz)", error)
+    a = numbers(value, (7,), f"{what} (wxyz_xyz)")
     if a.dtype == object:
         return a
     length = math.hypot(*a[:4])
-    if not abs(length - 1) <= ROTATION_TOLERANCE:
-        raise error(
-            f"{what}: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}; try dividing by it"
+    if abs(length - 1) > ROTATION_TOLERANCE:
+        raise ModelError(
+            f"{what}: expected a unit quaternion (w, x, y, z), got length {length:.9g}; try dividing by it"
         )
-    return a if abs(length - 1) <= UNIT_ROUNDING else read_only(np.concatenate([a[:4] / length, a[4:]]))
+    return read_only(np.concatenate([a[:4] / length, a[4:]]))
 
 
 def short(value: Any) -> str:
