@@ -104,7 +104,7 @@ def simulate(
     ordered = in_order(events, chain, float(grid[-1]))
     jumps = [*breakpoints, *getattr(controller, "breakpoints", ())]
     ends = stops(grid, jumps, [one.t for one in ordered], ALIKE * step)
-    world = World(chain, base_motion or {}, Inputs() if inputs is None else inputs)
+    world = World(chain, {} if base_motion is None else base_motion, Inputs() if inputs is None else inputs)
     policy, tolerance = Policy(on_slip, on_limit), Tolerance(rtol, atol)
     make = make_stepper or partial(stepper_for, steps=len(grid) - 1)
     limit = None if largest_drift is None else checks.number(largest_drift, "simulation: largest_drift", above=0.0)

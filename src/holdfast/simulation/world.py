@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.errors import ModelError
+from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.frozen import FrozenDict
@@ -55,6 +55,10 @@ class World:
     def at(self, t: float) -> tuple[ClosedChain, Inputs]:
         """Return the chain with its bases where they are at time t [s], and the inputs then."""
         inputs = self.inputs(t) if callable(self.inputs) else self.inputs
+        if not isinstance(inputs, Inputs):
+            raise StateError(
+                f"inputs({t:g}): expected Inputs, got {type(inputs).__name__}; try Inputs(object_wrench=...)"
+            )
         if not self.base_motion:
             return self.chain, inputs
         shaped = inputs.shaped(self.chain)
@@ -62,9 +66,19 @@ class World:
         poses = {}
         for i, name in enumerate(self.chain.names):
             if name in self.base_motion:
-                poses[name], twists[i], accelerations[i] = self.base_motion[name](t)
+                poses[name], twists[i], accelerations[i] = _motion(name, self.base_motion[name](t))
         moving = replace(shaped, base_twists=twists, base_accelerations=accelerations)
         return mounted(self.chain, poses), moving
+
+
+def _motion(name: str, found: Any) -> tuple[Any, Any, Any]:
+    """Return what a base's motion returned, its pose as it is (see `mounted`)."""
+    what = f"base motion of '{name}'"
+    if not isinstance(found, tuple | list) or len(found) != 3:
+        raise StateError(f"{what}: expected (pose, twist, acceleration), got {type(found).__name__}")
+    pose, *rates = found
+    twist, acceleration = (checks.numbers(x, (6,), what, StateError) for x in rates)
+    return pose, twist, acceleration
 
 
 def mounted(chain: ClosedChain, bases: Mapping[str, Any]) -> ClosedChain:
