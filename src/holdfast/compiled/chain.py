@@ -145,6 +145,8 @@ class CompiledChain(ChainFunctions):
             **parameters: for this call, any of object_wrench (6,), gravity (3,), object_mass (),
                 object_com (3,), object_inertia (3, 3), base_pose (arms, 7), base_twist and
                 base_acceleration (arms, 6), grasp_pose (grasps, 7), and those asked for in `compile`.
+                With an object_mass goes an object_inertia, or "scale" for it: the chain's own, in
+                proportion to the mass.
 
         Returns:
             A `ForwardResult`. In a batch every system has its `status`, and those that are SINGULAR
