@@ -57,7 +57,7 @@ def examples() -> dict[str, Any]:
         *(result, result["left"], hf.diagnose(chain, state), hf.assembly_report(chain, state)),
         hf.attach(chain.without_grasp("left"), state, "left", grasp),
         *(hf.METHODS["kkt"], hf.GravityCompensation(chain), law, record),
-        *(hf.RestToRest(state.object_pose), hf.ObjectTracking(chain, hf.RestToRest(state.object_pose))),
+        *(hf.RestToRest(state.object_pose), hf.ObjectTracking(chain, hf.RestToRest(state.object_pose).at)),
         *(
             hf.TorqueSchedule([0.0, 1.0], [np.ones((14, 2))] * 2),
             hf.Attach(0.1, "left", grasp),

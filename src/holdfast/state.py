@@ -39,7 +39,8 @@ class State(Frozen):
         pose = self.object_pose.wxyz_xyz if isinstance(self.object_pose, Pose) else self.object_pose
         pose = checks.numbers(pose, (7,), "state: object_pose", StateError)
         if pose.dtype != object:
-            length = float(np.sqrt(pose[:4] @ pose[:4]))
+            with np.errstate(over="ignore"):  # entries like 1e200
+                length = float(np.sqrt(pose[:4] @ pose[:4]))
             if abs(length - 1) > checks.ROTATION_TOLERANCE:
                 raise StateError(
                     f"state: object_pose: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}"

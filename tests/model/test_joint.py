@@ -26,9 +26,9 @@ REFUSED = {
     "damping": ({"damping": -1.0}, r"joint 'elbow': damping: expected >= 0"),
     "damping nan": ({"damping": np.nan}, r"joint 'elbow': damping: expected finite"),
     "friction": ({"friction": "rough"}, r"joint 'elbow': friction: expected a number"),
-    "rate limit": ({"rate_limit": 0.0}, r"joint 'elbow': rate_limit: expected a number > 0, got 0.0"),
+    "rate limit": ({"rate_limit": 0.0}, r"joint 'elbow': rate_limit: expected > 0, got 0.0"),
     "rate limit nan": ({"rate_limit": np.nan}, r"joint 'elbow': rate_limit"),
-    "effort limit": ({"effort_limit": "87"}, r"joint 'elbow': effort_limit: expected a number > 0, got '87'"),
+    "effort limit": ({"effort_limit": "87"}, r"joint 'elbow': effort_limit: expected a number, got '87'"),
     "limits reversed": (
         {"position_limits": (1, -1)},
         r"joint 'elbow': position_limits: expected lower <= upper, got 1",

@@ -64,6 +64,16 @@ def compile(
         MethodNotApplicable: another algorithm, or another number type.
         CompileError: this computer cannot.
     """
+    checks.instance(chain, ClosedChain, "compile: chain")
+    checks.instance(parameters, (list, tuple, set, frozenset), "compile: parameters", StateError)
+    if generic_rank is not None:
+        whole = isinstance(generic_rank, int | np.integer) and not isinstance(generic_rank, bool)
+        if not whole or not 0 <= generic_rank <= chain.constraint_row_count:
+            raise StateError(
+                f"compile: generic_rank: expected an integer from 0 to {chain.constraint_row_count}, the rows of the"
+                f" grasps, or None, got {checks.short(generic_rank)}"
+            )
+    checks.instance(method, str, "compile: method", MethodNotApplicable)
     if dtype != "float64":
         raise MethodNotApplicable(f"compile: dtype: expected float64, got {dtype!r}")
     if method not in ("sequential", *get_args(Route)):

@@ -37,6 +37,7 @@ class Arm(Frozen):
     name: str = ""
 
     def __post_init__(self) -> None:
+        checks.instance(self.name, str, "arm: name")
         label = f"arm '{self.name}'" if self.name else "arm"
         put = object.__setattr__
         for part in ("joints", "links"):

@@ -15,7 +15,9 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.real_numbers import ROTATION_TOLERANCE as ROTATION_TOLERANCE
 from holdfast.spatial.real_numbers import numbers as numbers
 from holdfast.spatial.real_numbers import pose_numbers as pose_numbers
+from holdfast.spatial.real_numbers import real_array as real_array
 from holdfast.spatial.real_numbers import rotation_matrix as rotation_matrix
+from holdfast.spatial.real_numbers import short as short
 from holdfast.spatial.scalar import Array
 
 INERTIA_TOLERANCE = 1e-6  # relative violation of the triangle inequality that is still rounding
@@ -92,8 +94,22 @@ def symmetric_matrix(value: Any, what: str) -> Array:
     return read_only(0.5 * J + 0.5 * J.T)
 
 
+def instance(value: Any, kind: type | tuple[type, ...], what: str, error: type[HoldfastError] = ModelError) -> None:
+    """Refuse a value of another type."""
+    if not isinstance(value, kind):
+        kinds = kind if isinstance(kind, tuple) else (kind,)
+        expected = " or ".join("None" if k is type(None) else k.__name__ for k in kinds)
+        raise error(f"{what}: expected {expected}, got {type(value).__name__}")
+
+
+def limit(value: Any, what: str) -> float:
+    """Return a limit > 0, infinite where there is none."""
+    infinite = isinstance(value, float | np.floating) and value == math.inf
+    return math.inf if infinite else number(value, what, above=0.0)
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return ' Did you mean ...?' or a list of what is known."""
     known = list(known)
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.5)
     return f" Did you mean '{near[0]}'?" if near else f" Known: {', '.join(known) or 'none'}."

@@ -41,6 +41,7 @@ class ClosedChain(Frozen):
         if not self.arms:
             raise ModelError("chain: expected at least one arm, got none")
         for name, arm in self.arms.items():
+            checks.instance(name, str, f"chain: name of arm {name!r}")
             if not isinstance(arm, Arm):
                 raise ModelError(f"arm '{name}': expected an Arm, got {type(arm).__name__}")
         if not isinstance(self.held_object, HeldObject):
@@ -102,6 +103,7 @@ class ClosedChain(Frozen):
 
     def with_bases(self, bases: Mapping[str, object]) -> ClosedChain:
         """Return the chain with the named arms mounted elsewhere (Pose or wxyz_xyz)."""
+        checks.instance(bases, Mapping, "bases")
         for name in bases:
             if name not in self.arms:
                 raise ModelError(f"base of '{name}': no such arm.{checks.did_you_mean(name, self.arms)}")
@@ -109,6 +111,7 @@ class ClosedChain(Frozen):
 
     def with_grasp(self, name: str, grasp: Grasp) -> ClosedChain:
         """Return the chain with one more grasp, of an arm that has none."""
+        checks.instance(name, str, "grasp: name of the arm")
         if name not in self.arms:
             raise ModelError(f"grasp '{name}': no such arm.{checks.did_you_mean(name, self.arms)}")
         if name in self.grasps:
@@ -120,6 +123,7 @@ class ClosedChain(Frozen):
 
     def without_grasp(self, name: str) -> ClosedChain:
         """Return the chain with one grasp opened; the arm goes on alone."""
+        checks.instance(name, str, "grasp: name of the arm")
         if name not in self.grasps:
             raise ModelError(f"grasp '{name}': no such grasp.{checks.did_you_mean(name, self.grasps)}")
         return replace(self, grasps={n: g for n, g in self.grasps.items() if n != name})

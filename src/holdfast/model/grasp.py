@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from numbers import Real
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -69,7 +68,7 @@ class WrenchLimits(Frozen):
 
     def __post_init__(self) -> None:
         for name in ("moment", "force"):
-            object.__setattr__(self, name, _limit(getattr(self, name), f"wrench_limits: {name}"))
+            object.__setattr__(self, name, checks.limit(getattr(self, name), f"wrench_limits: {name}"))
 
     @property
     def lever(self) -> float:
@@ -97,9 +96,9 @@ class Grasp(Frozen):
     wrench_limits: WrenchLimits | None = None
 
     def __post_init__(self) -> None:
-        if self.kind not in get_args(GraspKind):
+        if not isinstance(self.kind, str) or self.kind not in get_args(GraspKind):
             raise ModelError(
-                f"grasp: kind: expected one of {', '.join(get_args(GraspKind))}, got {self.kind!r}."
+                f"grasp: kind: expected one of {', '.join(get_args(GraspKind))}, got {checks.short(self.kind)}."
                 + checks.did_you_mean(str(self.kind), get_args(GraspKind))
             )
         object.__setattr__(self, "frame", checks.pose(self.frame, "grasp: frame"))
@@ -135,9 +134,3 @@ class Grasp(Frozen):
     def transmission(self) -> Array:
         """K in contact axes, (6 - n_g, 6)."""
         return np.eye(6)[list(self.transmitted)]
-
-
-def _limit(value: Any, what: str) -> float:
-    """Return a limit > 0, infinite where there is none."""
-    infinite = isinstance(value, Real | np.number) and value == math.inf
-    return math.inf if infinite else checks.number(value, what, above=0.0)

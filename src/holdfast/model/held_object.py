@@ -31,6 +31,7 @@ class HeldObject(Frozen):
 
     def __post_init__(self) -> None:
         put = object.__setattr__
+        checks.instance(self.physical, bool, "object: physical")
         put(self, "mass", checks.number(self.mass, "object: mass", above=0.0))
         put(self, "com", checks.numbers(self.com, (3,), "object: com"))
         put(

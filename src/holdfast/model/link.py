@@ -34,6 +34,8 @@ class Link(Frozen):
     physical: bool = True
 
     def __post_init__(self) -> None:
+        checks.instance(self.name, str, "link: name")
+        checks.instance(self.physical, bool, "link: physical")
         label = f"link '{self.name}'" if self.name else "link"
         put = object.__setattr__
         put(self, "mass", checks.number(self.mass, f"{label}: mass"))

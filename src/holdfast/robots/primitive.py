@@ -49,6 +49,8 @@ class Primitive(Frozen):
     colour: str = field(default="grey")
 
     def __post_init__(self) -> None:
+        checks.instance(self.kind, str, "primitive: kind")
+        checks.instance(self.colour, str, "primitive: colour")
         if self.kind not in get_args(Kind):
             raise ModelError(f"primitive: kind: expected one of {', '.join(SIZES)}, got {self.kind!r}")
         if self.colour not in COLOURS:

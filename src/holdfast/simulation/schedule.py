@@ -44,6 +44,11 @@ class TorqueSchedule(Frozen):
         put(self, "knots", checks.vector(self.knots, "schedule: knots"))
         if not len(self.knots) or (np.diff(self.knots) <= 0).any():
             raise ModelError(f"schedule: knots: expected increasing times, got {self.knots.tolist()}")
+        if not isinstance(self.coefficients, list | tuple) and not (
+            isinstance(self.coefficients, np.ndarray) and self.coefficients.ndim
+        ):
+            got = type(self.coefficients).__name__
+            raise ModelError(f"schedule: coefficients: expected a list of tables, one per knot, got {got}")
         if len(self.coefficients) != len(self.knots):
             raise ModelError(
                 f"schedule: expected one table of coefficients per knot, got {len(self.coefficients)} for"

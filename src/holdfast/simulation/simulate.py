@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from holdfast.errors import HoldfastError
+from holdfast.errors import HoldfastError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.checkpoint import Checkpoint
@@ -95,6 +95,8 @@ def simulate(
             law that is told parameters.
         SingularChainError: the initial configuration is singular.
     """
+    checks.instance(chain, ClosedChain, "simulation: chain")
+    checks.instance(state, State, "simulation: state", StateError)
     require_controller(controller)
     if isinstance(controller, ControlLaw):
         controller.require_no_parameters()
