@@ -135,6 +135,11 @@ def test_docstrings(path):
     assert not lacking, lacking
 
 
+def test_types_are_for_others_too():
+    """Type checkers look into a package that is marked so; the mark lies in the folder that the wheel is made of."""
+    assert (ROOT / "py.typed").read_bytes() == b""
+
+
 def test_public_names():
     """Every name in holdfast.__all__ exists, once and in order; modules do not leak into it."""
     names = holdfast.__all__

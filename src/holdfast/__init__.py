@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from holdfast.errors import (
     ClosureError,
+    FrozenError,
     HoldfastError,
     MethodNotApplicable,
     MissingExtra,
@@ -197,6 +198,7 @@ __all__ = [
     "Fate",
     "ForwardResult",
     "Friction",
+    "FrozenError",
     "Grasp",
     "GraspResidual",
     "GravityCompensation",

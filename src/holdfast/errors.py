@@ -33,5 +33,9 @@ class ResultError(HoldfastError):
     """A result folder cannot be written or read."""
 
 
+class FrozenError(HoldfastError, AttributeError, TypeError):
+    """Something that stays as it is was to be changed; the message says how to get what was meant."""
+
+
 class MissingExtra(HoldfastError, ImportError):
     """An optional package is needed; the message names the extra that brings it."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,12 +11,13 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.converted import NOT_GIVEN, ArrayField, Converted, OptionalArrayField, making
+from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class State(Frozen):
     """Positions and velocities of the whole chain.
 
     Attributes:
@@ -39,7 +39,8 @@ class State:
         pose = self.object_pose.wxyz_xyz if isinstance(self.object_pose, Pose) else self.object_pose
         pose = checks.numbers(pose, (7,), "state: object_pose", StateError)
         if pose.dtype != object:
-            length = float(np.sqrt(pose[:4] @ pose[:4]))
+            with np.errstate(over="ignore"):  # entries like 1e200
+                length = float(np.sqrt(pose[:4] @ pose[:4]))
             if abs(length - 1) > checks.ROTATION_TOLERANCE:
                 raise StateError(
                     f"state: object_pose: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}"
@@ -48,10 +49,10 @@ class State:
         put(self, "object_pose", pose)
         put(self, "object_twist", checks.numbers(self.object_twist, (6,), "state: object_twist", StateError))
 
-    @cached_property
+    @frozen_property
     def object_frame(self) -> Pose:
         """The object's pose as rotation and origin."""
-        return Pose.from_wxyz_xyz(self.object_pose)
+        return Pose.unchecked_seven(self.object_pose)
 
     def fits(self, chain: ClosedChain) -> None:
         """Refuse the state if its length is not the chain's.
@@ -67,7 +68,7 @@ class State:
 
 
 @dataclass(frozen=True, eq=False)
-class Inputs:
+class Inputs(Frozen):
     """What acts on the chain besides the joint torques; everything is zero by default.
 
     Attributes:
@@ -84,7 +85,7 @@ class Inputs:
 
     def __post_init__(self) -> None:
         for name, given in vars(self).items():
-            if given is not None and not isinstance(given, np.ndarray):  # `shaped` asks for its shape
+            if given is not None:  # `shaped` asks for its shape
                 object.__setattr__(self, name, checks.numbers(given, None, f"inputs: {name}", StateError))
 
     def shaped(self, chain: ClosedChain) -> Inputs:

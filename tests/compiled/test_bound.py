@@ -47,7 +47,7 @@ def test_parameters():
     plain.set(**moving, gravity=[0.0, 0.0, 1.0])  # bases that begin to move
     assert plain() is Status.OK and all_same_bits(outputs(plain.result), outputs(bound.result))
     plain.set(gravity=chain.gravity, **{name: 0.0 * x for name, x in moving.items()})
-    mass = {"object_mass": 7.0, "object_wrench": acting["object_wrench"]}
+    mass = {"object_mass": 7.0, "object_inertia": "scale", "object_wrench": acting["object_wrench"]}
     bound.set(**mass)
     plain.set(base_pose=np.tile([0.5, 0.5, 0.5, 0.5, 0, 0, 0], (5, 1)))
     bound(), plain()
@@ -68,7 +68,8 @@ def test_wrong_parameters():
     for change, message in (
         ({"gravity": np.ones((2, 3))}, "gravity: expected numbers of one system, got a batch of 2"),
         ({"gravty": np.ones(3)}, "Did you mean 'gravity'"),
-        ({"object_mass": 3.0, "object_com": [1.0, 2.0]}, "object_com: expected shape"),
+        ({"object_mass": 3.0}, "object_mass: expected object_inertia beside it"),
+        ({"object_mass": 3.0, "object_inertia": "scale", "object_com": [1.0, 2.0]}, "object_com: expected shape"),
     ):
         with pytest.raises(StateError, match=message):
             bound.set(**change)
@@ -116,4 +117,27 @@ def test_singular():
     with pytest.raises(SingularChainError):
         fast.forward_dynamics(**given)
     bound.q[...] += 0.2 * np.arange(12)
+    assert bound() is Status.OK
+
+
+def test_nothing_is_set_in_vain():
+    """`bound.q = x` would not reach the machine code, so it is refused and says what does; `+=` writes, as it reads."""
+    chain, fast = chain_named(NAME), compiled(NAME)
+    bound, given = fast.bind(), one(numbers(chain, 1), 0)
+    write(bound, given)
+    bound.qd *= 1.0
+    for name, message in (
+        ("q", r"bound: q: .*try bound.q\[...\] = values, or bind\(q=array\) again"),
+        ("object_wrench", r"try bound.object_wrench\[...\] = values"),
+        ("result", "bound: result: expected it to stay"),
+        ("run", "bound: run: expected it to stay"),
+        ("tua", "bound: no attribute 'tua'. Did you mean 'tau'"),
+        ("gravity", r"bound: no attribute 'gravity'.*try bound.set\(gravity=...\)"),
+    ):
+        with pytest.raises(holdfast.FrozenError, match=message) as caught:
+            setattr(bound, name, np.zeros(3))
+        assert isinstance(caught.value, AttributeError)
+    assert bound() is Status.OK
+    assert all_same_bits(outputs(bound.result), outputs(fast.forward_dynamics(**given)))
+    bound.set(base_twist=np.ones((5, 6)), base_acceleration=np.zeros((5, 6)))  # other code, the same arrays
     assert bound() is Status.OK

@@ -7,7 +7,7 @@ import pytest
 
 import holdfast
 from holdfast import ClosedChain, CompiledChain, Grasp, HeldObject, Link, StateError
-from tests.compiled.problems import chain_named, compiled, forces, numbers, one, outputs, part, pose
+from tests.compiled.problems import STATE, chain_named, compiled, forces, numbers, one, outputs, part, pose
 from tests.compiler.programs import all_same_bits, same_bits
 
 NAME = "rows first"
@@ -83,9 +83,32 @@ def test_each_alone(name):
     fast, (chain, parameters) = compiled(NAME), another(5)
     given = one(numbers(chain, 1), 0)
     plain = outputs(fast.forward_dynamics(**given))
-    changed = outputs(fast.forward_dynamics(**given, **{name: parameters[name]}))
+    beside = {"object_inertia": chain_named(NAME).held_object.inertia} if name == "object_mass" else {}
+    changed = outputs(fast.forward_dynamics(**given, **beside, **{name: parameters[name]}))
     assert not all_same_bits(changed, plain)
     assert all_same_bits(outputs(fast.forward_dynamics(**given)), plain)
+
+
+def test_scaled_inertia():
+    """A mass with "scale" beside it is a body of the same shape and another density, one or each its own in a batch."""
+    fast, chain = compiled(NAME), chain_named(NAME)
+    held, given = chain.held_object, one(numbers(chain, 1), 0)
+    masses = held.mass * np.array([0.5, 1.0, 4.0])
+    found = fast.forward_dynamics(**given, object_inertia="scale", object_mass=masses)
+    energies = fast.kinetic_energy(
+        *(given[name] for name in STATE if name != "tau"), object_mass=masses, object_inertia="scale"
+    )
+    for i, mass in enumerate(masses):
+        denser = replace(held, mass=float(mass), inertia=mass / held.mass * held.inertia)
+        expected = fast_of(replace(chain, held_object=denser)).forward_dynamics(**given)
+        single = fast.forward_dynamics(**given, object_mass=mass, object_inertia="scale")
+        assert all_same_bits(outputs(found, i), outputs(expected)) and all_same_bits(outputs(single), outputs(expected))
+        bound = fast.bind(**{name: np.array(x) for name, x in given.items()})
+        bound.set(object_mass=mass, object_inertia="scale")
+        bound()
+        assert all_same_bits(outputs(bound.result), outputs(expected))
+    state = (given[name] for name in STATE if name != "tau")
+    assert energies[2] > energies[1] == fast.kinetic_energy(*state)
 
 
 def test_same_code():
@@ -136,8 +159,17 @@ def test_links_folded_in():
         ({"gravity": [0.0, 1.0]}, r"gravity: expected shape \(3,\) or \(batch, \*\(3,\)\), got \(2,\)"),
         ({"base_pose": [1.0, 0, 0, 0, 0, 0, 0]}, r"base_pose: expected shape \(9, 7\)"),
         ({"base_pose": np.ones((9, 7))}, r"base_pose: expected unit quaternions \(w, x, y, z\), got lengths \[2"),
-        ({"object_mass": -1.0}, "object_mass: expected > 0 .*, got -1"),
-        ({"object_mass": 0.0}, "object_mass: expected > 0"),
+        ({"object_mass": -1.0, "object_inertia": "scale"}, "object_mass: expected > 0 .*, got -1"),
+        ({"object_mass": 0.0, "object_inertia": np.eye(3)}, "object_mass: expected > 0"),
+        ({"object_mass": np.inf, "object_inertia": "scale"}, "object_mass: expected finite numbers"),
+        ({"object_mass": 2.0}, "object_mass: expected object_inertia beside it.*try object_inertia='scale'"),
+        (
+            {"object_mass": 2.0, "object_inertia": "keep"},
+            r"object_inertia: expected \(3, 3\) numbers, or 'scale' beside",
+        ),
+        ({"object_inertia": "scale"}, r"object_inertia: expected \(3, 3\) numbers, or 'scale' beside object_mass"),
+        ({"gravity": np.ma.masked_equal([0.0, 0.0, -9.81], 0.0)}, "gravity: expected real numbers, got a masked array"),
+        ({"object_com": [True, False, False]}, "object_com: expected real numbers, got .*True"),
         ({"object_inertia": -np.eye(3)}, "object_inertia: expected > 0"),
         ({"object_inertia": np.eye(3) + np.eye(3, k=1)}, "object_inertia: expected symmetric matrices"),
         ({"link_mass": np.full(27, -1.0)}, "link_mass: expected >= 0 .*, got -1"),

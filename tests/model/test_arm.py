@@ -15,7 +15,10 @@ REFUSED = {
     "wrong link": ({"links": ["x"]}, r"arm 'left', links\[0\]: expected a Link, got str"),
     "tip": ({"tip": [0, 0, 1]}, r"arm 'left': tip \(wxyz_xyz\): expected shape \(7,\), got shape \(3,\)"),
     "tip quaternion": ({"tip": [2, 0, 0, 0, 0, 0, 1]}, r"arm 'left': tip: expected a unit quaternion .* got length 2"),
-    "base": ({"base": Pose(2 * np.eye(3), np.zeros(3))}, r"arm 'left': base: rotation: expected a rotation matrix"),
+    "base": (
+        {"base": Pose.unchecked(2 * np.eye(3), np.zeros(3))},
+        r"arm 'left': base: rotation: expected a rotation matrix",
+    ),
 }
 
 

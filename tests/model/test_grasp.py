@@ -14,7 +14,10 @@ REFUSED = {
     "kind": ({"kind": "rigit"}, r"grasp: kind: expected one of rigid, hinge, softfinger, ball, got 'rigit'.*'rigid'"),
     "no kind": ({"kind": None}, r"grasp: kind: expected one of .*, got None"),
     "frame": ({"kind": "ball", "frame": [0, 0, 1]}, r"grasp: frame"),
-    "frame scale": ({"kind": "ball", "frame": Pose(1.1 * np.eye(3), np.zeros(3))}, r"grasp: frame: rotation: expected"),
+    "frame scale": (
+        {"kind": "ball", "frame": Pose.unchecked(1.1 * np.eye(3), np.zeros(3))},
+        r"grasp: frame: rotation: expected",
+    ),
     "rigid contact": ({"kind": "rigid", "contact": BALL}, r"a rigid grasp is two-sided; expected contact=None"),
     "no friction": ({"kind": "ball", "contact": 0.5}, r"grasp: contact: expected None or Friction, got float"),
     "ball torsion": ({"kind": "ball", "contact": FINGER}, r"a ball contact has no torsion_radius"),

@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from holdfast.compiler.interpret import interpret
+from holdfast.compiler.trace import trace
 from holdfast.spatial import scalar
 from tests.spatial.dual import Dual, duals, slopes_of
 
@@ -47,3 +49,53 @@ def test_arrays():
     assert scalar.concatenate([]).shape == (0,)
     np.testing.assert_array_equal(scalar.concatenate(x for x in ([1.0], [2.0, 3.0])), [1.0, 2.0, 3.0])
     assert scalar.concatenate([np.zeros(2), duals([1.0], 1.0)]).dtype == object
+
+
+NUMBERS = np.array([[-1.5, 0.0, 0.3], [2.0, -0.25, 1e5]])
+WORDS = {
+    "sin": (scalar.sin, 1),
+    "cos": (scalar.cos, 1),
+    "sqrt": (scalar.sqrt, 1),
+    "reciprocal": (scalar.reciprocal, 1),
+    "minimum": (scalar.minimum, 2),
+    "maximum": (scalar.maximum, 2),
+    "clipped": (lambda x, y: scalar.where(scalar.less(x, y), x, np.multiply(2.0, y)), 2),
+    "chosen": (lambda x, y: scalar.where(scalar.less_equal(y, x), x, 0.0), 2),
+}
+OTHERS = (0.3, np.float64(-0.25), np.array(0.3), np.array([0.0, 0.3, -2.0]), [0.0, 0.3, -2.0], np.array([[0.3], [0.0]]))
+
+
+@pytest.mark.parametrize("name", WORDS)
+@pytest.mark.parametrize("other", OTHERS, ids=str)
+def test_entry_by_entry(name, other):
+    """On arrays and lists, broadcast as NumPy does it: what a loop over the entries finds, to the bit."""
+    word, count = WORDS[name]
+    arguments = (NUMBERS, other)[:count]
+    found = word(*arguments)
+    expected = np.empty(NUMBERS.shape)
+    for place, entries in enumerate(zip(*(a.flat for a in np.broadcast_arrays(*arguments)), strict=True)):
+        expected.flat[place] = word(*(float(x) for x in entries))
+    assert found.dtype == float and found.shape == NUMBERS.shape
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("name", WORDS)
+@pytest.mark.parametrize("other", OTHERS, ids=str)
+def test_entry_by_entry_when_traced(name, other):
+    """A trace of a word on arrays means the word on floats."""
+    word, count = WORDS[name]
+    if count == 1:
+        program = trace(lambda x: (word(x),), [NUMBERS.shape])
+        (found,) = interpret(program, NUMBERS)
+        expected = word(NUMBERS)
+    else:
+        program = trace(lambda x: (word(x, other), word(other, x)), [NUMBERS.shape])
+        found = np.array(interpret(program, NUMBERS))
+        expected = np.array([word(NUMBERS, other), word(other, NUMBERS)])
+    np.testing.assert_allclose(found, expected, rtol=1e-14, atol=1e-15)
+
+
+def test_lists_are_not_compared_as_lists():
+    """Python compares lists by their first difference."""
+    np.testing.assert_array_equal(scalar.maximum([1.0, 2.0], [0.0, 5.0]), [1.0, 5.0])
+    assert scalar.minimum(np.array(2.0), 3.0) == 2.0

@@ -11,13 +11,14 @@ from holdfast.dynamics.consistency import closure
 from holdfast.dynamics.rank import constraint_rank
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.tip_direction import advice_for, tip_angle
+from holdfast.spatial.frozen import Frozen
 from holdfast.state import State
 
 AT_LIMIT = 1e-9  # rad or m
 
 
 @dataclass(frozen=True)
-class ArmReport:
+class ArmReport(Frozen):
     """How one arm stands.
 
     Attributes:
@@ -65,7 +66,7 @@ class ArmReport:
 
 
 @dataclass(frozen=True)
-class AssemblyReport:
+class AssemblyReport(Frozen):
     """How a closed chain stands.
 
     Attributes:

@@ -176,7 +176,7 @@ def _closure(of: ArmType, x: Given) -> Results:
     arm = of.mounted(x)
     at = posture(arm, x["q"])
     V = tip_twist(arm, at, link_twists(arm, at, x["qd"], x["base_twist"]))
-    c = contact(of.held(x), Pose(x["object_R"], x["object_p"]), x["object_twist"], V)
+    c = contact(of.held(x), Pose.unchecked(x["object_R"], x["object_p"]), x["object_twist"], V)
     seen = tip_from_contact(c, x["object_p"] + c.offset, at.tip)
     attitude = {"rigid": (seen.R,), "hinge": (seen.R[:, 0],)}.get(c.grasp.kind, ())
     return (*attitude, -seen.p, c.velocity_gap)

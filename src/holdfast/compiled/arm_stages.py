@@ -85,7 +85,7 @@ class ArmType:
 
     def mounted(self, given: dict[str, Array]) -> Arm:
         """Return the arm with its run-time parameters in place; what is not given does not matter."""
-        base = Pose(given.get("base_R", np.eye(3)), given.get("base_p", np.zeros(3)))
+        base = Pose.unchecked(given.get("base_R", np.eye(3)), given.get("base_p", np.zeros(3)))
         arm = replace(self.arm, base=base)
         if self.options.link_inertia:
             links = zip(given["link_mass"], given["link_com"], given["link_inertia"], strict=True)
@@ -95,7 +95,7 @@ class ArmType:
     def held(self, given: dict[str, Array]) -> Grasp:
         """Return the arm's grasp with its run-time parameters in place."""
         assert self.kind is not None
-        frame = Pose(given["grasp_R"], given["grasp_p"])
+        frame = Pose.unchecked(given["grasp_R"], given["grasp_p"])
         return replace(Grasp(self.kind), frame=frame)  # type: ignore[arg-type]
 
     def motion(self, given: dict[str, Array], now: dict[str, Array]) -> ArmMotion:
@@ -123,7 +123,7 @@ def held_arm(of: ArmType, route: Route) -> Stage:
         given = dict(zip(parameters, arrays, strict=True))
         *own, object_R, object_twist, centre, centripetal = yield ()
         motion = of.motion(given, dict(zip(inputs, own, strict=True)))
-        c = contact(of.held(given), Pose(object_R, np.zeros(3)), object_twist, motion.tip_twist)
+        c = contact(of.held(given), Pose.unchecked(object_R, np.zeros(3)), object_twist, motion.tip_twist)
         tip = tip_response(motion, route)
         about = c.about(centre, centripetal)
         m = measurement(about, tip)

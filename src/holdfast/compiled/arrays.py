@@ -11,6 +11,7 @@ from holdfast.compiled.result import CompiledResult
 from holdfast.compiler.schedule import External
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.real_numbers import real_array
 from holdfast.spatial.scalar import Array
 
 
@@ -25,12 +26,7 @@ def floats(name: str, value: Any, shape: tuple[int, ...]) -> Array:
         and value.ndim - len(shape) in (0, 1)
     ):
         return value
-    try:
-        a = np.asarray(value)
-    except ValueError as cause:
-        raise StateError(f"{name}: expected numbers of shape {shape} or (batch, *{shape}), got ragged rows") from cause
-    if a.dtype.kind not in "fiub":
-        raise StateError(f"{name}: expected real numbers, got {a.dtype}")
+    a = real_array(value, name, "real numbers", StateError)
     if a.shape != shape and (a.ndim == 0 or a.shape[1:] != shape):
         raise StateError(f"{name}: expected shape {shape} or (batch, *{shape}), got {a.shape}")
     return np.require(a, np.float64, ["C", "A"])

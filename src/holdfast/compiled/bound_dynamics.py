@@ -12,7 +12,9 @@ from holdfast.compiled.parameters import taken
 from holdfast.compiled.result import UNDECIDED, CompiledResult, ResultLayout
 from holdfast.compiler.kernel import Kernel
 from holdfast.dynamics.result import Status
-from holdfast.errors import StateError
+from holdfast.errors import FrozenError, StateError
+from holdfast.model import checks
+from holdfast.spatial.real_numbers import is_masked
 from holdfast.spatial.scalar import Array
 
 if TYPE_CHECKING:
@@ -52,6 +54,13 @@ class BoundDynamics:
         self._bound.use({name: self.result.array(name) for name in layout.shapes})
         self.run = self._bound.run
         self.set(**{name: x for name, x in given.items() if name not in inputs})
+        self._made = True
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse new arrays in the place of those that the machine code reads; `bound.q += dq` writes into them."""
+        if "_made" in vars(self) and not name.startswith("_") and value is not vars(self).get(name, self):
+            raise FrozenError(_refusal(name, vars(self)))
+        object.__setattr__(self, name, value)
 
     def __call__(self) -> Status:
         """Compute `result` from the inputs."""
@@ -70,7 +79,7 @@ class BoundDynamics:
         """
         if any(name in parameters and name not in self._externals for name in BASE_MOTION):
             self._move(self._compiled.moving)
-        found = taken(parameters, self._externals)
+        found = taken(parameters, self._externals, self._compiled.chain)
         for name, x in found.items():
             if x.ndim > len(self._externals[name].shape):
                 raise StateError(f"set: {name}: expected numbers of one system, got a batch of {len(x)}")
@@ -86,7 +95,7 @@ class BoundDynamics:
                 self._bound.arrays[name][...] = x
             else:
                 self._bound.use({name: x})
-        self.run = self._bound.run
+        vars(self)["run"] = self._bound.run
 
     def _decide(self) -> None:
         """Find the generic rank, and compute again."""
@@ -98,8 +107,23 @@ class BoundDynamics:
         self.run()
 
 
+def _refusal(name: str, known: Mapping[str, Any]) -> str:
+    """Return why an attribute of a bound call cannot be set."""
+    if isinstance(known.get(name), np.ndarray):
+        return (
+            f"bound: {name}: expected the array that the machine code reads to stay; try bound.{name}[...] = values, or"
+            f" bind({name}=array) again"
+        )
+    if name in known:
+        return f"bound: {name}: expected it to stay as `bind` made it; try another bind"
+    names = [n for n in known if not n.startswith("_")]
+    return f"bound: no attribute '{name}'.{checks.did_you_mean(name, names)} Parameters: try bound.set({name}=...)"
+
+
 def _usable(name: str, x: Any, shape: tuple[int, ...]) -> Array:
     """Return an array that machine code can read where it is, or refuse it."""
+    if is_masked(x):
+        raise StateError(f"bind: {name}: expected a float64 array, got a masked array; try its method filled")
     if not isinstance(x, np.ndarray) or x.dtype != np.float64 or x.shape != shape or not x.flags.carray:
         got = f"{x.dtype} of shape {x.shape}" if isinstance(x, np.ndarray) else type(x).__name__
         raise StateError(f"bind: {name}: expected a float64 array of shape {shape} in C order, got {got}")

@@ -64,6 +64,16 @@ def compile(
         MethodNotApplicable: another algorithm, or another number type.
         CompileError: this computer cannot.
     """
+    checks.instance(chain, ClosedChain, "compile: chain")
+    checks.instance(parameters, (list, tuple, set, frozenset), "compile: parameters", StateError)
+    if generic_rank is not None:
+        whole = isinstance(generic_rank, int | np.integer) and not isinstance(generic_rank, bool)
+        if not whole or not 0 <= generic_rank <= chain.constraint_row_count:
+            raise StateError(
+                f"compile: generic_rank: expected an integer from 0 to {chain.constraint_row_count}, the rows of the"
+                f" grasps, or None, got {checks.short(generic_rank)}"
+            )
+    checks.instance(method, str, "compile: method", MethodNotApplicable)
     if dtype != "float64":
         raise MethodNotApplicable(f"compile: dtype: expected float64, got {dtype!r}")
     if method not in ("sequential", *get_args(Route)):
@@ -145,6 +155,8 @@ class CompiledChain(ChainFunctions):
             **parameters: for this call, any of object_wrench (6,), gravity (3,), object_mass (),
                 object_com (3,), object_inertia (3, 3), base_pose (arms, 7), base_twist and
                 base_acceleration (arms, 6), grasp_pose (grasps, 7), and those asked for in `compile`.
+                With an object_mass goes an object_inertia, or "scale" for it: the chain's own, in
+                proportion to the mass.
 
         Returns:
             A `ForwardResult`. In a batch every system has its `status`, and those that are SINGULAR
@@ -203,7 +215,7 @@ class CompiledChain(ChainFunctions):
         inputs = zip(_INPUTS, (q, qd, tau, object_pose, object_twist), strict=True)
         found = {name: arrays.floats(name, x, self._externals[name].shape) for name, x in inputs}
         if parameters:
-            found |= taken(parameters, self._externals)
+            found |= taken(parameters, self._externals, self.chain)
         batch = arrays.batch_of(found, self._externals)
         if not isinstance(threads, int) or threads < 1:
             raise StateError(f"threads: expected an integer >= 1, got {threads!r}")

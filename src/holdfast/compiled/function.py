@@ -37,7 +37,7 @@ class CompiledFunction:
             chain: the chain.
             options: the user's choices.
         """
-        computation = COMPUTATIONS[name]
+        self._chain, computation = chain, COMPUTATIONS[name]
         structure = computation.structure(chain, options)
         self.externals = computation.externals(structure)
         self._kernel = kernel(name, structure, self.externals, lambda: computation.schedule(structure))
@@ -74,7 +74,7 @@ class CompiledFunction:
             name: arrays.floats(name, x, self.externals[name].shape)
             for name, x in zip(self._inputs, given, strict=True)
         }
-        changed = taken(parameters, self.externals) if parameters else {}
+        changed = taken(parameters, self.externals, self._chain) if parameters else {}
         changed = {name: arrays.floats(name, x, self.externals[name].shape) for name, x in changed.items()}
         batch = arrays.batch_of(inputs | changed, self.externals)
         if batch is not None:

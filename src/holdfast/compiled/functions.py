@@ -25,7 +25,8 @@ class ChainFunctions:
     are shared. Bits depend neither on batch size nor on threads. Numbers that are not finite,
     angles beyond 1e5 rad and an object's quaternion that is not of unit length are a `StateError`
     for one system; in a batch all results of that system alone are not-a-number. Parameters must
-    be finite everywhere.
+    be finite everywhere; with an object_mass goes an object_inertia, or "scale" for it: the chain's
+    own, in proportion to the mass.
 
     Attributes:
         chain: the chain.

@@ -40,7 +40,7 @@ def unit_pose(wxyz_xyz: Array, unused: Iterable[Scalar] = ()) -> Pose:
     length = where(abs(length - 1.0) <= ROTATION_TOLERANCE, length, float("nan"))
     for x in (*wxyz_xyz[4:], *unused):
         length = where(abs(x) < float("inf"), length, float("nan"))
-    return Pose(rotation.from_quaternion(wxyz_xyz[:4] / length), wxyz_xyz[4:])
+    return Pose.unchecked(rotation.from_quaternion(wxyz_xyz[:4] / length), wxyz_xyz[4:])
 
 
 def held_object(dense: bool, freedoms: int) -> Stage:
@@ -80,7 +80,7 @@ def resting_object(dense: bool) -> Stage:
         held = HeldObject(mass[()], inertia, com, physical=False)
         (pose,) = yield ()
         none = np.zeros(6)
-        frame = Pose.from_wxyz_xyz(pose)
+        frame = Pose.unchecked_seven(pose)
         body = object_motion(held, frame, none, none).free
         return (frame.R, body.centripetal, none, 0.0, 1.0, none, *_beginning(body, dense))
 

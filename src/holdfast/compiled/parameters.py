@@ -13,6 +13,7 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
+from holdfast.spatial.real_numbers import real_array
 from holdfast.spatial.scalar import Array
 
 # Poses are given as wxyz_xyz and taken as a rotation (and an origin, where it matters).
@@ -45,30 +46,29 @@ def parameters_of(chain: ClosedChain, generic_rank: int | None) -> dict[str, Arr
     }
 
 
-def taken(given: Mapping[str, Any], externals: Mapping[str, External]) -> dict[str, Array]:
+def taken(given: Mapping[str, Any], externals: Mapping[str, External], chain: ClosedChain) -> dict[str, Array]:
     """Return users' parameters by the names and shapes of the machine code.
 
     Args:
         given: arrays of a parameter's shape, or with a leading batch axis; base_pose (arms, 7) and
-            grasp_pose (grasps, 7) as wxyz_xyz.
+            grasp_pose (grasps, 7) as wxyz_xyz; beside object_mass an object_inertia, or "scale" for it.
         externals: what the machine code takes.
+        chain: whose object's inertia is scaled.
 
     Raises:
-        StateError: an unknown name, a wrong shape, a number that is not finite.
+        StateError: an unknown name, a wrong shape, a number that is not finite, a mass without an inertia.
     """
     shapes = {name: e.shape for name, e in externals.items() if e.role == "parameter" and name not in _INTERNAL}
     shapes |= {name: externals[name].shape for name in ("object_wrench", "link_wrench") if name in externals}
     for name, (rotations, _) in _POSES.items():
         if rotations in externals:
             shapes[name] = (externals[rotations].shape[0], 7)
-    found: dict[str, Array] = {}
-    for name, value in given.items():
+    for name in given:
         if name not in shapes:
             raise StateError(f"no parameter '{name}'.{checks.did_you_mean(name, shapes)}")
-        a = np.asarray(value)
-        if a.dtype.kind not in "fiub":
-            raise StateError(f"{name}: expected real numbers, got {a.dtype}")
-        a = np.array(a, dtype=float, order="C")
+    found: dict[str, Array] = {}
+    for name, value in _with_inertia(given, chain).items():
+        a = np.array(real_array(value, name, "real numbers", StateError), dtype=float, order="C")
         if a.shape != shapes[name] and a.shape[1:] != shapes[name]:
             raise StateError(f"{name}: expected shape {shapes[name]} or (batch, *{shapes[name]}), got {a.shape}")
         if not np.isfinite(a).all():
@@ -85,6 +85,24 @@ def taken(given: Mapping[str, Any], externals: Mapping[str, External]) -> dict[s
     return found
 
 
+def _with_inertia(given: Mapping[str, Any], chain: ClosedChain) -> Mapping[str, Any]:
+    """Return the parameters with the inertia that goes with an object's mass, or refuse a mass without one."""
+    inertia = given.get("object_inertia")
+    if isinstance(inertia, str):
+        if inertia != "scale" or "object_mass" not in given:
+            raise StateError(f"object_inertia: expected (3, 3) numbers, or 'scale' beside object_mass, got {inertia!r}")
+        mass = np.array(real_array(given["object_mass"], "object_mass", "real numbers", StateError), dtype=float)
+        with np.errstate(all="ignore"):  # a mass that is not finite is refused as such
+            scaled = (mass / chain.held_object.mass)[..., None, None] * chain.held_object.inertia
+        return {"object_mass": mass, **given, "object_inertia": scaled}
+    if inertia is None and "object_mass" in given:
+        raise StateError(
+            "object_mass: expected object_inertia beside it, as another mass rarely leaves the inertia as it is; try"
+            " object_inertia='scale' (the chain's own, in proportion to the mass), or (3, 3) about the mass centre"
+        )
+    return given
+
+
 def _require_inertia(name: str, a: Array) -> None:
     """Refuse masses and inertias that no body has; an object's must be positive."""
     sizes = a if name.endswith("mass") else np.linalg.eigvalsh(a)
@@ -97,7 +115,7 @@ def _require_inertia(name: str, a: Array) -> None:
 
 def _from_quaternions(name: str, poses: Array) -> tuple[Array, Array]:
     """Return rotation matrices and origins of poses wxyz_xyz on any leading axes."""
-    # as `checks.pose` does it, for the same bits
+    # as `checks.pose_numbers` does it, for the same bits
     length = np.array([math.hypot(*p) for p in poses[..., :4].reshape(-1, 4)]).reshape(*poses.shape[:-1], 1)
     if not (np.abs(length - 1) <= checks.ROTATION_TOLERANCE).all():
         raise StateError(f"{name}: expected unit quaternions (w, x, y, z), got lengths {np.unique(length)[:3]}")

@@ -63,6 +63,7 @@ class CompiledResult(ForwardResult):
     memory: Array
     address: int
     batch: int | None
+    __deepcopy__: Any = None  # unlike other results it is written again, and a copy is one of its own
 
     def __init__(self, chain: ClosedChain, layout: ResultLayout, batch: int | None) -> None:
         memory = np.empty(layout.total * (1 if batch is None else batch))

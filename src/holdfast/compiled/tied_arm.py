@@ -43,7 +43,7 @@ def tied_arm(of: ArmType, level: Level, route: Route) -> Stage:
         given = dict(zip(parameters, arrays, strict=True))
         *seen, centre, centripetal = yield ()
         now = dict(zip(inputs, seen, strict=True))
-        arm, frame = of.mounted(given), Pose(now["object_R"], np.zeros(3))
+        arm, frame = of.mounted(given), Pose.unchecked(now["object_R"], np.zeros(3))
         at = posture(arm, now["q"])
         c = contact(of.held(given), frame, still, still)
         if level == "position":
@@ -75,7 +75,7 @@ def arm_gaps(of: ArmType) -> Stage:
         arm = of.mounted(given)
         at = posture(arm, now["q"])
         V = tip_twist(arm, at, link_twists(arm, at, now["qd"], given.get("base_twist", np.zeros(6))))
-        c = contact(of.held(given), Pose(now["object_R"], np.zeros(3)), now["object_twist"], V)
+        c = contact(of.held(given), Pose.unchecked(now["object_R"], np.zeros(3)), now["object_twist"], V)
         shift = small_displacement(c, now["object_p"] + c.offset, at.tip)
         return _largest(position_contact(c).transmitted(shift)), _largest(c.velocity_gap)
 

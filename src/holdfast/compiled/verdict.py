@@ -76,9 +76,9 @@ def system(chain: ClosedChain, found: Mapping[str, Array], row: int) -> tuple[Cl
     state = State(*(of(name, 1) for name in ("q", "qd", "object_pose", "object_twist")))
     if "base_p" in found:
         poses = zip(chain.names, of("base_R", 3), of("base_p", 2), strict=True)
-        chain = chain.with_bases({name: Pose(R, p) for name, R, p in poses})
+        chain = chain.with_bases({name: Pose.unchecked(R, p) for name, R, p in poses})
     frames = zip(chain.grasps, of("grasp_R", 3), of("grasp_p", 2), strict=True)
-    grasps = {name: replace(chain.grasps[name], frame=Pose(R, p)) for name, R, p in frames}
+    grasps = {name: replace(chain.grasps[name], frame=Pose.unchecked(R, p)) for name, R, p in frames}
     return replace(chain, grasps=grasps), state
 
 

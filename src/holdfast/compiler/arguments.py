@@ -56,6 +56,8 @@ def check_out(out: Any, shapes: Sequence[Shape], batch: int | None, inputs: Sequ
 
 
 def _floats(k: int, x: Any) -> np.ndarray:
+    if isinstance(x, np.ndarray) and hasattr(x, "mask"):
+        raise CompileError(f"kernel: input {k}: expected real numbers, got a masked array")
     a = np.asarray(x)
     if a.dtype.kind not in "fiub":
         raise CompileError(f"kernel: input {k}: expected real numbers, got {a.dtype}")

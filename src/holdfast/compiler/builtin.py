@@ -1,9 +1,10 @@
 """Machine code as Python builtins: the shortest way from a Python call to a kernel.
 
-NumPy's struct is not read: buffers come through `PyObject_GetBuffer` alone, in the stable ABI since Python 3.11, for
-some 35 ns an array, 60 ns when its buffer is first asked for. Remembering the arrays of the last call would spare that
-when they come again, but is not safe: `resize(refcheck=False)` moves and `dtype=` reinterprets an array's memory under
-a held buffer, and a kernel that keeps its caller's arrays alive forbids them an ordinary `resize`.
+NumPy's struct is not read, and of an object only its type: buffers come through `PyObject_GetBuffer` alone, in the
+stable ABI since Python 3.11, for some 35 ns an array, 60 ns when its buffer is first asked for. Remembering the arrays
+of the last call would spare that when they come again, but is not safe: `resize(refcheck=False)` moves and `dtype=`
+reinterprets an array's memory under a held buffer, and a kernel that keeps its caller's arrays alive forbids them an
+ordinary `resize`.
 """
 
 from __future__ import annotations
@@ -25,11 +26,13 @@ _POSSIBLE = sys.implementation.name == "cpython" and not sysconfig.get_config_va
 _MOST = 256  # inputs; a call keeps their views on the stack, 80 bytes each
 _OUT = sys.intern("out")  # as Python does with keywords
 
+_TYPE = object.__basicsize__ - 8  # where an object has its type: last in what all objects have
+
 _EXPECTED, _BEGIN, _END = 4, 5, 6  # places in a plan, which is an int64 array laid out as %plan below
 
 _HEAD = """
-%plan = type { ptr, ptr, ptr, ptr, ptr, i64, i64, i64, [0 x i64] }
-; run, table, fallback, "out", expected, begin and end of its memory, number of inputs, their bytes
+%plan = type { ptr, ptr, ptr, ptr, ptr, i64, i64, i64, ptr, [0 x i64] }
+; run, table, fallback, "out", expected, begin and end of its memory, number of inputs, the type of arrays, their bytes
 %buffer = type { ptr, ptr, i64, i64, i32, i32, ptr, ptr, ptr, ptr, ptr }
 ; buf, obj, len, itemsize, readonly, ndim, format, shape, strides, suboffsets, internal
 
@@ -40,6 +43,7 @@ declare ptr @PyLong_FromLongLong(i64)
 declare i32 @PyObject_GetBuffer(ptr, ptr, i32)
 declare void @PyBuffer_Release(ptr)
 declare void @PyErr_Clear()
+declare i32 @PyType_IsSubtype(ptr, ptr)
 declare void @Py_IncRef(ptr)
 declare ptr @PyObject_Vectorcall(ptr, ptr, i64, ptr)
 """
@@ -59,8 +63,8 @@ define ptr @function(ptr %self, ptr %none) {
 
 # Taking and releasing a buffer may run Python code, and that may call the same builtin. Hence the table is written
 # only when all buffers are there, and nothing that runs Python comes between that and the kernel.
-_ENTRY = """
-define ptr @function(ptr %self, ptr %args, i64 %given, ptr %names) {
+_ENTRY = f"""
+define ptr @function(ptr %self, ptr %args, i64 %given, ptr %names) {{
   %address = call ptr @PyTuple_GetItem(ptr %self, i64 0)
   %plan = call ptr @PyLong_AsVoidPtr(ptr %address)
   %count.at = getelementptr %plan, ptr %plan, i64 0, i32 7
@@ -76,6 +80,8 @@ keyword:
   %name = call ptr @PyTuple_GetItem(ptr %names, i64 0)
   %word.at = getelementptr %plan, ptr %plan, i64 0, i32 3
   %word = load ptr, ptr %word.at
+  %array.at = getelementptr %plan, ptr %plan, i64 0, i32 8
+  %array = load ptr, ptr %array.at
   %one = icmp eq i64 %keywords, 1
   %right.word = icmp eq ptr %name, %word
   %only.out = and i1 %one, %right.word
@@ -94,6 +100,17 @@ more:
 next:
   %x.at = getelementptr ptr, ptr %args, i64 %i
   %x = load ptr, ptr %x.at
+  %type.at = getelementptr i8, ptr %x, i64 {_TYPE}
+  %type = load ptr, ptr %type.at
+  %plain = icmp eq ptr %type, %array
+  br i1 %plain, label %acquire, label %other
+
+other:  ; what derives from arrays may mean more than its buffer, such as one with a mask
+  %derived = call i32 @PyType_IsSubtype(ptr %type, ptr %array)
+  %more.than.numbers = icmp ne i32 %derived, 0
+  br i1 %more.than.numbers, label %release, label %acquire
+
+acquire:
   %view = getelementptr %buffer, ptr %views, i64 %i
   %failed = call i32 @PyObject_GetBuffer(ptr %x, ptr %view, i32 12)  ; format, C order
   %taken = icmp eq i32 %failed, 0
@@ -109,7 +126,7 @@ check:
   %misaligned = and i64 %start.number, 7
   %bytes.at = getelementptr %buffer, ptr %view, i64 0, i32 2
   %bytes = load i64, ptr %bytes.at
-  %size.at = getelementptr %plan, ptr %plan, i64 0, i32 8, i64 %i
+  %size.at = getelementptr %plan, ptr %plan, i64 0, i32 9, i64 %i
   %size = load i64, ptr %size.at
   %ndim.at = getelementptr %buffer, ptr %view, i64 0, i32 5
   %ndim = load i32, ptr %ndim.at
@@ -177,9 +194,9 @@ compute:
   br label %release
 
 release:
-  %done = phi i1 [ false, %refused ], [ false, %check ], [ false, %first ], [ false, %second ],
+  %done = phi i1 [ false, %other ], [ false, %refused ], [ false, %check ], [ false, %first ], [ false, %second ],
                  [ false, %ready ], [ false, %apart ], [ %well, %compute ]
-  %held = phi i64 [ %i, %refused ], [ %i.next, %check ], [ %i.next, %first ], [ %i.next, %second ],
+  %held = phi i64 [ %i, %other ], [ %i, %refused ], [ %i.next, %check ], [ %i.next, %first ], [ %i.next, %second ],
                   [ %count, %ready ], [ %count, %apart ], [ %count, %compute ]
   br label %drop
 
@@ -207,7 +224,7 @@ slow:
   %fallback = load ptr, ptr %fallback.at
   %found = call ptr @PyObject_Vectorcall(ptr %fallback, ptr %args, i64 %given, ptr %names)
   ret ptr %found
-}
+}}
 """
 
 _FLAGS = {_ENTRY: 0x80 | 0x02, _NO_ARGUMENT: 0x04}  # METH_FASTCALL | METH_KEYWORDS, METH_NOARGS
@@ -253,7 +270,7 @@ class Entry:
             signature: takes,
             doc: and does, for the reader.
         """
-        fixed = [run, table.ctypes.data, id(fallback), id(_OUT), 0, 0, 0, len(sizes)]
+        fixed = [run, table.ctypes.data, id(fallback), id(_OUT), 0, 0, 0, len(sizes), id(np.ndarray)]
         self._plan = np.array([*fixed, *(8 * size for size in sizes)], dtype=np.int64)
         self._table, self._inputs = table, len(sizes)
         self._results: list[Any] = []

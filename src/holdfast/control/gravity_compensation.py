@@ -10,13 +10,15 @@ import numpy as np
 from holdfast.control.grasp_forces import commanded_wrenches
 from holdfast.dynamics.arm.newton_euler import drive_torques
 from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, concatenate
 from holdfast.state import Inputs, State
 
 
 @dataclass(frozen=True, eq=False)
-class GravityCompensation:
+class GravityCompensation(Frozen):
     """tau = C_gravity + J^T f - d qd: the closed chain's static balance.
 
     f carries the object's weight by the smallest wrenches the grasps can transmit, and
@@ -32,6 +34,11 @@ class GravityCompensation:
     squeeze: float = 0.0
     joint_damping: float = 0.0
     traceable: ClassVar[bool] = True  # its text becomes machine code
+
+    def __post_init__(self) -> None:
+        checks.instance(self.chain, ClosedChain, "gravity compensation: chain")
+        for name in ("squeeze", "joint_damping"):
+            object.__setattr__(self, name, checks.number(getattr(self, name), f"gravity compensation: {name}"))
 
     def for_chain(self, chain: ClosedChain) -> Self:
         """Return the controller of a chain whose grasps have changed."""

@@ -9,14 +9,17 @@ from typing import Any, ClassVar, Self
 from holdfast.control.computed_torque import computed_torque
 from holdfast.control.grasp_forces import commanded_wrenches
 from holdfast.control.paths import Target
+from holdfast.errors import ModelError
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
+from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, concatenate
 from holdfast.state import State
 
 
 @dataclass(frozen=True, eq=False)
-class ObjectTracking:
+class ObjectTracking(Frozen):
     """tau = M qdd + C + J^T f + damping, with qdd and f that give the object its acceleration.
 
     The commanded acceleration is the path's and a correction,
@@ -39,6 +42,14 @@ class ObjectTracking:
     damping: float = 20.0
     joint_damping: float = 10.0
     traceable: ClassVar[bool] = True  # its text becomes machine code, where the path is traceable too
+
+    def __post_init__(self) -> None:
+        checks.instance(self.chain, ClosedChain, "object tracking: chain")
+        if not callable(self.path):
+            got = type(self.path).__name__
+            raise ModelError(f"object tracking: path: expected a function of time, got {got}; try RestToRest(...).at")
+        for name in ("squeeze", "stiffness", "damping", "joint_damping"):
+            object.__setattr__(self, name, checks.number(getattr(self, name), f"object tracking: {name}"))
 
     def for_chain(self, chain: ClosedChain) -> Self:
         """Return the controller of a chain whose grasps have changed."""

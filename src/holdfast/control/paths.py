@@ -10,6 +10,7 @@ import numpy as np
 from holdfast.model import checks
 from holdfast.spatial import rotation
 from holdfast.spatial.converted import ArrayField, making
+from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array, Scalar, maximum, minimum
 
@@ -29,7 +30,7 @@ class Target(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class RestToRest:
+class RestToRest(Frozen):
     """Hold, move by a displacement and a turn at once, hold again.
 
     R = exp(s turn) R_0 and p = p_0 + s displacement, with the quintic s = 10 x^3 - 15 x^4

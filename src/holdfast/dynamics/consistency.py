@@ -7,6 +7,7 @@ finger 3/4 (its no-spin condition does not integrate), ball 3/3.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from holdfast.dynamics.closed.contact import Contact
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
+from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import rotate
@@ -26,12 +28,14 @@ VELOCITY_TOLERANCE = 1e-6  # relative to max(1, |qd|)
 RATE_TOLERANCE = 1e-8  # rad/s, relative to max(1, |W|)
 
 # Components of [turn; shift] in contact axes that are zero while a grasp holds.
-POSITION_ROWS: dict[str, tuple[int, ...]] = {
-    "rigid": (0, 1, 2, 3, 4, 5),
-    "hinge": (1, 2, 3, 4, 5),
-    "softfinger": (3, 4, 5),
-    "ball": (3, 4, 5),
-}
+POSITION_ROWS: Mapping[str, tuple[int, ...]] = FrozenDict(
+    {
+        "rigid": (0, 1, 2, 3, 4, 5),
+        "hinge": (1, 2, 3, 4, 5),
+        "softfinger": (3, 4, 5),
+        "ball": (3, 4, 5),
+    }
+)
 
 
 class GraspResidual(NamedTuple):
@@ -54,7 +58,7 @@ def tip_from_contact(c: Contact, contact_point: Array, tip: Pose) -> Pose:
         contact_point: (3,) on the object, world axes.
         tip: the arm's tip frame in the world.
     """
-    return Pose(c.R.T @ tip.R, (tip.p - contact_point) @ c.R)
+    return Pose.unchecked(c.R.T @ tip.R, (tip.p - contact_point) @ c.R)
 
 
 def position_gap(c: Contact, contact_point: Array, tip: Pose) -> Array:

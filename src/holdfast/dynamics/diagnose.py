@@ -14,12 +14,13 @@ from holdfast.dynamics.indeterminate import free_wrenches, pattern
 from holdfast.dynamics.lost_direction import LostDirection, lost_directions
 from holdfast.dynamics.split import length_scale
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
 
 @dataclass(frozen=True, eq=False)
-class IndeterminateForce:
+class IndeterminateForce(Frozen):
     """A pattern of grasp wrenches that no joint and no object motion feels.
 
     Attributes:
@@ -33,7 +34,7 @@ class IndeterminateForce:
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
+class Diagnosis(Frozen):
     """What a configuration allows.
 
     Attributes:

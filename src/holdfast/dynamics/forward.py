@@ -62,6 +62,8 @@ def forward_dynamics(
         SingularChainError: the constraint's rank drops here.
         MethodNotApplicable: the chosen algorithm does not cover this chain.
     """
+    checks.instance(chain, ClosedChain, "chain")
+    checks.instance(state, State, "state", StateError)
     state.fits(chain)
     tau = checks.numbers(tau, (chain.joint_count,), "tau", StateError)
     given = (inputs or Inputs()).shaped(chain)

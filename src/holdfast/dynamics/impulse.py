@@ -32,6 +32,7 @@ from holdfast.errors import ClosureError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
+from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_twist
@@ -41,7 +42,7 @@ ALONG_NORMAL = 1e-3  # sine of the angle below which a hinge's axis leaves no di
 
 
 @dataclass(frozen=True, eq=False)
-class Attachment:
+class Attachment(Frozen):
     """What closing a grasp does, world axes.
 
     Attributes:
@@ -144,7 +145,7 @@ def grasp_here(grasp: Grasp, object_frame: Pose, tip: Pose, name: str = "") -> G
             )
         z = across / sine
         R = np.column_stack([x, np.cross(z, x), z])
-    return replace(grasp, frame=Pose(R, seen.p))
+    return replace(grasp, frame=Pose.unchecked(R, seen.p))
 
 
 def _require_there(motion: ChainMotion, state: State, name: str, tolerance: float) -> None:

@@ -39,7 +39,7 @@ def link_poses(arm: Arm, q: ArrayLike) -> list[Pose]:
         StateError: positions of a wrong number, or not finite.
     """
     at = _posture(arm, q)
-    return [Pose(R, at.tip.p - reach) for R, reach in zip(at.R, at.reach, strict=True)]
+    return [Pose.unchecked(R, at.tip.p - reach) for R, reach in zip(at.R, at.reach, strict=True)]
 
 
 def tip_jacobian(arm: Arm, q: ArrayLike) -> Array:

@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from holdfast.dynamics.closed.contact import Contact
+from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 
 LOST = 1e-9  # relative singular value: the direction is gone
@@ -16,7 +17,7 @@ PURE = 1e-6  # part of a unit screw that counts as zero
 
 
 @dataclass(frozen=True, eq=False)
-class LostDirection:
+class LostDirection(Frozen):
     """A motion that an arm cannot give its tip where the grasp asks for it.
 
     The same screw, read as a wrench, loads the arm's structure and none of its drives.

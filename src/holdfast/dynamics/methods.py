@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
@@ -19,12 +19,13 @@ from holdfast.dynamics.closed.reduced_kkt import reduced_kkt
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.errors import MethodNotApplicable
 from holdfast.model import checks
+from holdfast.spatial.frozen import Frozen, FrozenDict
 
 RIGID_REGULAR = "rigid grasps, Omega regular"
 
 
 @dataclass(frozen=True)
-class Method:
+class Method(Frozen):
     """One algorithm.
 
     Attributes:
@@ -52,23 +53,25 @@ def _general(name: str, source: str, cost: str, solver: FreeDynamics) -> Method:
 
 _LINEAR = "O(n) + O(l^3)"
 _CUBIC = "O(n^3)"
-METHODS: dict[str, Method] = {
-    m.name: m
-    for m in (
-        Method("sequential", "filter across arms, after (6.18)", "O(n) + O(l)", "every chain", False, sequential),
-        Method("kkt", "(2.11), (b.1)", _CUBIC, "all grasps, f unique", False, kkt),
-        Method("reduced_kkt", "(2.14)", _CUBIC, RIGID_REGULAR, True, reduced_kkt),
-        Method("analytic", "(3.6)", _CUBIC, RIGID_REGULAR, True, analytic),
-        _general("composite", "the mass matrix", "O(n N^2) + O(l^3)", free_dynamics.composite),
-        _general("newton_euler", "unit accelerations", "O(n N^2) + O(l^3)", free_dynamics.newton_euler_columns),
-        _general("articulated", "(5.8)-(5.10)", _LINEAR, free_dynamics.articulated),
-        _general("three_sweep", "(5.14)", _LINEAR, free_dynamics.three_sweep),
-        Method("rccfd1", "(6.11)", _LINEAR, RIGID_REGULAR, True, rccfd1),
-        Method("rccfd2", "(6.18)", _LINEAR, RIGID_REGULAR, True, rccfd2),
-        Method("rccfd3", "(6.22)", _LINEAR, RIGID_REGULAR, True, rccfd3),
-        Method("nonrigid", "(b.9)", _LINEAR, "all grasps, Omega regular", False, nonrigid),
-    )
-}
+METHODS: Mapping[str, Method] = FrozenDict(
+    {
+        m.name: m
+        for m in (
+            Method("sequential", "filter across arms, after (6.18)", "O(n) + O(l)", "every chain", False, sequential),
+            Method("kkt", "(2.11), (b.1)", _CUBIC, "all grasps, f unique", False, kkt),
+            Method("reduced_kkt", "(2.14)", _CUBIC, RIGID_REGULAR, True, reduced_kkt),
+            Method("analytic", "(3.6)", _CUBIC, RIGID_REGULAR, True, analytic),
+            _general("composite", "the mass matrix", "O(n N^2) + O(l^3)", free_dynamics.composite),
+            _general("newton_euler", "unit accelerations", "O(n N^2) + O(l^3)", free_dynamics.newton_euler_columns),
+            _general("articulated", "(5.8)-(5.10)", _LINEAR, free_dynamics.articulated),
+            _general("three_sweep", "(5.14)", _LINEAR, free_dynamics.three_sweep),
+            Method("rccfd1", "(6.11)", _LINEAR, RIGID_REGULAR, True, rccfd1),
+            Method("rccfd2", "(6.18)", _LINEAR, RIGID_REGULAR, True, rccfd2),
+            Method("rccfd3", "(6.22)", _LINEAR, RIGID_REGULAR, True, rccfd3),
+            Method("nonrigid", "(b.9)", _LINEAR, "all grasps, Omega regular", False, nonrigid),
+        )
+    }
+)
 
 
 def method_named(name: str | FreeDynamics) -> Method:

@@ -7,6 +7,7 @@ from enum import Enum
 
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 
 
@@ -23,7 +24,7 @@ class Status(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class ArmResult:
+class ArmResult(Frozen):
     """One arm's part of a result; fields as in `ForwardResult`."""
 
     qdd: Array
@@ -33,7 +34,7 @@ class ArmResult:
 
 
 @dataclass(frozen=True, eq=False)
-class ForwardResult:
+class ForwardResult(Frozen):
     """Accelerations and forces of a closed chain. SI units, world axes.
 
     Attributes:

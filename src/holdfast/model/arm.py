@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,12 +14,13 @@ from holdfast.model import checks
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.spatial.converted import making
+from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Arm:
+class Arm(Frozen):
     """A serial chain of joints and links, ordered base to tip.
 
     Attributes:
@@ -38,6 +38,7 @@ class Arm:
     name: str = ""
 
     def __post_init__(self) -> None:
+        checks.instance(self.name, str, "arm: name")
         label = f"arm '{self.name}'" if self.name else "arm"
         put = object.__setattr__
         for part in ("joints", "links"):
@@ -75,17 +76,17 @@ class Arm:
         """Return the same arm with another tip pose in the last link's axes (a tool)."""
         return replace(self, tip=checks.pose(tip, "tip"))
 
-    @cached_property
+    @frozen_property
     def position_limits(self) -> Array:
         """(N, 2) lowest and highest joint positions [rad or m]."""
-        return checks.read_only(np.array([j.position_limits for j in self.joints]))
+        return np.array([j.position_limits for j in self.joints])
 
-    @cached_property
+    @frozen_property
     def armature(self) -> Array:
         """(N,) drive inertia felt at the joints [kg m^2 or kg]."""
-        return checks.read_only(np.array([j.armature for j in self.joints]))
+        return np.array([j.armature for j in self.joints])
 
-    @cached_property
+    @frozen_property
     def damping(self) -> Array:
         """(N,) viscous damping [N m s/rad or N s/m]."""
-        return checks.read_only(np.array([j.damping for j in self.joints]))
+        return np.array([j.damping for j in self.joints])

@@ -10,30 +10,17 @@ from typing import Any
 import numpy as np
 
 from holdfast.errors import HoldfastError, ModelError
-from holdfast.spatial import rotation
+from holdfast.spatial.frozen import read_only as read_only
 from holdfast.spatial.pose import Pose
+from holdfast.spatial.real_numbers import ROTATION_TOLERANCE as ROTATION_TOLERANCE
+from holdfast.spatial.real_numbers import numbers as numbers
+from holdfast.spatial.real_numbers import pose_numbers as pose_numbers
+from holdfast.spatial.real_numbers import real_array as real_array
+from holdfast.spatial.real_numbers import rotation_matrix as rotation_matrix
+from holdfast.spatial.real_numbers import short as short
 from holdfast.spatial.scalar import Array
 
-ROTATION_TOLERANCE = 1e-6  # further from orthogonal or unit length is an error; nearer is normalised
 INERTIA_TOLERANCE = 1e-6  # relative violation of the triangle inequality that is still rounding
-
-
-def numbers(value: Any, shape: tuple[int, ...] | None, what: str, error: type[HoldfastError] = ModelError) -> Array:
-    """Return a read-only finite array of the shape (None: of any), floats unless it holds traced scalars."""
-    try:
-        a = np.array(value)
-        if a.dtype.kind in "cSUmM":  # complex numbers, texts and dates would be converted silently
-            raise TypeError(f"{a.dtype} is no real number")
-        if a.dtype != object or not any(hasattr(x, "where") for x in a.flat):
-            a = a.astype(float)
-    except (TypeError, ValueError, OverflowError) as cause:
-        raise error(f"{what}: expected {_numbers_of(shape)}, got {_short(value)}") from cause
-    if shape is not None and a.shape != shape:
-        raise error(f"{what}: expected shape {shape}, got shape {a.shape}")
-    if a.dtype != object and not np.isfinite(a).all():
-        raise error(f"{what}: expected finite numbers, got {_short(value)}")
-    a.flags.writeable = False
-    return a
 
 
 def vector(value: Any, what: str, error: type[HoldfastError] = ModelError) -> Array:
@@ -42,12 +29,6 @@ def vector(value: Any, what: str, error: type[HoldfastError] = ModelError) -> Ar
     if a.ndim != 1:
         raise error(f"{what}: expected shape ({a.size},), got shape {a.shape}")
     return a
-
-
-def _numbers_of(shape: tuple[int, ...] | None) -> str:
-    if shape is None:
-        return "an array of numbers"
-    return f"numbers of shape {shape}" if shape else "a number"
 
 
 def number(value: Any, what: str, *, at_least: float | None = None, above: float | None = None) -> Any:
@@ -73,33 +54,10 @@ def unit_vector(value: Any, what: str) -> Array:
 
 def pose(value: Any, what: str) -> Pose:
     """Return a pose from a Pose, or from unit quaternion + position (7,)."""
-    if not isinstance(value, Pose):
-        a = numbers(value, (7,), f"{what} (wxyz_xyz)")
-        length = math.hypot(*a[:4])
-        if abs(length - 1) > ROTATION_TOLERANCE:
-            raise ModelError(
-                f"{what}: expected a unit quaternion (w, x, y, z), got length {length:.9g}; try dividing by it"
-            )
-        made = Pose.from_wxyz_xyz(np.concatenate([a[:4] / length, a[4:]]))
-        return Pose(read_only(made.R), read_only(made.p))
-    R = numbers(value.R, (3, 3), f"{what}: rotation")
-    p = numbers(value.p, (3,), f"{what}: position")
-    if R.dtype == object:
-        return value
-    return Pose(rotation_matrix(R, f"{what}: rotation"), p)
-
-
-def rotation_matrix(value: Any, what: str) -> Array:
-    """Return a rotation matrix; one that is off by more than 1e-6 is refused, less is mended."""
-    R = numbers(value, (3, 3), what)
-    with np.errstate(all="ignore"):  # entries like 1e200
-        if not rotation.is_rotation(R, ROTATION_TOLERANCE):
-            defect, det = float(np.abs(R.T @ R - np.eye(3)).max()), float(np.linalg.det(R))
-            raise ModelError(
-                f"{what}: expected a rotation matrix (R^T R = 1, det R = +1), got |R^T R - 1| = {defect:.3g},"
-                f" det R = {det:.9g}"
-            )
-    return R if rotation.is_rotation(R, 1e-14) else read_only(rotation.nearest(R))
+    if isinstance(value, Pose):
+        R = rotation_matrix(value.R, f"{what}: rotation")
+        return Pose.unchecked(R, numbers(value.p, (3,), f"{what}: position"))
+    return Pose.unchecked_seven(pose_numbers(value, what))
 
 
 def rotational_inertia(value: Any, what: str, *, definite: bool = False, physical: bool = True) -> Array:
@@ -136,19 +94,22 @@ def symmetric_matrix(value: Any, what: str) -> Array:
     return read_only(0.5 * J + 0.5 * J.T)
 
 
+def instance(value: Any, kind: type | tuple[type, ...], what: str, error: type[HoldfastError] = ModelError) -> None:
+    """Refuse a value of another type."""
+    if not isinstance(value, kind):
+        kinds = kind if isinstance(kind, tuple) else (kind,)
+        expected = " or ".join("None" if k is type(None) else k.__name__ for k in kinds)
+        raise error(f"{what}: expected {expected}, got {type(value).__name__}")
+
+
+def limit(value: Any, what: str) -> float:
+    """Return a limit > 0, infinite where there is none."""
+    infinite = isinstance(value, float | np.floating) and value == math.inf
+    return math.inf if infinite else number(value, what, above=0.0)
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return ' Did you mean ...?' or a list of what is known."""
     known = list(known)
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.5)
     return f" Did you mean '{near[0]}'?" if near else f" Known: {', '.join(known) or 'none'}."
-
-
-def read_only(a: Array) -> Array:
-    """Return the array itself, no longer writeable."""
-    a.flags.writeable = False
-    return a
-
-
-def _short(value: Any) -> str:
-    text = " ".join(repr(value).split())
-    return text if len(text) <= 60 else text[:57] + "..."

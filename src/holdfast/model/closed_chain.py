@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -14,12 +13,13 @@ from holdfast.model.arm import Arm
 from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
 from holdfast.spatial.converted import ArrayField, making
+from holdfast.spatial.frozen import Frozen, FrozenDict, frozen_property
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 
 
 @dataclass(frozen=True, eq=False)
-class ClosedChain:
+class ClosedChain(Frozen):
     """Named arms that hold one object, in a fixed order.
 
     Attributes:
@@ -41,6 +41,7 @@ class ClosedChain:
         if not self.arms:
             raise ModelError("chain: expected at least one arm, got none")
         for name, arm in self.arms.items():
+            checks.instance(name, str, f"chain: name of arm {name!r}")
             if not isinstance(arm, Arm):
                 raise ModelError(f"arm '{name}': expected an Arm, got {type(arm).__name__}")
         if not isinstance(self.held_object, HeldObject):
@@ -50,8 +51,8 @@ class ClosedChain:
                 raise ModelError(f"grasp '{name}': no such arm.{checks.did_you_mean(name, self.arms)}")
             if not isinstance(grasp, Grasp):
                 raise ModelError(f"grasp '{name}': expected a Grasp, got {type(grasp).__name__}")
-        put(self, "arms", {name: replace(arm, name=name) for name, arm in self.arms.items()})
-        put(self, "grasps", {name: self.grasps[name] for name in self.arms if name in self.grasps})
+        put(self, "arms", FrozenDict({name: replace(arm, name=name) for name, arm in self.arms.items()}))
+        put(self, "grasps", FrozenDict({name: self.grasps[name] for name in self.arms if name in self.grasps}))
         put(self, "gravity", checks.numbers(self.gravity, (3,), "chain: gravity"))
 
     @property
@@ -59,8 +60,8 @@ class ClosedChain:
         """The arms' names, in order."""
         return tuple(self.arms)
 
-    @cached_property
-    def joints(self) -> dict[str, slice]:
+    @frozen_property
+    def joints(self) -> Mapping[str, slice]:
         """Where each arm's joints lie in the flat arrays q, qd, tau."""
         ends = np.cumsum([arm.joint_count for arm in self.arms.values()])
         return {
@@ -68,8 +69,8 @@ class ClosedChain:
             for (name, arm), end in zip(self.arms.items(), ends, strict=True)
         }
 
-    @cached_property
-    def contact_freedoms(self) -> dict[str, slice]:
+    @frozen_property
+    def contact_freedoms(self) -> Mapping[str, slice]:
         """Where each grasp's relative rates lie in the flat arrays W and W_dot."""
         ends = np.cumsum([len(grasp.free) for grasp in self.grasps.values()], dtype=int)
         return {
@@ -77,12 +78,12 @@ class ClosedChain:
             for (name, grasp), end in zip(self.grasps.items(), ends, strict=True)
         }
 
-    @cached_property
+    @frozen_property
     def joint_count(self) -> int:
         """n, over all arms."""
         return sum(arm.joint_count for arm in self.arms.values())
 
-    @cached_property
+    @frozen_property
     def contact_freedom_count(self) -> int:
         """Sum of n_g over all grasps: the length of W."""
         return sum(len(grasp.free) for grasp in self.grasps.values())
@@ -102,6 +103,7 @@ class ClosedChain:
 
     def with_bases(self, bases: Mapping[str, object]) -> ClosedChain:
         """Return the chain with the named arms mounted elsewhere (Pose or wxyz_xyz)."""
+        checks.instance(bases, Mapping, "bases")
         for name in bases:
             if name not in self.arms:
                 raise ModelError(f"base of '{name}': no such arm.{checks.did_you_mean(name, self.arms)}")
@@ -109,6 +111,7 @@ class ClosedChain:
 
     def with_grasp(self, name: str, grasp: Grasp) -> ClosedChain:
         """Return the chain with one more grasp, of an arm that has none."""
+        checks.instance(name, str, "grasp: name of the arm")
         if name not in self.arms:
             raise ModelError(f"grasp '{name}': no such arm.{checks.did_you_mean(name, self.arms)}")
         if name in self.grasps:
@@ -120,6 +123,7 @@ class ClosedChain:
 
     def without_grasp(self, name: str) -> ClosedChain:
         """Return the chain with one grasp opened; the arm goes on alone."""
+        checks.instance(name, str, "grasp: name of the arm")
         if name not in self.grasps:
             raise ModelError(f"grasp '{name}': no such grasp.{checks.did_you_mean(name, self.grasps)}")
         return replace(self, grasps={n: g for n, g in self.grasps.items() if n != name})

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from numbers import Real
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.spatial.converted import making
+from holdfast.spatial.frozen import Frozen, FrozenDict
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
 
@@ -19,18 +20,20 @@ GraspKind = Literal["rigid", "hinge", "softfinger", "ball"]
 
 # Contact-axes components of a wrench [mx, my, mz, fx, fy, fz] that the grasp transmits:
 # the rows of K, and with it the velocity rows.
-TRANSMITTED: dict[str, tuple[int, ...]] = {
-    "rigid": (0, 1, 2, 3, 4, 5),
-    "hinge": (1, 2, 3, 4, 5),
-    "softfinger": (2, 3, 4, 5),
-    "ball": (3, 4, 5),
-}
+TRANSMITTED: Mapping[str, tuple[int, ...]] = FrozenDict(
+    {
+        "rigid": (0, 1, 2, 3, 4, 5),
+        "hinge": (1, 2, 3, 4, 5),
+        "softfinger": (2, 3, 4, 5),
+        "ball": (3, 4, 5),
+    }
+)
 # Contact axes about which the object may turn against the tip: the columns of h.
-FREE: dict[str, tuple[int, ...]] = {"rigid": (), "hinge": (0,), "softfinger": (0, 1), "ball": (0, 1, 2)}
+FREE: Mapping[str, tuple[int, ...]] = FrozenDict({"rigid": (), "hinge": (0,), "softfinger": (0, 1), "ball": (0, 1, 2)})
 
 
 @dataclass(frozen=True)
-class Friction:
+class Friction(Frozen):
     """A one-sided contact: it can only press, and holds within a friction cone.
 
     Attributes:
@@ -52,7 +55,7 @@ class Friction:
 
 
 @dataclass(frozen=True)
-class WrenchLimits:
+class WrenchLimits(Frozen):
     """The largest wrench a grasp takes before it gives way, e.g. a gripper's rating.
 
     Attributes:
@@ -65,7 +68,7 @@ class WrenchLimits:
 
     def __post_init__(self) -> None:
         for name in ("moment", "force"):
-            object.__setattr__(self, name, _limit(getattr(self, name), f"wrench_limits: {name}"))
+            object.__setattr__(self, name, checks.limit(getattr(self, name), f"wrench_limits: {name}"))
 
     @property
     def lever(self) -> float:
@@ -74,7 +77,7 @@ class WrenchLimits:
 
 
 @dataclass(frozen=True, eq=False)
-class Grasp:
+class Grasp(Frozen):
     """The attachment of one arm's tip frame to the contact frame on the object.
 
     The contact frame's z axis is the normal INTO the object: an arm that presses has
@@ -93,9 +96,9 @@ class Grasp:
     wrench_limits: WrenchLimits | None = None
 
     def __post_init__(self) -> None:
-        if self.kind not in get_args(GraspKind):
+        if not isinstance(self.kind, str) or self.kind not in get_args(GraspKind):
             raise ModelError(
-                f"grasp: kind: expected one of {', '.join(get_args(GraspKind))}, got {self.kind!r}."
+                f"grasp: kind: expected one of {', '.join(get_args(GraspKind))}, got {checks.short(self.kind)}."
                 + checks.did_you_mean(str(self.kind), get_args(GraspKind))
             )
         object.__setattr__(self, "frame", checks.pose(self.frame, "grasp: frame"))
@@ -131,9 +134,3 @@ class Grasp:
     def transmission(self) -> Array:
         """K in contact axes, (6 - n_g, 6)."""
         return np.eye(6)[list(self.transmitted)]
-
-
-def _limit(value: Any, what: str) -> float:
-    """Return a limit > 0, infinite where there is none."""
-    infinite = isinstance(value, Real | np.number) and value == math.inf
-    return math.inf if infinite else checks.number(value, what, above=0.0)

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 
 from holdfast.model import checks
 from holdfast.spatial import inertia as spatial_inertia
 from holdfast.spatial.converted import ArrayField, making
+from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.inertia import RigidInertia
 
 
 @dataclass(frozen=True, eq=False)
-class HeldObject:
+class HeldObject(Frozen):
     """A rigid body with origin C, which need not be its mass centre.
 
     Attributes:
@@ -31,6 +31,7 @@ class HeldObject:
 
     def __post_init__(self) -> None:
         put = object.__setattr__
+        checks.instance(self.physical, bool, "object: physical")
         put(self, "mass", checks.number(self.mass, "object: mass", above=0.0))
         put(self, "com", checks.numbers(self.com, (3,), "object: com"))
         put(
@@ -41,10 +42,12 @@ class HeldObject:
 
     @staticmethod
     def box(mass: float, x: float, y: float, z: float) -> HeldObject:
-        """Return a solid box of uniform density with C at its centre; edges in metres."""
-        return HeldObject(mass, mass / 12 * np.diag([y * y + z * z, x * x + z * z, x * x + y * y]))
+        """Return a solid box of uniform density with C at its centre; edges > 0 [m]."""
+        x, y, z = (checks.number(edge, f"box: {name}", above=0.0) for name, edge in (("x", x), ("y", y), ("z", z)))
+        m = checks.number(mass, "object: mass", above=0.0)
+        return HeldObject(m, m / 12 * np.diag([y * y + z * z, x * x + z * z, x * x + y * y]))
 
-    @cached_property
+    @frozen_property
     def spatial_inertia(self) -> RigidInertia:
         """M(C): the inertia about C, object axes."""
         return spatial_inertia.about_origin(self.mass, self.com, self.inertia)

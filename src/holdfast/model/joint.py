@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
-from numbers import Real
 from typing import Any, Literal
 
 import numpy as np
@@ -13,6 +11,7 @@ from numpy.typing import ArrayLike
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.spatial.converted import ArrayField, Converted, making
+from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import outer, skew
@@ -21,7 +20,7 @@ UNBOUNDED: Any = (-np.inf, np.inf)  # to a type checker no tuple is a `Converted
 
 
 @dataclass(frozen=True, eq=False)
-class Joint:
+class Joint(Frozen):
     """A joint between a link and its parent (the previous link, or the base).
 
     Revolute: R = R_parent R0 Rot(axis, q), p = p_parent + R_parent p0.
@@ -52,28 +51,28 @@ class Joint:
     friction: float = 0.0
 
     def __post_init__(self) -> None:
+        checks.instance(self.name, str, "joint: name")
         label = f"joint '{self.name}'" if self.name else "joint"
-        if self.kind not in ("revolute", "prismatic"):
-            raise ModelError(f"{label}: kind: expected 'revolute' or 'prismatic', got {self.kind!r}")
+        if not isinstance(self.kind, str) or self.kind not in ("revolute", "prismatic"):
+            raise ModelError(f"{label}: kind: expected 'revolute' or 'prismatic', got {checks.short(self.kind)}")
         put = object.__setattr__
         put(self, "axis", checks.unit_vector(self.axis, f"{label}: axis"))
         put(self, "placement", checks.pose(self.placement, f"{label}: placement"))
         for quantity in ("armature", "damping", "friction"):
             put(self, quantity, checks.number(getattr(self, quantity), f"{label}: {quantity}", at_least=0.0))
         for quantity in ("rate_limit", "effort_limit"):
-            limit = getattr(self, quantity)
-            if not isinstance(limit, (Real, np.number)) or not float(limit) > 0:
-                raise ModelError(f"{label}: {quantity}: expected a number > 0, got {limit!r}")
-            put(self, quantity, float(limit))
-        try:
-            low, high = map(float, self.position_limits)
-        except (TypeError, ValueError) as cause:
-            raise ModelError(f"{label}: position_limits: expected two numbers, got {self.position_limits!r}") from cause
+            put(self, quantity, checks.limit(getattr(self, quantity), f"{label}: {quantity}"))
+        limits = checks.real_array(self.position_limits, f"{label}: position_limits", "two numbers", ModelError)
+        if limits.shape != (2,):
+            raise ModelError(
+                f"{label}: position_limits: expected two numbers, got {checks.short(self.position_limits)}"
+            )
+        low, high = map(float, limits)
         if not low <= high:
             raise ModelError(f"{label}: position_limits: expected lower <= upper, got {low:g} and {high:g}")
         put(self, "position_limits", (low, high))
 
-    @cached_property
+    @frozen_property
     def rotation_parts(self) -> tuple[Array, Array, Array]:
         """(F, C, S) with R0 Rot(axis, q) = F + cos(q) C + sin(q) S.
 
@@ -83,7 +82,7 @@ class Joint:
         fixed = outer(a, a)
         return R0 @ fixed, R0 @ (np.eye(3) - fixed), R0 @ skew(a)
 
-    @cached_property
+    @frozen_property
     def parent_axis(self) -> Array:
         """(3,) the axis at q = 0 in the parent's axes."""
         return self.placement.R @ self.axis

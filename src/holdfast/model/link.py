@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 
@@ -11,11 +10,12 @@ from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.spatial import inertia as spatial_inertia
 from holdfast.spatial.converted import ArrayField, making
+from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.inertia import RigidInertia
 
 
 @dataclass(frozen=True, eq=False)
-class Link:
+class Link(Frozen):
     """A rigid body moved by one joint; its frame's origin lies on that joint.
 
     Attributes:
@@ -34,6 +34,8 @@ class Link:
     physical: bool = True
 
     def __post_init__(self) -> None:
+        checks.instance(self.name, str, "link: name")
+        checks.instance(self.physical, bool, "link: physical")
         label = f"link '{self.name}'" if self.name else "link"
         put = object.__setattr__
         put(self, "mass", checks.number(self.mass, f"{label}: mass"))
@@ -43,7 +45,7 @@ class Link:
         what = f"{label}: inertia"
         put(self, "inertia", checks.rotational_inertia(self.inertia, what, physical=self.physical))
 
-    @cached_property
+    @frozen_property
     def spatial_inertia(self) -> RigidInertia:
         """M(k): the inertia about the link's origin, link axes."""
         return spatial_inertia.about_origin(self.mass, self.com, self.inertia)

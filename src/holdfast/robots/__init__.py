@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from holdfast.model.arm import Arm
 from holdfast.robots.gen3 import GEN3_HOME, gen3
@@ -12,10 +12,13 @@ from holdfast.robots.panda import PANDA_HOME, panda
 from holdfast.robots.stewart_platform import stewart_platform
 from holdfast.robots.three_finger_hand import three_finger_hand
 from holdfast.robots.ur5e import UR5E_HOME, ur5e
+from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.scalar import Array
 
-ROBOTS: dict[str, Callable[..., Arm]] = {"panda": panda, "iiwa14": iiwa14, "ur5e": ur5e, "gen3": gen3}
-HOME: dict[str, Array] = {"panda": PANDA_HOME, "iiwa14": IIWA14_HOME, "ur5e": UR5E_HOME, "gen3": GEN3_HOME}
+ROBOTS: Mapping[str, Callable[..., Arm]] = FrozenDict({"panda": panda, "iiwa14": iiwa14, "ur5e": ur5e, "gen3": gen3})
+HOME: Mapping[str, Array] = FrozenDict(
+    {"panda": PANDA_HOME, "iiwa14": IIWA14_HOME, "ur5e": UR5E_HOME, "gen3": GEN3_HOME}
+)
 
 __all__ = [
     "GEN3_HOME",

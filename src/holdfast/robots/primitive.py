@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
@@ -10,24 +11,27 @@ import numpy as np
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.spatial import rotation
+from holdfast.spatial.frozen import Frozen, FrozenDict
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
 Kind = Literal["capsule", "cylinder", "box", "sphere"]
-SIZES: dict[str, int] = {"capsule": 2, "cylinder": 2, "box": 3, "sphere": 1}
-COLOURS: dict[str, tuple[int, int, int]] = {
-    "white": (236, 236, 232),
-    "grey": (150, 154, 158),
-    "dark": (58, 62, 68),
-    "orange": (240, 130, 40),
-    "blue": (128, 172, 204),
-    "accent": (96, 150, 196),
-}
+SIZES: Mapping[str, int] = FrozenDict({"capsule": 2, "cylinder": 2, "box": 3, "sphere": 1})
+COLOURS: Mapping[str, tuple[int, int, int]] = FrozenDict(
+    {
+        "white": (236, 236, 232),
+        "grey": (150, 154, 158),
+        "dark": (58, 62, 68),
+        "orange": (240, 130, 40),
+        "blue": (128, 172, 204),
+        "accent": (96, 150, 196),
+    }
+)
 _UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
-class Primitive:
+class Primitive(Frozen):
     """A solid fixed to a link.
 
     Attributes:
@@ -45,6 +49,8 @@ class Primitive:
     colour: str = field(default="grey")
 
     def __post_init__(self) -> None:
+        checks.instance(self.kind, str, "primitive: kind")
+        checks.instance(self.colour, str, "primitive: colour")
         if self.kind not in get_args(Kind):
             raise ModelError(f"primitive: kind: expected one of {', '.join(SIZES)}, got {self.kind!r}")
         if self.colour not in COLOURS:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from holdfast.dynamics.impulse import Attachment, attach
@@ -11,11 +11,12 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.simulation.occurrence import Occurrence
+from holdfast.spatial.frozen import Frozen
 from holdfast.state import Inputs, State
 
 
 @dataclass(frozen=True, eq=False)
-class Attach:
+class Attach(Frozen):
     """An arm grips the object: what still moves against each other stops at once, by an impulse.
 
     Attributes:
@@ -32,7 +33,7 @@ class Attach:
 
 
 @dataclass(frozen=True)
-class Release:
+class Release(Frozen):
     """An arm lets go; no velocity changes.
 
     Attributes:
@@ -55,6 +56,12 @@ def in_order(events: Sequence[Event], chain: ClosedChain, duration: float) -> li
             grip with a grasp, or to let go without one.
     """
     holding = frozenset(chain.grasps)
+    if not isinstance(events, Iterable):
+        raise ModelError(f"events: expected a list of Attach and Release, got {type(events).__name__}")
+    for event in events:
+        if not isinstance(event, Attach | Release):
+            raise ModelError(f"events: expected Attach and Release, got {type(event).__name__}")
+        checks.number(event.t, f"{type(event).__name__.lower()} of '{event.arm}': t")
     ordered = sorted(events, key=lambda event: event.t)
     for event in ordered:
         holding = holding_after(event, holding, chain, duration)

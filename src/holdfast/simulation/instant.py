@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.result import ForwardResult
-from holdfast.errors import SingularChainError, StateError
+from holdfast.errors import ModelError, SingularChainError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import power_terms
@@ -63,6 +63,32 @@ class Instant:
         return np.concatenate([self.state.qd, found.qdd, attitude, v, found.object_acceleration, self.power])
 
 
+def require_controller(controller: Any) -> None:
+    """Refuse what cannot be asked for torques.
+
+    Raises:
+        ModelError: it is no function.
+    """
+    if not callable(controller):
+        raise ModelError(
+            "controller: expected a function (t, state, memory) -> (torques, memory), got"
+            f" {type(controller).__name__}; try lambda t, state, memory: (tau, memory), or a TorqueSchedule"
+        )
+
+
+def answer(found: Any) -> tuple[Any, Any]:
+    """Return the torques and the memory that a controller returned.
+
+    Raises:
+        StateError: it returned something else.
+    """
+    if not isinstance(found, tuple) or len(found) != 2:
+        got = f"an array of shape {found.shape}" if isinstance(found, np.ndarray) else f"a {type(found).__name__}"
+        got = f"{len(found)} things" if isinstance(found, tuple) else got
+        raise StateError(f"controller: expected it to return torques and memory, got {got}; try `return tau, memory`")
+    return found
+
+
 def evaluate(
     world: World,
     controller: Controller,
@@ -89,7 +115,7 @@ def evaluate(
         StateError: torques of a wrong shape, or not finite.
     """
     chain, inputs = world.at(t)
-    tau, memory = controller(t, state, memory)
+    tau, memory = answer(controller(t, state, memory))
     tau = checks.numbers(tau, (chain.joint_count,), "controller: torques", StateError)
     friction = friction_torque(joint_friction(chain), state.qd)
     found = forward_dynamics(chain, state, tau - friction, inputs=inputs, check=check, generic_rank=generic_rank)

@@ -14,6 +14,7 @@ import numpy as np
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
+from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, Scalar, cos, sin, sqrt, where
 from holdfast.spatial.vector import cross
 
@@ -21,7 +22,7 @@ SCHEMES = ("rk4", "midpoint", "dop853")
 
 
 @dataclass(frozen=True, eq=False)
-class Tableau:
+class Tableau(Frozen):
     """An explicit Runge-Kutta scheme of s stages, k_i = f(t + c_i h, y + h sum_j<i a_ij k_j).
 
     Attributes:
@@ -40,10 +41,6 @@ class Tableau:
     a: Array
     b: Array
     error: Array
-
-    def __post_init__(self) -> None:
-        for part in (self.c, self.a, self.b, self.error):
-            checks.read_only(part)
 
     @property
     def adaptive(self) -> bool:

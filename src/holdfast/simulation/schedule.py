@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,14 +12,15 @@ from numpy.typing import ArrayLike
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.instant import Controller
+from holdfast.simulation.instant import Controller, answer, require_controller
 from holdfast.spatial.converted import ArrayField, Converted
+from holdfast.spatial.frozen import Frozen, frozen_property, read_only
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
 
 @dataclass(frozen=True, eq=False)
-class TorqueSchedule:
+class TorqueSchedule(Frozen):
     """tau_j(t) = sum_k c_jk (t - knot)^k from each knot to the next, and what another controller adds.
 
     Zero before the first knot; the last piece goes on. Simulation ends steps at the `breakpoints`: the knots,
@@ -38,20 +38,27 @@ class TorqueSchedule:
     beside: Controller | None = None
 
     def __post_init__(self) -> None:
+        if self.beside is not None:
+            require_controller(self.beside)
         put = object.__setattr__
         put(self, "knots", checks.vector(self.knots, "schedule: knots"))
         if not len(self.knots) or (np.diff(self.knots) <= 0).any():
             raise ModelError(f"schedule: knots: expected increasing times, got {self.knots.tolist()}")
+        if not isinstance(self.coefficients, list | tuple) and not (
+            isinstance(self.coefficients, np.ndarray) and self.coefficients.ndim
+        ):
+            got = type(self.coefficients).__name__
+            raise ModelError(f"schedule: coefficients: expected a list of tables, one per knot, got {got}")
         if len(self.coefficients) != len(self.knots):
             raise ModelError(
                 f"schedule: expected one table of coefficients per knot, got {len(self.coefficients)} for"
                 f" {len(self.knots)}"
             )
-        shaped = [np.atleast_2d(np.array(c, dtype=float)) for c in self.coefficients]
+        shaped = [np.atleast_2d(checks.numbers(c, None, "schedule: coefficients")) for c in self.coefficients]
         joints = {c.shape[:-1] for c in shaped}
         if len(joints) != 1 or len(*joints) != 1 or not all(c.size for c in shaped):
             raise ModelError(f"schedule: expected tables of (n, degree + 1), got {[c.shape for c in shaped]}")
-        put(self, "coefficients", tuple(checks.numbers(c, c.shape, "schedule: coefficients") for c in shaped))
+        put(self, "coefficients", tuple(read_only(c) for c in shaped))
 
     @classmethod
     def linear(cls, times: Any, torques: Any, beside: Controller | None = None) -> TorqueSchedule:
@@ -71,7 +78,7 @@ class TorqueSchedule:
 
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
         """Return the torques (n,) [N m or N]; the memory is the other controller's."""
-        found, memory = (0.0, memory) if self.beside is None else self.beside(t, state, memory)
+        found, memory = (0.0, memory) if self.beside is None else answer(self.beside(t, state, memory))
         others = np.asarray(found)
         piece = int(np.searchsorted(self.knots, t, side="right")) - 1
         if piece < 0:
@@ -79,7 +86,7 @@ class TorqueSchedule:
         table = self.coefficients[piece]
         return others + table @ (t - self.knots[piece]) ** np.arange(table.shape[1]), memory
 
-    @cached_property
+    @frozen_property
     def breakpoints(self) -> Array:
         """Knots and turning points of every torque, and the other controller's, increasing [s]."""
         ends = np.append(self.knots[1:], np.inf)

@@ -8,13 +8,13 @@ from functools import partial
 
 import numpy as np
 
-from holdfast.errors import HoldfastError
+from holdfast.errors import HoldfastError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.events import Event, in_order
 from holdfast.simulation.failure import reason
-from holdfast.simulation.instant import Controller
+from holdfast.simulation.instant import Controller, require_controller
 from holdfast.simulation.leg import MakeStepper, Plan
 from holdfast.simulation.policy import OnLimit, OnSlip, Policy
 from holdfast.simulation.progress import Progress, begun, following, resumed
@@ -90,18 +90,24 @@ def simulate(
         make_stepper: what takes the steps; without it machine code does, unless there are too few to compile for.
 
     Raises:
-        ModelError: a duration or step that is not positive, too many steps, an unknown policy or scheme, or
-            an impossible event.
-        StateError: the initial state breaks a grasp, or the controller's torques do not fit.
+        ModelError: a duration or step that is not positive, too many steps, an unknown policy or scheme, an
+            impossible event, or a controller that is no function.
+        StateError: the initial state breaks a grasp, the controller returns no torques and memory that fit, or it is a
+            law that is told parameters.
         SingularChainError: the initial configuration is singular.
     """
+    checks.instance(chain, ClosedChain, "simulation: chain")
+    checks.instance(state, State, "simulation: state", StateError)
+    require_controller(controller)
+    if isinstance(controller, ControlLaw):
+        controller.require_no_parameters()
     named = scheme_named(scheme)
     grid = step_times(duration, step)
     state.fits(chain)
     ordered = in_order(events, chain, float(grid[-1]))
     jumps = [*breakpoints, *getattr(controller, "breakpoints", ())]
     ends = stops(grid, jumps, [one.t for one in ordered], ALIKE * step)
-    world = World(chain, base_motion or {}, Inputs() if inputs is None else inputs)
+    world = World(chain, {} if base_motion is None else base_motion, Inputs() if inputs is None else inputs)
     policy, tolerance = Policy(on_slip, on_limit), Tolerance(rtol, atol)
     make = make_stepper or partial(stepper_for, steps=len(grid) - 1)
     limit = None if largest_drift is None else checks.number(largest_drift, "simulation: largest_drift", above=0.0)

@@ -13,6 +13,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import imbalance, momentum_imbalance
 from holdfast.simulation.interpolation import Knot, interpolant
 from holdfast.simulation.occurrence import Occurrence
+from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
@@ -56,7 +57,7 @@ UNITS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class Trajectory(Frozen):
     """A run sampled at every step; the first axis of every array is the sample.
 
     One sample alone has the same fields without that axis. `UNITS` gives units and axes. Times

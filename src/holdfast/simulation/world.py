@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.errors import ModelError
+from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.frozen import FrozenDict
 from holdfast.state import Inputs
 
 # t [s] -> pose of the base (a Pose or wxyz_xyz), its twist (6,) and acceleration (6,), world axes
@@ -35,13 +36,29 @@ class World:
     inputs: Inputs | Callable[[float], Inputs] = field(default_factory=Inputs)
 
     def __post_init__(self) -> None:
+        if not (isinstance(self.inputs, Inputs) or callable(self.inputs)):
+            raise ModelError(f"inputs: expected Inputs or a function t -> Inputs, got {type(self.inputs).__name__}")
+        if not isinstance(self.base_motion, Mapping):
+            raise ModelError(
+                "base motion: expected a mapping from an arm's name to a function of time, got"
+                f" {type(self.base_motion).__name__}"
+            )
         for name in self.base_motion:
             if name not in self.chain.arms:
                 raise ModelError(f"base motion '{name}': no such arm.{checks.did_you_mean(name, self.chain.arms)}")
+            if not callable(self.base_motion[name]):
+                raise ModelError(
+                    f"base motion '{name}': expected a function t -> (pose, twist, acceleration), got"
+                    f" {type(self.base_motion[name]).__name__}"
+                )
 
     def at(self, t: float) -> tuple[ClosedChain, Inputs]:
         """Return the chain with its bases where they are at time t [s], and the inputs then."""
         inputs = self.inputs(t) if callable(self.inputs) else self.inputs
+        if not isinstance(inputs, Inputs):
+            raise StateError(
+                f"inputs({t:g}): expected Inputs, got {type(inputs).__name__}; try Inputs(object_wrench=...)"
+            )
         if not self.base_motion:
             return self.chain, inputs
         shaped = inputs.shaped(self.chain)
@@ -49,9 +66,19 @@ class World:
         poses = {}
         for i, name in enumerate(self.chain.names):
             if name in self.base_motion:
-                poses[name], twists[i], accelerations[i] = self.base_motion[name](t)
+                poses[name], twists[i], accelerations[i] = _motion(name, self.base_motion[name](t))
         moving = replace(shaped, base_twists=twists, base_accelerations=accelerations)
         return mounted(self.chain, poses), moving
+
+
+def _motion(name: str, found: Any) -> tuple[Any, Any, Any]:
+    """Return what a base's motion returned, its pose as it is (see `mounted`)."""
+    what = f"base motion of '{name}'"
+    if not isinstance(found, tuple | list) or len(found) != 3:
+        raise StateError(f"{what}: expected (pose, twist, acceleration), got {type(found).__name__}")
+    pose, *rates = found
+    twist, acceleration = (checks.numbers(x, (6,), what, StateError) for x in rates)
+    return pose, twist, acceleration
 
 
 def mounted(chain: ClosedChain, bases: Mapping[str, Any]) -> ClosedChain:
@@ -61,5 +88,5 @@ def mounted(chain: ClosedChain, bases: Mapping[str, Any]) -> ClosedChain:
     for name, base in bases.items():
         arms[name] = copy.copy(arms[name])
         object.__setattr__(arms[name], "base", checks.pose(base, f"base motion of '{name}'"))
-    object.__setattr__(moved, "arms", arms)
+    object.__setattr__(moved, "arms", FrozenDict(arms))
     return moved

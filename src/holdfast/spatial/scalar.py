@@ -1,12 +1,13 @@
-"""The vocabulary of an algorithm text: functions that work on every kind of scalar.
+"""The vocabulary of an algorithm text: functions that work on every kind of scalar, and on arrays entry by entry.
 
 A scalar is a `float`, or an object that brings its own `sin`, `cos`, `sqrt` and
 `where` (an operation counter, a graph node). An algorithm written with these
 functions, `+ - * /` and NumPy arrays runs on all of them; it must not branch on
-a value with Python's `if`.
+a value with Python's `if`. Arrays (and lists) broadcast as NumPy's do.
 """
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,47 +15,76 @@ from numpy.typing import NDArray
 
 Scalar = Any
 Array = NDArray[Any]
+_ARRAYS = (np.ndarray, list, tuple)
 
 
 def sin(x: Scalar) -> Scalar:
-    """Return the sine of a scalar given in radians."""
+    """Return the sine of an angle in radians."""
+    if isinstance(x, _ARRAYS):
+        return _each(sin, x)
     return x.sin() if hasattr(x, "sin") else math.sin(x)
 
 
 def cos(x: Scalar) -> Scalar:
-    """Return the cosine of a scalar given in radians."""
+    """Return the cosine of an angle in radians."""
+    if isinstance(x, _ARRAYS):
+        return _each(cos, x)
     return x.cos() if hasattr(x, "cos") else math.cos(x)
 
 
 def sqrt(x: Scalar) -> Scalar:
-    """Return the square root of a scalar; not a number if it is negative."""
+    """Return the square root; not a number if x is negative."""
+    if isinstance(x, _ARRAYS):
+        return _each(sqrt, x)
     return x.sqrt() if hasattr(x, "sqrt") else math.sqrt(x) if x >= 0 else math.nan
 
 
 def reciprocal(x: Scalar) -> Scalar:
     """Return 1 / x; infinite at zero."""
+    if isinstance(x, _ARRAYS):
+        return _each(reciprocal, x)
     return 1.0 / x if hasattr(x, "where") or x != 0 else math.inf
+
+
+def less(a: Scalar, b: Scalar) -> Scalar:
+    """Return whether a < b, also of arrays of traced scalars, which Python's `<` cannot compare."""
+    if isinstance(a, _ARRAYS) or isinstance(b, _ARRAYS):
+        return _each(less, a, b)
+    return a < b
+
+
+def less_equal(a: Scalar, b: Scalar) -> Scalar:
+    """Return whether a <= b, as `less` does."""
+    if isinstance(a, _ARRAYS) or isinstance(b, _ARRAYS):
+        return _each(less_equal, a, b)
+    return a <= b
 
 
 def where(condition: Scalar, a: Scalar, b: Scalar) -> Scalar:
     """Return `a` if the condition holds, else `b`; both are evaluated beforehand."""
+    if isinstance(a, _ARRAYS) or isinstance(b, _ARRAYS) or isinstance(condition, _ARRAYS):
+        return _each(where, condition, a, b)
     return condition.where(a, b) if hasattr(condition, "where") else (a if condition else b)
 
 
 def select(condition: Scalar, a: Array, b: Array) -> Array:
-    """Return the array `a` if the condition holds, else `b`, entry by entry."""
+    """Return the array `a` if one condition holds, else `b`."""
     if not hasattr(condition, "where"):
         return a if condition else b
     return np.reshape([condition.where(x, y) for x, y in zip(a.flat, b.flat, strict=True)], a.shape)
 
 
 def maximum(a: Scalar, b: Scalar) -> Scalar:
-    """Return the larger of two scalars."""
+    """Return the larger of two."""
+    if isinstance(a, _ARRAYS) or isinstance(b, _ARRAYS):
+        return _each(maximum, a, b)
     return where(a > b, a, b)
 
 
 def minimum(a: Scalar, b: Scalar) -> Scalar:
-    """Return the smaller of two scalars."""
+    """Return the smaller of two."""
+    if isinstance(a, _ARRAYS) or isinstance(b, _ARRAYS):
+        return _each(minimum, a, b)
     return where(a < b, a, b)
 
 
@@ -67,3 +97,10 @@ def concatenate(parts: Any) -> Array:
     """Return the 1-d arrays joined end to end; an empty list gives an empty array."""
     parts = list(parts)
     return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def _each(word: Callable[..., Scalar], *arguments: Any) -> Any:
+    """Return what a word says of every entry of its arguments, broadcast; of arrays without axes a scalar."""
+    arrays = np.broadcast_arrays(*arguments)
+    found = [word(*entries) for entries in zip(*(a.flat for a in arrays), strict=True)]
+    return np.reshape(found, arrays[0].shape) if arrays[0].ndim else found[0]

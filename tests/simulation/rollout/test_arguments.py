@@ -38,19 +38,21 @@ def one(count: int = 2) -> tuple[Rollout, RolloutSystems]:
         ({"threads": 0}, "threads: expected an integer >= 1, got 0"),
         ({"threads": 1.5}, "threads: expected an integer >= 1, got 1.5"),
         ({"torque": NONE}, "no parameter 'torque'"),
+        ({"tau": None}, "the control law's parameter 'tau' is missing: expected shape"),
+        ({"object_mass": 1.0}, "object_mass: expected object_inertia beside it"),
     ],
 )
 def test_start(change, message):
     """States, time, memory."""
     rollout, _ = one()
+    given = arrays(problem("one")[1]) | {"tau": NONE} | change
     with pytest.raises(StateError, match=message):
-        rollout.start(**arrays(problem("one")[1]) | {"tau": NONE} | change)
+        rollout.start(**{name: x for name, x in given.items() if x is not None})
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"tau": None}, "the control law's parameter 'tau' is missing: expected shape"),
         ({"step": 0.0}, "step: expected one positive number of seconds, or one for each system, got 0.0"),
         ({"step": -1e-3}, "step: expected one positive"),
         ({"step": np.nan}, "step: expected one positive"),
@@ -63,8 +65,17 @@ def test_start(change, message):
         ({"object_mas": 1.0}, "no parameter 'object_mas'. Did you mean 'object_mass'?"),
         ({"begin": 1.0}, "no parameter 'begin'"),
         ({"generic_rank": 6}, "no parameter 'generic_rank'"),
-        ({"object_mass": [1.0, -1.0]}, "object_mass: expected > 0"),
-        ({"object_mass": [1.0, 2.0, 3.0]}, r"object_mass: expected shape \(\) or \(2, \*\(\)\), got \(3,\)"),
+        ({"object_mass": 1.0}, "object_mass: expected object_inertia beside it.*try object_inertia='scale'"),
+        ({"object_inertia": "scale"}, r"object_inertia: expected \(3, 3\) numbers, or 'scale' beside object_mass"),
+        (
+            {"object_mass": 1.0, "object_inertia": "same"},
+            r"object_inertia: expected \(3, 3\) numbers, or 'scale' beside",
+        ),
+        ({"object_mass": [1.0, -1.0], "object_inertia": "scale"}, "object_mass: expected > 0"),
+        (
+            {"object_mass": [1.0, 2.0, 3.0], "object_inertia": "scale"},
+            r"mass: expected shape \(\) or \(2, \*\(\)\), got \(3,\)",
+        ),
         ({"object_wrench": np.full(6, np.inf)}, "object_wrench: expected finite numbers"),
         ({"object_wrench": np.zeros((3, 6))}, r"object_wrench: expected shape \(6,\) or \(2, "),
         ({"base_pose": np.ones((1, 7))}, "base_pose: expected unit quaternions"),
@@ -194,6 +205,22 @@ def test_taken_names(name):
     law = ControlLaw(branching, parameters={name: ()})
     with pytest.raises(ModelError, match=f"control law: parameter '{name}': expected a name of its own"):
         compile_rollout(problem("one")[0], law)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda chain: compile_rollout(chain, branching), "law: expected a ControlLaw or None, got function; try"),
+        (lambda chain: compile_rollout(chain, np.zeros(6)), "law: expected a ControlLaw or None, got ndarray"),
+        (lambda chain: compile_rollout("chain"), "chain: expected a ClosedChain, got str"),
+        (lambda chain: ControlLaw(np.zeros(6)), "control law: torque: expected a function .*, got ndarray"),
+        (lambda chain: ControlLaw(branching, parameters=["gain"]), "control law: parameters: expected a mapping"),
+    ],
+)
+def test_no_laws(make, message):
+    """Functions, arrays and lists in the place of a law, a function or a mapping."""
+    with pytest.raises(ModelError, match=message):
+        make(problem("one")[0])
 
 
 def test_schemes():

@@ -56,5 +56,5 @@ def posture(arm: Arm, q: Array) -> Posture:
     for k in range(arm.joint_count - 1, 0, -1):
         r = R[k - 1] @ l[k] + r
         reach.insert(0, r)
-    tip = Pose(R[-1] @ arm.tip.R, arm.base.p + (arm.base.R @ l[0] + reach[0]))
+    tip = Pose.unchecked(R[-1] @ arm.tip.R, arm.base.p + (arm.base.R @ l[0] + reach[0]))
     return Posture(tuple(E), tuple(l), tuple(R), tuple(reach), tip)

@@ -14,9 +14,7 @@ from holdfast.model import checks
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.spatial.scalar import Array
 
-# Axes of a system's own by name, where a user's array has others than the machine code's.
-_POSES = {"base_pose": 2, "grasp_pose": 2}
-CHAINS = ("object_wrench", "gravity", "object_mass", "object_com", "object_inertia", *_POSES)
+CHAINS = ("object_wrench", "gravity", "object_mass", "object_com", "object_inertia", "base_pose", "grasp_pose")
 _OWN = ("systems", "q", "qd", "object_pose", "object_twist", "memory", "t", "step", "steps", "duration", "every")
 _TAKEN = (*CHAINS, *_OWN, "record", "least_margin", "threads", "self")
 
@@ -35,42 +33,61 @@ def require_free_names(parameters: Mapping[str, Any]) -> None:
             )
 
 
-def told(kernel: StepKernel, given: Mapping[str, Any], count: int) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return the machine code's inputs and parameters that a call gives.
+def told(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dict[str, Array]:
+    """Return what a call says of the machine code's inputs and parameters, by its names, (1 or systems, *shape) each.
 
     Args:
         kernel: a step under a law.
-        given: the law's parameters, all of them, and any of `CHAINS`.
+        given: any of the law's parameters and of `CHAINS`.
         count: how many systems; an array has a row for each of them, or is for all.
 
     Raises:
-        StateError: a missing or unknown name, a wrong shape, numbers that are not finite (of the chain's).
+        StateError: an unknown name, a wrong shape, numbers that are not finite (of the chain's).
+    """
+    laws, chains = kernel.law.parameters, {}
+    found: dict[str, Array] = {}
+    for name, x in given.items():
+        if name in laws:
+            found[f"control.{name}"] = _rows(fitting(name, x, laws[name], count), laws[name])
+        elif name in CHAINS:
+            chains[name] = x
+        else:
+            raise StateError(f"no parameter '{name}'.{checks.did_you_mean(name, (*laws, *CHAINS))}")
+    for name, x in (taken(chains, kernel.externals, kernel.chain) if chains else {}).items():
+        shape = kernel.externals[name].shape
+        found[name] = _rows(fitting(name, x, shape, count), shape)
+    return found
+
+
+def acting(kernel: StepKernel, said: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return inputs and parameters of the machine code from all that systems have been told so far.
+
+    Args:
+        kernel: a step under a law.
+        said: as `told` returns it; what was said to another law is not used.
+
+    Raises:
+        StateError: the law was never told one of its parameters, or the systems are of another chain.
     """
     inputs: dict[str, Array] = {"object_wrench": np.zeros(6)}
-    rest = dict(given)
+    parameters: dict[str, Array] = {}
+    for name, x in said.items():
+        external = kernel.externals.get(name)
+        if external is not None and x.shape[1:] == external.shape:
+            (parameters if external.role == "parameter" else inputs)[name] = x[0] if len(x) == 1 else x
+        elif not name.startswith("control."):
+            raise StateError(
+                f"systems: {name} was told in shape {x.shape[1:]}, which this rollout's chain has not; try systems that"
+                " `start` of this rollout returned"
+            )
     for name, shape in kernel.law.parameters.items():
-        if name not in rest:
+        if f"control.{name}" not in inputs:
             raise StateError(f"the control law's parameter '{name}' is missing: expected shape {shape}")
-        inputs[f"control.{name}"] = fitting(name, rest.pop(name), shape, count)
-    for name in rest:
-        if name not in CHAINS:
-            raise StateError(f"no parameter '{name}'.{checks.did_you_mean(name, (*kernel.law.parameters, *CHAINS))}")
-    changed = taken(rest, kernel.externals) if rest else {}
-    for name, x in changed.items():
-        fitting(name, x, kernel.externals[name].shape, count)
-    if "object_wrench" in changed:
-        inputs["object_wrench"] = changed.pop("object_wrench")
-    return inputs, changed
+    return inputs, parameters
 
 
-def some(kernel: StepKernel, given: Mapping[str, Any], rows: Array) -> dict[str, Any]:
-    """Return what is given to some of the systems, `rows` (systems,) of truth values."""
-    shapes = {name: e.shape for name, e in kernel.externals.items()} | dict(kernel.law.parameters)
-    own = {}
-    for name, x in given.items():
-        rank = _POSES.get(name, len(shapes.get(name, ())))
-        own[name] = np.asarray(x)[rows] if np.ndim(x) > rank else x
-    return own
+def _rows(x: Array, shape: tuple[int, ...]) -> Array:
+    return x if x.ndim > len(shape) else x[None]
 
 
 def fitting(name: str, value: Any, shape: tuple[int, ...], count: int) -> Array:

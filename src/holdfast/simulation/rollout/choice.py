@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from holdfast.compiler.errors import CompileError
-from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.instant import Controller
 from holdfast.simulation.limits import Signals
@@ -62,11 +61,7 @@ def law_of(controller: Controller | ControlLaw, chain: ClosedChain) -> ControlLa
         StateError: a law that is told parameters.
     """
     if isinstance(controller, ControlLaw):
-        if controller.parameters:
-            raise StateError(
-                f"controller: the law is told {', '.join(controller.parameters)}, which only a rollout can do; try"
-                " holdfast.compile_rollout"
-            )
+        controller.require_no_parameters()
         return controller
     if not getattr(controller, "traceable", False):
         return None

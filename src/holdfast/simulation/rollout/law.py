@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.compiler.program import Shape
-from holdfast.errors import ModelError
+from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.spatial.converted import ArrayField, Converted, making
+from holdfast.spatial.frozen import Frozen, FrozenDict
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.state import State
 
@@ -20,7 +21,7 @@ Torque = Callable[[Scalar, State, Array, Mapping[str, Array]], tuple[ArrayLike, 
 
 
 @dataclass(frozen=True, eq=False)
-class ControlLaw:
+class ControlLaw(Frozen):
     """A controller in the words of `spatial.scalar`: no `if` on a value, no writing into arrays.
 
     Attributes:
@@ -43,12 +44,39 @@ class ControlLaw:
     def __post_init__(self) -> None:
         put = object.__setattr__
         put(self, "memory", checks.vector(self.memory, "control law: memory"))
-        put(self, "parameters", {name: _shape(name, shape) for name, shape in self.parameters.items()})
+        if not callable(self.torque):
+            raise ModelError(
+                "control law: torque: expected a function (t, state, memory, parameters) -> (torques, memory), got"
+                f" {type(self.torque).__name__}"
+            )
+        if not isinstance(self.parameters, Mapping):
+            raise ModelError(
+                "control law: parameters: expected a mapping from a name to a shape, e.g. {'gain': (14,)}, got"
+                f" {type(self.parameters).__name__}"
+            )
+        put(self, "parameters", FrozenDict({name: _shape(name, shape) for name, shape in self.parameters.items()}))
 
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
-        """Return the torques on floats, as any controller does: (t, state, memory) -> (torques, memory)."""
+        """Return the torques on floats, as any controller does: (t, state, memory) -> (torques, memory).
+
+        Raises:
+            StateError: the law has parameters, which a controller is not told.
+        """
+        self.require_no_parameters()
         tau, kept = self.torque(t, state, self.memory if memory is None else memory, {})
         return np.asarray(tau), kept
+
+    def require_no_parameters(self) -> None:
+        """Refuse to be a controller, which is told nothing.
+
+        Raises:
+            StateError: the law has parameters.
+        """
+        if self.parameters:
+            raise StateError(
+                f"controller: the law is told {', '.join(self.parameters)}, which only a rollout can do; try"
+                " holdfast.compile_rollout"
+            )
 
 
 def _shape(name: str, shape: Sequence[int]) -> Shape:
@@ -60,6 +88,8 @@ def _shape(name: str, shape: Sequence[int]) -> Shape:
 
 def held_torques(joint_count: int) -> ControlLaw:
     """Return the law tau = `tau`, the same at every stage of a step."""
-    return ControlLaw(
-        lambda t, state, memory, given: (given["tau"], memory), parameters={"tau": (joint_count,)}, key="held"
-    )
+    return ControlLaw(_held, parameters={"tau": (joint_count,)}, key="held")
+
+
+def _held(t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
+    return given["tau"], memory

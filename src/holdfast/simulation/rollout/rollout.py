@@ -15,13 +15,15 @@ from holdfast.compiler.schedule import External
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.rollout.arguments import fitting, number, paces, require_free_names, some, told, whole_steps
+from holdfast.simulation.rollout.arguments import acting, fitting, number, paces, require_free_names, told, whole_steps
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.law import ControlLaw, held_torques
 from holdfast.simulation.rollout.rows import STATE
 from holdfast.simulation.rollout.stages import BROKEN, SLIPPED
 from holdfast.simulation.rollout.systems import RolloutSystems
+from holdfast.simulation.rollout.traced_law import travelling
 from holdfast.simulation.runge_kutta import scheme as scheme_of
+from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 
 HALVINGS = 50  # of a step, when the instant of a slip is sought
@@ -49,13 +51,19 @@ def compile_rollout(
     """
     if scheme_of(scheme).adaptive:
         raise ModelError(f"rollout: scheme: expected 'rk4' or 'midpoint', got '{scheme}'; it is for `simulate`")
+    if not isinstance(law, ControlLaw | None):
+        raise ModelError(
+            f"rollout: law: expected a ControlLaw or None, got {type(law).__name__}; try ControlLaw(function)"
+        )
+    if not isinstance(chain, ClosedChain):
+        raise ModelError(f"rollout: chain: expected a ClosedChain, got {type(chain).__name__}")
     if law is not None:
         require_free_names(law.parameters)
     return Rollout(chain, law or held_torques(chain.joint_count), scheme, generic_rank)
 
 
 @dataclass(frozen=True, eq=False)
-class RolloutRecord:
+class RolloutRecord(Frozen):
     """Systems at the recorded times; the first axis of every array is the time, the second the system.
 
     Attributes:
@@ -93,6 +101,10 @@ class Rollout:
         self.chain, self.law, self.scheme, self.generic_rank = chain, law, scheme, generic_rank
         self._kernel = StepKernel(chain, law, scheme_of(scheme), -1 if generic_rank is None else generic_rank)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what makes the rollout again: machine code is compiled, or found on disk."""
+        return Rollout, (self.chain, travelling(self.law, self.chain), self.scheme, self.generic_rank)
+
     def start(
         self,
         q: Any,
@@ -115,13 +127,14 @@ class Rollout:
             memory: (m,) of the law; by default as it says.
             t: the time they are at [s].
             threads: how many share the systems.
-            **given: the law's parameters and the chain's, as for `step`.
+            **given: the law's parameters and the chain's, as for `step`; the systems keep them.
 
         Raises:
             StateError: wrong shapes, or no system at all.
         """
         systems = self._given(q, qd, object_pose, object_twist, memory, number("t", t))
-        inputs, parameters = told(self._kernel, given, len(systems))
+        said = told(self._kernel, given, len(systems))
+        inputs, parameters = acting(self._kernel, said)
         first = systems.copy()
         self._run(systems, inputs, parameters, 1, threads, -np.inf)
         if self.generic_rank is None and self._know_rank(systems, parameters):
@@ -129,7 +142,7 @@ class Rollout:
             self._run(systems, inputs, parameters, 1, threads, -np.inf)
         for name in ("work", "count"):
             systems.arrays[name][...] = 0.0
-        systems.tell({**inputs, **parameters})
+        systems.tell(said, self.law)
         return systems
 
     def step(
@@ -155,15 +168,17 @@ class Rollout:
             threads: how many share the systems; no bit depends on it.
             **given: the law's parameters, shared or (systems, ...); object_wrench (6,), gravity,
                 object_mass, object_com, object_inertia, base_pose, grasp_pose as in
-                `CompiledChain.forward_dynamics`.
+                `CompiledChain.forward_dynamics`. What is not given stays as the systems were told last,
+                in `start` or in a step; before that it is the chain's.
 
         Raises:
             StateError: wrong shapes, unknown names, a step that is not positive.
         """
         if not isinstance(steps, int | np.integer) or steps < 1:
             raise StateError(f"steps: expected an integer >= 1, got {steps!r}")
-        inputs, parameters = told(self._kernel, given, len(systems))
-        self._run(systems, inputs, parameters, int(steps), threads, least_margin, paces(step, len(systems)))
+        said = told(self._kernel, given, len(systems))
+        inputs, parameters = acting(self._kernel, systems.told | said)
+        self._run(systems, inputs, parameters, int(steps), threads, least_margin, paces(step, len(systems)), said)
         return systems
 
     def run(
@@ -212,7 +227,7 @@ class Rollout:
         stopped = np.where(at.running, np.inf, at.t)
         slipped = systems.running & (at.arrays["code"] == SLIPPED)
         if slipped.any():
-            stopped[slipped] = self._slip_times(at, slipped, step, least_margin, given)
+            stopped[slipped] = self._slip_times(at, slipped, step, least_margin)
         return RolloutRecord(begin + done * step, {name: np.array(rows) for name, rows in kept.items()}, at, stopped)
 
     def _given(self, q: Any, qd: Any, object_pose: Any, object_twist: Any, memory: Any, t: float) -> RolloutSystems:
@@ -235,18 +250,14 @@ class Rollout:
         found["code"][bad] = BROKEN
         return RolloutSystems(self.chain, found, np.full(count, t), np.zeros(count))
 
-    def _slip_times(
-        self, at: RolloutSystems, rows: Array, step: float, least_margin: float, given: Mapping[str, Any]
-    ) -> Array:
+    def _slip_times(self, at: RolloutSystems, rows: Array, step: float, least_margin: float) -> Array:
         """Return when systems slip, by halving the step that would go too far."""
-        begin, own = at.copy(rows), some(self._kernel, given, rows)
+        begin = at.copy(rows)
         begin.arrays["code"][...] = 0.0
-        inputs, parameters = told(self._kernel, own, len(begin))
-        begin.tell({**inputs, **parameters})
         low, high = np.zeros(len(begin)), np.full(len(begin), step)
         for _ in range(HALVINGS):
             middle, trial = 0.5 * (low + high), begin.copy()
-            self.step(trial, middle, least_margin=least_margin, **own)
+            self.step(trial, middle, least_margin=least_margin)
             low, high = np.where(trial.running, middle, low), np.where(trial.running, high, middle)
         return begin.t + low
 
@@ -259,6 +270,7 @@ class Rollout:
         threads: int,
         least_margin: float,
         pace: Array | None = None,
+        said: Mapping[str, Array] | None = None,
     ) -> None:
         """Take steps of the pace, or one of length zero; whatever is refused is refused before anything is changed."""
         if not isinstance(threads, int | np.integer) or threads < 1:
@@ -268,7 +280,7 @@ class Rollout:
         changed = False
         if pace is not None:
             systems.at_pace(pace)
-            changed = systems.tell({**inputs, **parameters})
+            changed = systems.tell(said or {}, self.law)
         own = {"begin": systems.begin, "step": systems.pace, "held": np.array(0.0), "least_margin": least}
         if changed:  # where the step begins to lead was found under other torques
             self._kernel.renew(systems.arrays, {**inputs, **own}, parameters, int(threads))

@@ -5,7 +5,7 @@ The texts are those of `simulation/step`, `runge_kutta`, `friction` and `dynamic
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import reduce
 from typing import Any
 
@@ -112,19 +112,29 @@ def renewed(carried: Mapping[str, Shape]) -> Stage:
 
 def control(law: ControlLaw, chain: ClosedChain) -> Stage:
     """Return the stage of the torques: the drives', and what joint friction leaves of them."""
-    n, names = chain.joint_count, list(law.parameters)
     friction = joint_friction(chain)
+    answer, shapes = law_text(law, chain)
+
+    def text(t: Array, q: Array, qd: Array, *rest: Array) -> tuple[Array, ...]:
+        drive, kept = answer(t, q, qd, *rest)
+        return drive, drive - friction_torque(friction, qd), kept
+
+    return stage("control", text, [shapes], [("drive", "tau", "memory")])
+
+
+def law_text(law: ControlLaw, chain: ClosedChain) -> tuple[Callable[..., tuple[Array, Array]], dict[str, Shape]]:
+    """Return a law as a function of arrays to torques and memory, and the arrays' shapes by name."""
+    n, names = chain.joint_count, list(law.parameters)
 
     def text(
         t: Array, q: Array, qd: Array, pose: Array, twist: Array, memory: Array, *given: Array
-    ) -> tuple[Array, ...]:
+    ) -> tuple[Array, Array]:
         told = dict(zip(names, given, strict=True))
-        drive, kept = _answer(law.torque(t[()], State(q, qd, pose, twist), memory, told), n, len(law.memory))
-        return drive, drive - friction_torque(friction, qd), kept
+        return _answer(law.torque(t[()], State(q, qd, pose, twist), memory, told), n, len(law.memory))
 
     told: dict[str, Shape] = {f"control.{name}": tuple(shape) for name, shape in law.parameters.items()}
     state: dict[str, Shape] = {"t": (), "q": (n,), "qd": (n,), "object_pose": (7,), "object_twist": (6,)}
-    return stage("control", text, [state | {"last.memory": (len(law.memory),)} | told], [("drive", "tau", "memory")])
+    return text, state | {"last.memory": (len(law.memory),)} | told
 
 
 def _answer(found: Any, joint_count: int, memory_count: int) -> tuple[Array, Array]:
@@ -192,7 +202,7 @@ def no_gaps() -> Stage:
     """Return the stage that begins looking for the largest gaps, the object being where it is now."""
 
     def text(pose: Array) -> tuple[Array, Array]:
-        return np.zeros(2), Pose.from_wxyz_xyz(pose).R
+        return np.zeros(2), Pose.unchecked_seven(pose).R
 
     return stage("no_gaps", text, [{"object_pose": (7,)}], [("gaps'", "R")])
 

@@ -11,7 +11,7 @@ import numpy as np
 from holdfast.errors import HoldfastError, MethodNotApplicable, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.instant import Controller, Instant
+from holdfast.simulation.instant import Controller, Instant, answer
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.law import ControlLaw, held_torques
 from holdfast.simulation.rollout.rows import failure, gaps_of, instant_of, state_of, state_rows
@@ -138,7 +138,7 @@ class StagewiseStepper:
         chain, inputs = self._world_at(t)
         if self.controller is None:
             return Moment(t, chain, inputs, None, memory)
-        tau, kept = self.controller(t, state, memory)
+        tau, kept = answer(self.controller(t, state, memory))
         tau = checks.numbers(tau, (chain.joint_count,), "controller: torques", StateError)
         return Moment(t, chain, inputs, tau, kept)
 

@@ -8,8 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.errors import FrozenError
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout.kernel import Systems
+from holdfast.spatial.frozen import read_only
 from holdfast.spatial.scalar import Array
 
 
@@ -23,13 +26,15 @@ class Fate(Enum):
     BROKEN = "its inputs are faulty, or the next step is not finite"
 
 
+_ATTRIBUTES = ("chain", "arrays", "begin", "pace", "told", "law")
 _FATES = np.array(list(Fate))
 
 
 class RolloutSystems:
     """Many systems of one chain, advanced in place by `Rollout.step`.
 
-    Every array has the systems along its first axis. A system that cannot go on keeps its last good
+    Every array has the systems along its first axis; it follows the steps and cannot be written, as what goes with
+    a state is found by `Rollout.start`. A system that cannot go on keeps its last good
     state; its `fate` says why.
 
     Attributes:
@@ -37,15 +42,30 @@ class RolloutSystems:
         arrays: what the machine code carries on, by name.
         begin: (systems,) when the steps began that are counted now [s].
         pace: (systems,) their length [s].
-        told: what the call was told that brought them here, by name; None if that is not known.
+        told: what they were told last, by the machine code's names, (1 or systems, ...) each; it acts until they are
+            told otherwise.
+        law: the law under which their slopes were found.
     """
 
     def __init__(self, chain: ClosedChain, arrays: Systems, begin: Array, pace: Array) -> None:
         self.chain, self.arrays, self.begin, self.pace = chain, arrays, begin, pace
-        self.told: dict[str, Array] | None = None
+        self.told: dict[str, Array] = {}
+        self.law: object = None
 
     def __len__(self) -> int:
         return len(self.begin)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse what would not act: arrays in the place of the machine code's, and names that nothing reads."""
+        if isinstance(getattr(type(self), name, None), property):
+            raise FrozenError(
+                f"systems: {name}: expected what the last step found to stay, as the next one begins with it; try"
+                " `start` for other states"
+            )
+        if name not in _ATTRIBUTES:
+            known = [n for n, x in vars(type(self)).items() if isinstance(x, property)]
+            raise FrozenError(f"systems: no attribute '{name}'.{checks.did_you_mean(name, known)}")
+        object.__setattr__(self, name, value)
 
     @property
     def t(self) -> Array:
@@ -63,37 +83,37 @@ class RolloutSystems:
     @property
     def q(self) -> Array:
         """(systems, n) joint positions [rad or m]."""
-        return self.arrays["q"]
+        return read_only(self.arrays["q"])
 
     @property
     def qd(self) -> Array:
         """(systems, n) joint rates."""
-        return self.arrays["qd"]
+        return read_only(self.arrays["qd"])
 
     @property
     def qdd(self) -> Array:
         """(systems, n) joint accelerations."""
-        return self.arrays["qdd"]
+        return read_only(self.arrays["qdd"])
 
     @property
     def tau(self) -> Array:
         """(systems, n) torques of the drives [N m or N]."""
-        return self.arrays["drive"]
+        return read_only(self.arrays["drive"])
 
     @property
     def object_pose(self) -> Array:
         """(systems, 7) wxyz_xyz of the object frame."""
-        return self.arrays["object_pose"]
+        return read_only(self.arrays["object_pose"])
 
     @property
     def object_twist(self) -> Array:
         """(systems, 6) [omega; v of C], world axes."""
-        return self.arrays["object_twist"]
+        return read_only(self.arrays["object_twist"])
 
     @property
     def object_acceleration(self) -> Array:
         """(systems, 6) [omega_dot; v_dot of C], true, world axes."""
-        return self.arrays["object_acceleration"]
+        return read_only(self.arrays["object_acceleration"])
 
     @property
     def grasp_wrench(self) -> Array:
@@ -101,7 +121,7 @@ class RolloutSystems:
 
         Where the forces are not unique, one solution.
         """
-        return self.arrays["grasp_wrench"]
+        return read_only(self.arrays["grasp_wrench"])
 
     @property
     def memory(self) -> Array:
@@ -126,17 +146,17 @@ class RolloutSystems:
     @property
     def work(self) -> Array:
         """(systems, 4) work so far of drives, damping and friction, bases, external wrenches [J]."""
-        return self.arrays["work"]
+        return read_only(self.arrays["work"])
 
     @property
     def gap(self) -> Array:
         """(systems, 2) the largest open gap of any grasp, in position [m or rad] and in velocity."""
-        return self.arrays["gaps"][:, 2:]
+        return read_only(self.arrays["gaps"][:, 2:])
 
     @property
     def drift(self) -> Array:
         """(systems, 2) the same as the last step left it, before projection."""
-        return self.arrays["gaps"][:, :2]
+        return read_only(self.arrays["gaps"][:, :2])
 
     @property
     def fate(self) -> Array:
@@ -148,20 +168,30 @@ class RolloutSystems:
         """(systems,) whether each goes on."""
         return self.arrays["code"] == 0.0
 
-    def tell(self, given: Mapping[str, Array]) -> bool:
-        """Note what a call is told; return whether it may differ from what was told before."""
-        before, self.told = self.told, {name: np.array(x) for name, x in given.items()}
-        if before is None or before.keys() != given.keys():
-            return True
-        return not all(np.array_equal(x, before[name]) for name, x in given.items())
+    def tell(self, said: Mapping[str, Array], law: object) -> bool:
+        """Keep what a call says until it is said otherwise; return whether anything may act that did not before.
+
+        Args:
+            said: arrays by the machine code's names, (1 or systems, ...) each.
+            law: the law that acts.
+        """
+        new = {name: np.array(x) for name, x in said.items() if not np.array_equal(x, self.told.get(name, ()))}
+        changed = bool(new) or self.law is not law
+        self.told, self.law = self.told | new, law
+        return changed
 
     def copy(self, rows: Any = None) -> RolloutSystems:
         """Return the systems, or some of them by number or truth value, apart from these."""
         which = slice(None) if rows is None else rows
         arrays = {name: x[which].copy() for name, x in self.arrays.items()}
         made = RolloutSystems(self.chain, arrays, self.begin[which].copy(), self.pace[which].copy())
-        made.told = self.told if rows is None else None
+        made.told = {name: x if len(x) == 1 else x[which] for name, x in self.told.items()}
+        made.law = self.law
         return made
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is pickled: a law may be a function without a name, and slopes can be found anew."""
+        return vars(self) | {"law": None}
+
     def _or_none(self, name: str) -> Array:
-        return self.arrays.get(name, np.zeros((len(self), 0)))
+        return read_only(self.arrays.get(name, np.zeros((len(self), 0))))

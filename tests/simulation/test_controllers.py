@@ -1,0 +1,80 @@
+"""What is given in the place of a controller, or returned by one, is named; nothing else of Python's comes out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from holdfast import ControlLaw, HoldfastError, ModelError, StateError, TorqueSchedule, simulate
+from holdfast.control.gravity_compensation import GravityCompensation
+from holdfast.simulation.rollout.choice import WORTH_COMPILING
+from tests.simulation.rollout.problems import problem
+
+N = 6
+STEPS = {"few": 2, "many": 3 * WORTH_COMPILING}  # the readable texts, and machine code
+
+
+def run(controller, steps: int, **options):
+    """Return a run of one arm."""
+    chain, state = problem("one")
+    return simulate(chain, state, controller, steps * 1e-4, 1e-4, **options)
+
+
+@pytest.mark.parametrize("steps", STEPS.values(), ids=STEPS)
+@pytest.mark.parametrize(
+    ("controller", "error", "message"),
+    [
+        (
+            lambda t, x, m: np.zeros(N),
+            StateError,
+            r"torques and memory, got an array of shape \(6,\); try `return tau,",
+        ),
+        (lambda t, x, m: None, StateError, "torques and memory, got a NoneType"),
+        (lambda t, x, m: (np.zeros(N), m, 1), StateError, "torques and memory, got 3 things"),
+        (lambda t, x, m: ("none", m), StateError, "controller: torques: expected numbers"),
+        (lambda t, x, m: (np.ma.masked_equal(np.zeros(N), 0.0), m), StateError, "torques: .*got a masked array"),
+        (np.zeros(N), ModelError, r"controller: expected a function \(t, state, memory\) .*, got ndarray; try lambda"),
+        (None, ModelError, "controller: expected a function .*, got NoneType"),
+        ("holding", ModelError, "controller: expected a function .*, got str"),
+        (
+            ControlLaw(lambda t, x, m, given: (-given["gain"] * x.qd, m), parameters={"gain": ()}),
+            StateError,
+            "controller: the law is told gain, which only a rollout can do; try holdfast.compile_rollout",
+        ),
+    ],
+)
+def test_no_controllers(controller, error, message, steps):
+    """By the texts or by machine code, at the first call or before it."""
+    with pytest.raises(error, match=message):
+        run(controller, steps)
+
+
+def test_schedules_beside_others():
+    """What stands beside a schedule is a controller too."""
+    with pytest.raises(ModelError, match="controller: expected a function"):
+        TorqueSchedule([0.0], [np.zeros((N, 1))], beside=np.zeros(N))  # type: ignore[arg-type]
+    with pytest.raises(StateError, match="torques and memory, got an array"):
+        run(TorqueSchedule([0.0], [np.zeros((N, 1))], beside=lambda t, x, m: np.zeros(N)), 2)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"inputs": np.zeros(6)}, "inputs: expected Inputs or a function t -> Inputs, got ndarray"),
+        ({"inputs": lambda t: np.zeros(6)}, r"inputs\(0\): expected Inputs, got ndarray"),
+        ({"base_motion": np.zeros(6)}, "base motion: expected a mapping"),
+        ({"base_motion": {"arm0": np.zeros(7)}}, "base motion 'arm0': expected a function t -> .*, got ndarray"),
+        (
+            {"base_motion": {"arm0": lambda t: np.zeros(7)}},
+            r"base motion of 'arm0': expected \(pose, twist, acc.*ndarray",
+        ),
+        ({"events": ["release"]}, "events: expected Attach and Release, got str"),
+        ({"events": 3}, "events: expected a list of Attach and Release, got int"),
+    ],
+)
+def test_surroundings(options, message):
+    """What acts from outside is a function of time, or constant."""
+    chain, _ = problem("one")
+    options = {key: {chain.names[0]: of["arm0"]} if isinstance(of, dict) else of for key, of in options.items()}
+    with pytest.raises(HoldfastError, match=message.replace("arm0", chain.names[0])):
+        run(GravityCompensation(chain), 2, **options)

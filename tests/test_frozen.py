@@ -1,0 +1,127 @@
+"""What the library calls frozen cannot be written: no array, list or mapping, however it is reached or copied."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from collections.abc import Iterator, Mapping
+from dataclasses import FrozenInstanceError, fields, is_dataclass
+from functools import cache, cached_property, partial
+from typing import Any
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.robots import panda
+from holdfast.robots.primitive import Primitive
+
+WRITTEN_AGAIN = {"CompiledResult"}  # by `out=`
+COPIES = {
+    "itself": lambda x: x,
+    "copy": copy.copy,
+    "deepcopy": copy.deepcopy,
+    **{f"pickle {k}": lambda x, k=k: pickle.loads(pickle.dumps(x, protocol=k)) for k in (2, 4, 5)},
+}
+
+
+def torque(t: Any, state: Any, memory: Any, given: Any) -> tuple[Any, Any]:
+    """A law that pickles."""
+    return -given["gain"] * state.qd, memory
+
+
+@cache
+def problem() -> tuple[hf.ClosedChain, hf.State]:
+    """Return two arms that hold a box."""
+    arms = {"left": panda().at([1, 0, 0, 0, -0.55, 0, 0]), "right": panda().at([0, 0, 0, 1, 0.55, 0, 0])}
+    grasps = {
+        "left": hf.Grasp("rigid", hf.Pose.from_wxyz_xyz([0.5, -0.5, 0.5, -0.5, -0.15, 0, 0])),
+        "right": hf.Grasp("ball", hf.Pose.from_wxyz_xyz([0.5, -0.5, -0.5, 0.5, 0.15, 0, 0]), hf.Friction(0.5)),
+    }
+    made = hf.assemble(arms, hf.HeldObject.box(3.0, 0.3, 0.2, 0.2), grasps, object_pose=[1, 0, 0, 0, 0, 0, 0.72])
+    return made.chain, made.state
+
+
+@cache
+def examples() -> dict[str, Any]:
+    """Return an object of every public frozen dataclass by its type's name."""
+    chain, state = problem()
+    arm, grasp = chain.arms["left"], chain.grasps["left"]
+    result = hf.forward_dynamics(chain, state, np.zeros(14))
+    law = hf.ControlLaw(torque, [0.0], {"gain": [14]})
+    rollout = hf.compile_rollout(chain)
+    record = rollout.run(rollout.start(state.q, state.qd, state.object_pose, np.zeros(6), tau=np.zeros(14)), 1e-3, 1e-3)
+    found = [
+        *(arm, arm.links[0], arm.joints[0], chain, chain.held_object, grasp, chain.grasps["right"].contact),
+        *(state, hf.Inputs(np.zeros(6)), hf.WrenchLimits(), state.object_frame, hf.Pose(np.eye(3), np.zeros(3))),
+        *(result, result["left"], hf.diagnose(chain, state), hf.assembly_report(chain, state)),
+        hf.attach(chain.without_grasp("left"), state, "left", grasp),
+        *(hf.METHODS["kkt"], hf.GravityCompensation(chain), law, record),
+        *(hf.RestToRest(state.object_pose), hf.ObjectTracking(chain, hf.RestToRest(state.object_pose).at)),
+        *(
+            hf.TorqueSchedule([0.0, 1.0], [np.ones((14, 2))] * 2),
+            hf.Attach(0.1, "left", grasp),
+            hf.Release(0.1, "left"),
+        ),
+        hf.simulate(chain, state, hf.GravityCompensation(chain), 2e-3, 1e-3),
+        Primitive("box", hf.Pose.identity(), (1.0, 1.0, 1.0)),
+    ]
+    return {type(x).__name__: x for x in found}
+
+
+def public() -> list[str]:
+    """Return the names of the public dataclasses."""
+    types = {name: getattr(hf, name) for name in hf.__all__}
+    return [name for name, x in types.items() if isinstance(x, type) and is_dataclass(x) and name not in WRITTEN_AGAIN]
+
+
+def held(x: Any, path: str = "", seen: frozenset[int] = frozenset()) -> Iterator[tuple[str, Any]]:
+    """Yield every array, list, set and mapping that is reached from an object and stays, with the way to it."""
+    if isinstance(x, np.ndarray | list | set | bytearray | Mapping):
+        yield path, x
+    if id(x) in seen:
+        return
+    seen |= {id(x)}
+    if isinstance(x, Mapping):
+        parts = {f"[{name!r}]": part for name, part in x.items()}
+    elif isinstance(x, tuple):
+        parts = {f"[{k}]": part for k, part in enumerate(x)}
+    elif is_dataclass(x) and not isinstance(x, type):
+        parts = {f".{field.name}": getattr(x, field.name) for field in fields(x)}
+        for owner in type(x).__mro__:
+            for name, kind in vars(owner).items():
+                if isinstance(kind, property | cached_property) and getattr(x, name) is getattr(x, name):
+                    parts[f".{name}"] = getattr(x, name)  # others are made anew whenever they are asked for
+    else:
+        return
+    for name, part in parts.items():
+        yield from held(part, path + name, seen)
+
+
+def writes(x: Any) -> list[Any]:
+    """Return what would change an array, list, set or mapping."""
+    if isinstance(x, np.ndarray):
+        return [partial(x.__setitem__, ..., 0.0), partial(x.fill, 0.0)]
+    if isinstance(x, Mapping):
+        by_key = [partial(x.__setitem__, "new", 0), partial(x.update, {"new": 0}), partial(x.setdefault, "new", 0)]
+        return [*by_key, x.clear, partial(x.pop, "new", 0), x.popitem, partial(x.__ior__, {"new": 0})]
+    return [x.clear]
+
+
+@pytest.mark.parametrize("name", public())
+@pytest.mark.parametrize("way", COPIES)
+def test_nothing_can_be_written(name, way):
+    """Every public dataclass, itself, copied, and pickled."""
+    x = COPIES[way](examples()[name])
+    written = []
+    for path, part in held(x):
+        for write in writes(part):
+            try:
+                write()
+            except (ValueError, hf.FrozenError):
+                continue
+            written.append(path)
+    assert not written, sorted(set(written))
+    for field in fields(x)[:1]:
+        with pytest.raises(FrozenInstanceError):
+            setattr(x, field.name, None)
