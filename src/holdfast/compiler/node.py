@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import numpy as np
 
 from holdfast.compiler.arithmetic import TRUTHS
+from holdfast.compiler.constant import Constant
 from holdfast.compiler.errors import CompileError, place_of_call
 
 if TYPE_CHECKING:
     from holdfast.compiler.graph import Graph
 
-_NUMBERS = (float, int, np.floating, np.integer, np.bool_)
+_NUMBERS = (float, int, np.floating, np.integer, np.bool_, Constant)
 
 
 def _binary(kind: str, swapped: bool = False) -> Callable[[Node, Any], Any]:

@@ -12,6 +12,7 @@ from holdfast.errors import ModelError
 from holdfast.spatial import rotation
 from holdfast.spatial.converted import ArrayField, Converted
 from holdfast.spatial.scalar import Array
+from holdfast.spatial.vector import product
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,11 +55,11 @@ class Pose:
 
     def __matmul__(self, other: Pose) -> Pose:
         """Return the pose of `other`, given in this frame, in the reference frame."""
-        return Pose(self.R @ other.R, self.p + self.R @ other.p)
+        return Pose(product(self.R, other.R), self.p + product(self.R, other.p))
 
     def inverse(self) -> Pose:
         """Return the pose of the reference frame in this frame."""
-        return Pose(self.R.T, -(self.R.T @ self.p))
+        return Pose(self.R.T, -product(self.R.T, self.p))
 
 
 PoseField = Converted[Pose, Pose | ArrayLike]  # given as a pose, or as unit quaternion and position (7,)
