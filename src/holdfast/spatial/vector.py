@@ -23,8 +23,10 @@ def dot(a: Array, b: Array) -> Scalar:
 def product(A: Array, B: Array) -> Array:
     """Return A B of a matrix (l, m) and a matrix (m, n) or vector (m,), summed in order."""
     columns = A.T if B.ndim == 1 else A.T[:, :, None]
-    first, *others = [column * row for column, row in zip(columns, B, strict=True)]
-    return sum(others, first)
+    found = columns[0] * B[0]
+    for column, row in zip(columns[1:], B[1:], strict=True):
+        found = found + column * row
+    return found
 
 
 def skew(a: Array) -> Array:
