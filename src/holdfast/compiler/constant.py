@@ -15,7 +15,7 @@ import numpy as np
 from holdfast.compiler.arithmetic import OPERATIONS
 from holdfast.compiler.errors import CompileError, place_of_call
 
-_NUMBERS = (float, int, np.floating, np.integer, np.bool_)
+NUMBERS = (float, int, np.floating, np.integer, np.bool_)
 
 
 def _binary(kind: str, swapped: bool = False) -> Callable[[Constant, Any], Any]:
@@ -25,7 +25,7 @@ def _binary(kind: str, swapped: bool = False) -> Callable[[Constant, Any], Any]:
     def operator(self: Constant, other: Any) -> Any:
         if isinstance(other, Constant):
             other = other.value
-        elif isinstance(other, _NUMBERS):
+        elif isinstance(other, NUMBERS):
             other = float(other)
         else:
             return NotImplemented
