@@ -6,13 +6,18 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test bars lint counts bench drift pictures robots docs clean
+.PHONY: demo test test-portable bars lint counts bench drift pictures robots docs clean
 
 demo: $(VENV)/.plot
 	$(BIN)/holdfast simulate examples/two_pandas.toml --out results/two_pandas --overwrite
 
 test: lint
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not long"
+
+# The tests under other processors' BLAS kernels, machine code for each level of x86-64 and for 64-bit ARM (25 minutes).
+# The last needs QEMU: apt-get install qemu-user gcc-aarch64-linux-gnu libc6-dev-arm64-cross
+test-portable: $(VENV)/.dev
+	$(BIN)/python -m tests.portable
 
 # The issue's full-size checks: thousands of random systems, multiprecision sweeps.
 bars: $(VENV)/.dev

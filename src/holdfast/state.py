@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -39,13 +40,13 @@ class State(Frozen):
         pose = self.object_pose.wxyz_xyz if isinstance(self.object_pose, Pose) else self.object_pose
         pose = checks.numbers(pose, (7,), "state: object_pose", StateError)
         if pose.dtype != object:
-            with np.errstate(over="ignore"):  # entries like 1e200
-                length = float(np.sqrt(pose[:4] @ pose[:4]))
+            length = math.hypot(*pose[:4])
             if abs(length - 1) > checks.ROTATION_TOLERANCE:
                 raise StateError(
                     f"state: object_pose: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}"
                 )
-            pose = checks.read_only(np.concatenate([pose[:4] / length, pose[4:]]))
+            if abs(length - 1) > checks.ROUNDED:  # the pose of another state keeps its bits
+                pose = checks.read_only(np.concatenate([pose[:4] / length, pose[4:]]))
         put(self, "object_pose", pose)
         put(self, "object_twist", checks.numbers(self.object_twist, (6,), "state: object_twist", StateError))
 

@@ -22,7 +22,6 @@ SIZES = st.sampled_from([1, 2, 3, 7, 8, 9, 17])
 @given(programs(), SIZES, st.data())
 def test_same_bits(program, batch, data):
     """Interpreter = single = lanes = tails = threads on random programs and inputs."""
-    assert cpu.has_fma()
     values = data.draw(st.lists(NUMBERS, min_size=7, max_size=7))
     random = np.random.default_rng(batch)
     with np.errstate(over="ignore"):

@@ -37,7 +37,7 @@ def test_an_arm_without_grasp(seed):
 
 @seeds
 def test_the_others_do_not_notice(seed):
-    """Taking the free arm away changes nothing for the rest."""
+    """Taking the free arm away changes nothing for the rest, beyond what BLAS rounds by where arrays lie."""
     p, result = mixed(seed)
     keep = [name for name in p.chain.names if name != "arm3"]
     joints = np.concatenate([np.arange(len(p.tau))[p.chain.joints[name]] for name in keep])
@@ -49,9 +49,9 @@ def test_the_others_do_not_notice(seed):
     )
     chain = with_arms(p.chain, {name: p.chain.arms[name] for name in keep})
     rest = forward_dynamics(chain, state, p.tau[joints], inputs=inputs)
-    np.testing.assert_array_equal(rest.qdd, result.qdd[joints])
-    np.testing.assert_array_equal(rest.grasp_wrench, result.grasp_wrench[rows])
-    np.testing.assert_array_equal(rest.object_acceleration, result.object_acceleration)
+    assert relative_gap(rest.qdd, result.qdd[joints]) < 1e-13
+    assert relative_gap(rest.grasp_wrench, result.grasp_wrench[rows]) < 1e-13
+    assert relative_gap(rest.object_acceleration, result.object_acceleration) < 1e-13
     assert (rest.rank, result.mobility - rest.mobility) == (result.rank, 4)
 
 

@@ -46,6 +46,17 @@ def test_pose():
     np.testing.assert_array_equal(state.object_twist, np.zeros(6))
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_a_pose_that_was_normalised_keeps_its_bits(seed):
+    """However often a state is made of another one's pose."""
+    x = np.random.default_rng(seed).normal(size=7)
+    pose = State([0.0], [0.0], np.r_[x[:4] / np.sqrt((x[:4] ** 2).sum()) * (1 + 3e-7), x[4:]]).object_pose
+    for _ in range(5):
+        again = State([0.0], [0.0], pose).object_pose
+        np.testing.assert_array_equal(again, pose)
+        pose = again
+
+
 def test_read_only():
     """No array of a state can be written; the caller's are not shared."""
     q = np.zeros(2)

@@ -15,12 +15,12 @@ def description() -> dict[str, Any]:
     """Return processor, its lanes and features, cores, and versions."""
     from holdfast.compiler import cpu
 
-    features = cpu.features()
+    made_for = cpu.target()
     return {
         "processor": processor(),
         "cores": os.cpu_count() or 1,
         "lanes": cpu.lanes(),
-        "features": [name for name in ("avx2", "avx512f", "fma", "neon") if features.get(name)],
+        "features": [name for name in ("avx2", "avx512f", "fma", "neon") if name in made_for.features],
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
         "versions": {package: metadata.version(package) for package in PACKAGES},

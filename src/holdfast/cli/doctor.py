@@ -39,12 +39,19 @@ def doctor() -> int:
 
 
 def _machine_code() -> str:
-    """Return how `holdfast.compile` uses this processor."""
+    """Return which processor `holdfast.compile` makes code for, and how it uses it."""
     from holdfast.compiler import cpu
+    from holdfast.compiler.errors import CompileError
 
-    if cpu.has_fma():
-        return f"{cpu.lanes()} numbers side by side, fma: bits as on every processor with fma"
-    return f"{cpu.lanes()} numbers side by side, no fma: last digits differ from processors that have it"
+    try:
+        chosen = cpu.target().name
+    except CompileError as error:
+        return str(error)
+    made_for = "this processor" if chosen == "host" else f"{chosen} (HOLDFAST_CPU)"
+    bits = "fma: bits as on every processor with fma"
+    if not cpu.has_fma():
+        bits = "no fma: last digits differ from processors that have it"
+    return f"for {made_for}, {cpu.lanes()} numbers side by side, {bits}"
 
 
 def _cache() -> str:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.compiled.folded import with_constants
 from holdfast.compiled.packing import upper
 from holdfast.compiled.structure import Options
 from holdfast.compiler.program import Shape
@@ -61,7 +62,8 @@ class ArmType:
     """
 
     def __init__(self, arm: Arm, kind: str | None, options: Options) -> None:
-        self.arm = arm if options.link_inertia else regrouped(arm)
+        constant = with_constants(arm)
+        self.arm = constant if options.link_inertia else regrouped(constant)
         self.kind, self.options = kind, options
 
     def ports(self, names: Iterable[str]) -> dict[str, Shape]:

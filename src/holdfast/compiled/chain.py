@@ -45,11 +45,12 @@ def compile(
     parameters: Sequence[str] = (),
     generic_rank: int | None = None,
 ) -> CompiledChain:
-    """Compile the dynamics of a chain to machine code of this computer.
+    """Compile the dynamics of a chain to machine code.
 
     Joints, link inertias and tips are folded into the code. Bases, grasp frames, the object's
     inertia and gravity are run-time parameters: a chain that differs in nothing else has its code
-    at once. Code is kept on disk (`HOLDFAST_CACHE=off` or a folder).
+    at once. Code is kept on disk (`HOLDFAST_CACHE=off` or a folder). It is made for this processor, or for
+    the one that `HOLDFAST_CPU` names.
 
     Args:
         chain: arms, object and grasps.

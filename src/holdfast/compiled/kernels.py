@@ -12,6 +12,7 @@ from pathlib import Path
 
 import holdfast.compiler
 from holdfast.compiled.structure import Structure
+from holdfast.compiler import cpu
 from holdfast.compiler.kernel import Kernel
 from holdfast.compiler.schedule import External, Schedule
 
@@ -42,7 +43,7 @@ def kernel(what: str, structure: Structure, externals: dict[str, External], make
         externals: the arrays it takes and returns.
         make: returns its schedule, if it must be traced.
     """
-    key = key_of(what, structure)
+    key = f"{key_of(what, structure)}/{cpu.target().name}"
     with _lock:
         found = _made.get(key)
         if found is None:

@@ -1,12 +1,18 @@
-"""LLVM's text to code of this machine. The only file that loads llvmlite."""
+"""LLVM's text to machine code. The only file that loads llvmlite.
+
+`HOLDFAST_CPU` chooses the processor that code is made for: `host` (the default), or one of the levels `x86-64-v2`,
+`x86-64-v3` and `x86-64-v4`, for code that is the same on every machine of a cluster.
+"""
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import json
+import os
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import llvmlite
 import llvmlite.binding as binding
@@ -20,27 +26,72 @@ _LOCK = threading.Lock()  # LLVM's compiler is used by one thread at a time
 # gains one percent at most and is a quarter of the time that LLVM takes: too much for long texts.
 _LEVEL, _LEVEL_OF_LONG, _LONG = 2, 1, 2**21  # characters
 
+# What each level of x86-64 adds to the one before (System V psABI, 3.1.1), by LLVM's names.
+_V2 = ("cx16", "popcnt", "sahf", "sse3", "sse4.1", "sse4.2", "ssse3")
+_V3 = (*_V2, "avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
+_V4 = (*_V3, "avx512bw", "avx512cd", "avx512dq", "avx512f", "avx512vl")
+LEVELS = {"x86-64-v2": _V2, "x86-64-v3": _V3, "x86-64-v4": _V4}
+
+
+class Target(NamedTuple):
+    """A processor that code is made for.
+
+    Attributes:
+        name: as `HOLDFAST_CPU` says it.
+        cpu: LLVM's name for it.
+        features: what it has, by LLVM's names.
+        feature_text: the same for LLVM, where the name does not say it.
+    """
+
+    name: str
+    cpu: str
+    features: frozenset[str]
+    feature_text: str
+
+
+def target() -> Target:
+    """Return the processor that code is made for.
+
+    Raises:
+        CompileError: `HOLDFAST_CPU` names no processor, or one that this machine's is not.
+    """
+    return _target(os.environ.get("HOLDFAST_CPU") or "host")
+
 
 @functools.cache
-def features() -> dict[str, bool]:
-    """Return which instruction sets this CPU has, as LLVM names them."""
-    return dict(binding.get_host_cpu_features())
+def _target(name: str) -> Target:
+    host = features()
+    wide = "-prefer-256-bit"  # wide registers are used where LLVM would rather not
+    if name == "host":
+        text = binding.get_host_cpu_features().flatten()
+        return Target(name, binding.get_host_cpu_name(), host, f"{text},{wide}" if "avx512f" in host else text)
+    available = ", ".join(["host", *(level for level, needs in LEVELS.items() if host.issuperset(needs))])
+    if name not in LEVELS:
+        known = ", ".join(["host", *LEVELS])
+        raise CompileError(
+            f"HOLDFAST_CPU: expected one of {known}, got {name!r}. Available on this machine: {available}"
+        )
+    lacking = ", ".join(feature for feature in LEVELS[name] if feature not in host)
+    if lacking:
+        raise CompileError(f"HOLDFAST_CPU: {name} needs {lacking}, which this processor lacks. Available: {available}")
+    return Target(name, name, frozenset(LEVELS[name]), wide if "avx512f" in LEVELS[name] else "")
+
+
+@functools.cache
+def features() -> frozenset[str]:
+    """Return which instruction sets this machine's processor has, as LLVM names them."""
+    return frozenset(name for name, there in dict(binding.get_host_cpu_features()).items() if there)
 
 
 def lanes() -> int:
     """Return how many doubles one register holds."""
-    return 8 if features().get("avx512f") else 4 if features().get("avx2") else 2
+    has = target().features
+    return 8 if "avx512f" in has else 4 if "avx2" in has else 2
 
 
 def has_fma() -> bool:
-    """Return whether the CPU has fma; without it, it is a call of the C library, slow and only as exact as that."""
-    return features().get("fma", False) or binding.get_process_triple().startswith(("aarch64", "arm64"))
-
-
-def feature_text() -> str:
-    """Return the CPU's features for LLVM, wide registers allowed where LLVM would rather not."""
-    text = binding.get_host_cpu_features().flatten()
-    return f"{text},-prefer-256-bit" if features().get("avx512f") else text
+    """Return whether there is an instruction for fma; without it, it is a call of the C library."""
+    return "fma" in target().features or binding.get_process_triple().startswith(("aarch64", "arm64"))
 
 
 def declare(name: str, address: int) -> None:
@@ -109,13 +160,27 @@ def _compiled(text: str, notes: Notes) -> bytes:
 def _target_machine(level: int = _LEVEL) -> Any:
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
+    if not has_fma():
+        declare("fma", _fma_of_the_c_library())
+    made_for = target()
     return binding.Target.from_default_triple().create_target_machine(
-        cpu=binding.get_host_cpu_name(), features=feature_text(), opt=level, jit=True
+        cpu=made_for.cpu, features=made_for.feature_text, opt=level, jit=True
     )
+
+
+@functools.cache
+def _fma_of_the_c_library() -> int:
+    """Return the address of the C library's fma, which rounds once too; sines and cosines need it to."""
+    try:
+        fma = ctypes.CDLL(None).fma
+    except (OSError, AttributeError) as error:
+        raise CompileError("the processor has no fma instruction, and the C library no function for it") from error
+    return ctypes.cast(fma, ctypes.c_void_p).value or 0
 
 
 def _fingerprint() -> tuple[str, ...]:
     """Return what besides the text decides the code."""
     versions = (llvmlite.__version__, str(binding.llvm_version_info))
     levels = f"{_LEVEL} {_LEVEL_OF_LONG} {_LONG}"
-    return (*versions, binding.get_process_triple(), binding.get_host_cpu_name(), feature_text(), levels)
+    made_for = target()
+    return (*versions, binding.get_process_triple(), made_for.cpu, made_for.feature_text, levels)

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NoReturn
 
-import numpy as np
-
 from holdfast.compiler.arithmetic import TRUTHS
+from holdfast.compiler.constant import NUMBERS, Constant
 from holdfast.compiler.errors import CompileError, place_of_call
 
 if TYPE_CHECKING:
     from holdfast.compiler.graph import Graph
 
-_NUMBERS = (float, int, np.floating, np.integer, np.bool_)
+_NUMBERS = (*NUMBERS, Constant)
 
 
 def _binary(kind: str, swapped: bool = False) -> Callable[[Node, Any], Any]:
@@ -89,7 +88,7 @@ class Node:
 
     def __pow__(self, power: Any) -> Any:
         """Return an integer power, by repeated squaring."""
-        if isinstance(power, Node) or not isinstance(power, _NUMBERS) or power != int(power):
+        if isinstance(power, Node) or not isinstance(power, NUMBERS) or power != int(power):
             raise CompileError(f"{place_of_call()}: expected an integer power of a traced value, got {power!r}")
         exponent, square, result = abs(int(power)), self, 1.0
         while exponent:

@@ -51,7 +51,8 @@ def close(
     low, high = np.concatenate([arm.position_limits for arm in chain.arms.values()]).T
     if not limits:
         low, high = np.full_like(low, -np.inf), np.full_like(high, np.inf)
-    state = _clipped(guess, np.zeros(chain.joint_count + 6), low, high)
+    # the object where it is: a turn by nothing may cost the last bit
+    state = State(np.clip(guess.q, low, high), guess.qd, guess.object_pose, guess.object_twist)
     state = (_arms_brought if hold_object else _brought_together)(chain, state, low, high)
     _require_reached(chain, state)
     return project_velocity(chain, state, hold_object=hold_object, inputs=inputs)

@@ -28,8 +28,10 @@ from holdfast.model.arm import Arm
 from holdfast.model.joint import UNBOUNDED, Joint
 from holdfast.model.link import Link
 from holdfast.spatial import rotation
+from holdfast.spatial.inertia import turned
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
+from holdfast.spatial.vector import dot, product
 
 
 @dataclass(eq=False)
@@ -138,7 +140,7 @@ def _turned(model: Any, j: int, q: float) -> Pose:
     if _slides(model, j):
         return Pose(np.eye(3), travel * axis)
     R, anchor = rotation.exp(travel * axis), model.jnt_pos[j]
-    return Pose(R, anchor - R @ anchor)
+    return Pose(R, anchor - product(R, anchor))
 
 
 def _slides(model: Any, j: int) -> bool:
@@ -209,7 +211,7 @@ def _link(model: Any, group: _Moved) -> Link:
         own = at @ Pose.from_wxyz_xyz(np.r_[model.body_iquat[body], model.body_ipos[body]])
         masses.append(float(model.body_mass[body]))
         centres.append(own.p)
-        inertias.append(own.R @ np.diag(model.body_inertia[body]) @ own.R.T)
+        inertias.append(turned(np.diag(model.body_inertia[body]), own.R))
     if not sum(masses):
         return Link(0.0, name=body_name(model, group.bodies[0][0]) if group.bodies else "")
     com = np.average(centres, axis=0, weights=masses) if len(masses) > 1 else centres[0]
@@ -220,7 +222,7 @@ def _link(model: Any, group: _Moved) -> Link:
 def _about(point: Array, mass: float, com: Array, inertia: Array) -> Array:
     """Return an inertia about another point, (3, 3)."""
     d = com - point
-    return inertia + mass * (d @ d * np.eye(3) - np.outer(d, d))
+    return inertia + mass * (dot(d, d) * np.eye(3) - np.outer(d, d))
 
 
 def _require_one_freedom(source: str, model: Any, j: int) -> None:

@@ -63,7 +63,7 @@ class Arm(Frozen):
         """N."""
         return len(self.joints)
 
-    @cached_property
+    @frozen_property
     def length(self) -> float:
         """Distances from joint to joint and on to the tip, added up; strokes not included [m]."""
         return math.fsum(math.hypot(*p) for p in (*(j.placement.p for j in self.joints[1:]), self.tip.p))

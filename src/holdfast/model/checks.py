@@ -20,6 +20,7 @@ from holdfast.spatial.real_numbers import rotation_matrix as rotation_matrix
 from holdfast.spatial.real_numbers import short as short
 from holdfast.spatial.scalar import Array
 
+ROUNDED = 1e-15  # so near to unit length is what was normalised before
 INERTIA_TOLERANCE = 1e-6  # relative violation of the triangle inequality that is still rounding
 
 
@@ -49,7 +50,7 @@ def unit_vector(value: Any, what: str) -> Array:
     length = math.hypot(*a)
     if abs(length - 1) > ROTATION_TOLERANCE:
         raise ModelError(f"{what}: expected a unit vector, got length {length:.9g}; try dividing by it")
-    return a if abs(length - 1) < 1e-15 else read_only(a / length)
+    return a if abs(length - 1) <= ROUNDED else read_only(a / length)
 
 
 def pose(value: Any, what: str) -> Pose:

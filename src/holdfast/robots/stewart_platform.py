@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from holdfast.model.arm import Arm
@@ -48,7 +50,7 @@ def stewart_platform(payload: float = 20.0) -> Mechanism:
     arms, grasps = {}, {}
     for k, (bottom, top) in enumerate(zip(bottoms, tops, strict=True)):
         way = top + HEIGHT * UP - bottom
-        length = float(np.linalg.norm(way))
+        length = math.hypot(*way)
         along = Pose(rotation.exp(rotation.align(UP, way / length)), bottom)
         arms[f"leg{k + 1}"] = _leg(length, along)
         grasps[f"leg{k + 1}"] = Grasp("ball", Pose(np.eye(3), top))
@@ -60,7 +62,7 @@ def stewart_platform(payload: float = 20.0) -> Mechanism:
 def _ring(radius: float, spread: float, height: float) -> list[Array]:
     """Return six points in three pairs around the z axis, two of a pair 2 spread apart."""
     angles = [2 * np.pi / 3 * pair + side * spread for pair in range(3) for side in (-1, 1)]
-    return [np.array([radius * np.cos(a), radius * np.sin(a), height]) for a in angles]
+    return [np.array([radius * math.cos(a), radius * math.sin(a), height]) for a in angles]
 
 
 def _leg(length: float, base: Pose) -> Arm:

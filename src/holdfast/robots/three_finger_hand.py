@@ -53,9 +53,9 @@ def three_finger_hand(mass: float = 0.15, radius: float = 0.035) -> Mechanism:
     arms, grasps = {}, {}
     for k in range(3):
         turn = rotation.exp(2 * np.pi / 3 * k * UP)
-        outward = turn @ np.array([1.0, 0.0, 0.0])
+        outward = turn[:, 0]
         arms[f"finger{k + 1}"] = _finger(Pose(turn, PALM_RADIUS * outward))
-        inward = Pose(turn @ np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]), radius * outward)
+        inward = Pose(np.stack([turn[:, 2], turn[:, 1], -turn[:, 0]], axis=1), radius * outward)
         grasps[f"finger{k + 1}"] = Grasp("softfinger", inward, CONTACT)
     return Mechanism(arms, HeldObject(mass, 0.4 * mass * radius**2 * np.eye(3)), grasps)
 

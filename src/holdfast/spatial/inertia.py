@@ -8,7 +8,7 @@ import numpy as np
 
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate
 from holdfast.spatial.symmetric import Symmetric6, mirrored
-from holdfast.spatial.vector import cross, outer, skew
+from holdfast.spatial.vector import cross, dot, outer, product, skew
 
 
 class RigidInertia(NamedTuple):
@@ -79,7 +79,12 @@ class RigidInertia(NamedTuple):
 NO_INERTIA = RigidInertia(0.0, np.zeros(3), np.zeros((3, 3)))
 
 
+def turned(inertia: Array, R: Array) -> Array:
+    """Return R J R^T: a rotational inertia (3, 3) in the axes that its own are turned in by R."""
+    return product(product(R, inertia), R.T)
+
+
 def about_origin(mass: Scalar, com: Array, inertia: Array) -> RigidInertia:
     """Return the inertia about the body's origin from mass, mass centre and inertia about it."""
     h = mass * com
-    return RigidInertia(mass, h, mirrored(inertia + (com @ h) * np.eye(3) - outer(com, h)))
+    return RigidInertia(mass, h, mirrored(inertia + dot(com, h) * np.eye(3) - outer(com, h)))

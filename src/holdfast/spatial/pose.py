@@ -12,6 +12,7 @@ from holdfast.spatial.converted import ArrayField, Converted
 from holdfast.spatial.frozen import Frozen, frozen_property, read_only
 from holdfast.spatial.real_numbers import numbers, pose_numbers, rotation_matrix
 from holdfast.spatial.scalar import Array
+from holdfast.spatial.vector import product
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,11 +72,11 @@ class Pose(Frozen):
 
     def __matmul__(self, other: Pose) -> Pose:
         """Return the pose of `other`, given in this frame, in the reference frame."""
-        return Pose.unchecked(self.R @ other.R, self.p + self.R @ other.p)
+        return Pose.unchecked(product(self.R, other.R), self.p + product(self.R, other.p))
 
     def inverse(self) -> Pose:
         """Return the pose of the reference frame in this frame."""
-        return Pose.unchecked(self.R.T, -(self.R.T @ self.p))
+        return Pose.unchecked(self.R.T, -product(self.R.T, self.p))
 
 
 PoseField = Converted[Pose, Pose | ArrayLike]  # given as a pose, or as unit quaternion and position (7,)

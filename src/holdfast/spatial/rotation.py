@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from holdfast.spatial.scalar import Array, array, concatenate, cos, maximum, sin, sqrt, where
-from holdfast.spatial.vector import cross
+from holdfast.spatial.vector import cross, dot, product
 
 
 def from_quaternion(wxyz: Array) -> Array:
@@ -50,7 +50,7 @@ def to_quaternion(R: Array) -> Array:
         q[1 + i] = 1 + R[i, i] - R[j, j] - R[m, m]
         q[1 + j] = R[j, i] + R[i, j]
         q[1 + m] = R[m, i] + R[i, m]
-    q = q / math.sqrt(q @ q)
+    q = q / math.sqrt(dot(q, q))
     return -q if q[0] < 0 else q
 
 
@@ -61,7 +61,7 @@ def exp(rotation_vector: Array) -> Array:
 
 def quaternion_exp(rotation_vector: Array) -> Array:
     """Return the unit quaternion of a rotation vector [rad]."""
-    half = 0.5 * sqrt(rotation_vector @ rotation_vector)
+    half = 0.5 * sqrt(dot(rotation_vector, rotation_vector))
     # sin(half)/(2 half): the series is exact to the last digit below 1e-4
     small = half < 1e-4
     ratio = where(small, 0.5 * (1 - half * half / 6), 0.5 * sin(half) / where(small, 1.0, half))
@@ -71,7 +71,7 @@ def quaternion_exp(rotation_vector: Array) -> Array:
 def log(R: Array) -> Array:
     """Return the rotation vector [rad], of length <= pi, of a rotation matrix, floats only."""
     q = to_quaternion(R)
-    sine = math.sqrt(q[1:] @ q[1:])
+    sine = math.sqrt(dot(q[1:], q[1:]))
     if sine < 1e-9:  # angle = 2 sine (1 + sine^2/6 ...)
         return 2 * q[1:]
     return 2 * math.atan2(sine, q[0]) / sine * q[1:]
@@ -108,7 +108,7 @@ def normalised(wxyz: Array) -> Array:
 def from_euler_zyx(yaw: float, pitch: float, roll: float) -> Array:
     """Return R = Rz(yaw) Ry(pitch) Rx(roll), floats only; URDF's `rpy` read backwards."""
     z, y, x = np.eye(3)[::-1]
-    return exp(yaw * z) @ exp(pitch * y) @ exp(roll * x)
+    return product(product(exp(yaw * z), exp(pitch * y)), exp(roll * x))
 
 
 def to_euler_zyx(R: Array) -> Array:
@@ -124,13 +124,18 @@ def to_euler_zyx(R: Array) -> Array:
 
 def is_rotation(R: Array, tolerance: float) -> bool:
     """Return whether R^T R = I and det R = +1 within the tolerance."""
-    return bool(np.abs(R.T @ R - np.eye(3)).max() <= tolerance and np.linalg.det(R) > 0)
+    return bool(np.abs(product(R.T, R) - np.eye(3)).max() <= tolerance and dot(R[0], cross(R[1], R[2])) > 0)
 
 
 def nearest(R: Array) -> Array:
-    """Return the rotation nearest to a nearly orthogonal matrix (polar factor)."""
-    U, _, Vt = np.linalg.svd(R)
-    return U @ Vt
+    """Return the rotation nearest to a matrix that is one within 1e-3: its polar factor.
+
+    Newton's iteration R <- (R + R^-T) / 2 squares what is missing every time.
+    """
+    for _ in range(4):
+        cofactors = array([cross(R[1], R[2]), cross(R[2], R[0]), cross(R[0], R[1])])
+        R = 0.5 * (R + cofactors / dot(R[0], cofactors[0]))
+    return R
 
 
 def align(a: Array, b: Array) -> Array:
@@ -139,11 +144,11 @@ def align(a: Array, b: Array) -> Array:
     Floats only; where a = -b any perpendicular axis serves and one is chosen.
     """
     axis = cross(a, b)
-    sine = math.sqrt(axis @ axis)
-    angle = math.atan2(sine, a @ b)
+    sine = math.sqrt(dot(axis, axis))
+    angle = math.atan2(sine, dot(a, b))
     if sine > 1e-12:
         return angle / sine * axis
-    if a @ b > 0:
+    if dot(a, b) > 0:
         return axis
     other = cross(a, np.eye(3)[int(np.argmin(np.abs(a)))])
-    return math.pi / math.sqrt(other @ other) * other
+    return math.pi / math.sqrt(dot(other, other)) * other

@@ -1,6 +1,10 @@
-"""Products of 3-vectors."""
+"""Products of small vectors and matrices.
 
-from holdfast.spatial.scalar import Array, array
+`@` on floats is BLAS, whose last digits depend on the kernel that it picks for the processor. Where the numbers of a
+model are made, `dot` and `product` sum in one order instead, so that a model is the same on every processor.
+"""
+
+from holdfast.spatial.scalar import Array, Scalar, array
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -8,6 +12,21 @@ def cross(a: Array, b: Array) -> Array:
     a0, a1, a2 = a.tolist()
     b0, b1, b2 = b.tolist()
     return array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
+
+
+def dot(a: Array, b: Array) -> Scalar:
+    """Return a . b of two vectors, summed in order."""
+    first, *others = [x * y for x, y in zip(a.tolist(), b.tolist(), strict=True)]
+    return sum(others, first)
+
+
+def product(A: Array, B: Array) -> Array:
+    """Return A B of a matrix (l, m) and a matrix (m, n) or vector (m,), summed in order."""
+    columns = A.T if B.ndim == 1 else A.T[:, :, None]
+    found = columns[0] * B[0]
+    for column, row in zip(columns[1:], B[1:], strict=True):
+        found = found + column * row
+    return found
 
 
 def skew(a: Array) -> Array:

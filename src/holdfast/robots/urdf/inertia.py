@@ -8,7 +8,9 @@ from holdfast.model.link import Link
 from holdfast.robots.urdf.document import quoted
 from holdfast.robots.urdf.folding import Body
 from holdfast.robots.urdf.robot import UrdfRobot
+from holdfast.spatial.inertia import turned
 from holdfast.spatial.scalar import Array
+from holdfast.spatial.vector import dot, product
 
 
 def welded_link(robot: UrdfRobot, body: Body, physical: bool) -> Link:
@@ -29,7 +31,7 @@ def welded_link(robot: UrdfRobot, body: Body, physical: bool) -> Link:
             continue
         with inertial.element.refusals():
             own = Link(inertial.mass, inertial.com, inertial.inertia, link, physical)
-        parts.append((own.mass, at.p + at.R @ own.com, at.R @ own.inertia @ at.R.T))
+        parts.append((own.mass, at.p + product(at.R, own.com), turned(own.inertia, at.R)))
     if not parts:
         raise robot.links[name].element.refuse(
             f"expected <inertial>, since joint {quoted(body.step.joint.name)} moves it, got none; try adding one"
@@ -48,5 +50,5 @@ def _sum(parts: list[tuple[float, Array, Array]]) -> tuple[float, Array, Array]:
     J = np.zeros((3, 3))
     for m_i, c_i, J_i in parts:
         d = c_i - c
-        J = J + J_i + m_i * (d @ d * np.eye(3) - np.outer(d, d))
+        J = J + J_i + m_i * (dot(d, d) * np.eye(3) - np.outer(d, d))
     return m, c + 0.0, J + 0.0  # no -0.0

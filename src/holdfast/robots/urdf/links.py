@@ -8,6 +8,7 @@ from holdfast.robots.urdf import attributes
 from holdfast.robots.urdf.document import Element
 from holdfast.robots.urdf.robot import UrdfInertial, UrdfLink
 from holdfast.robots.urdf.vocabulary import read_words
+from holdfast.spatial.inertia import turned
 from holdfast.spatial.scalar import Array
 
 SMALLEST_RADIUS = 1e-8  # [m] of gyration; iCub's exporter leaves 1e-35 to 1e-18 kg m^2 beside zeros, which no body has
@@ -34,7 +35,7 @@ def _inertial(element: Element, notes: list[str]) -> UrdfInertial:
         notes.append(moments.said(f"inertia up to {np.abs(J).max():g} kg m^2, taken as 0"))
         J = np.zeros((3, 3))
     at = attributes.pose(element.first("origin"))
-    return UrdfInertial(mass, at.p, at.R @ J @ at.R.T, element)
+    return UrdfInertial(mass, at.p, turned(J, at.R), element)
 
 
 def _symmetric(moments: Element) -> Array:

@@ -1,0 +1,35 @@
+"""An arm whose numbers are constants of the machine code."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from holdfast.compiler.constant import Constant, constants
+from holdfast.model.arm import Arm
+from holdfast.model.joint import Joint
+from holdfast.model.link import Link
+from holdfast.spatial.pose import Pose
+
+
+def with_constants(arm: Arm) -> Arm:
+    """Return the arm with everything that is folded into code as constants, whose products no BLAS rounds."""
+    joints, links = [_joint(joint) for joint in arm.joints], [_link(link) for link in arm.links]
+    return replace(arm, joints=joints, links=links, tip=_pose(arm.tip))
+
+
+def _joint(joint: Joint) -> Joint:
+    return replace(
+        joint,
+        axis=constants(joint.axis),
+        placement=_pose(joint.placement),
+        armature=Constant(joint.armature),
+        damping=Constant(joint.damping),
+    )
+
+
+def _link(link: Link) -> Link:
+    return replace(link, mass=Constant(link.mass), com=constants(link.com), inertia=constants(link.inertia))
+
+
+def _pose(pose: Pose) -> Pose:
+    return Pose(constants(pose.R), constants(pose.p))
