@@ -13,6 +13,7 @@ from holdfast.errors import (
     SceneError,
     SingularChainError,
     StateError,
+    StepTooLongError,
 )
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
@@ -222,6 +223,7 @@ __all__ = [
     "Split",
     "State",
     "StateError",
+    "StepTooLongError",
     "Status",
     "TorqueSchedule",
     "Trajectory",
