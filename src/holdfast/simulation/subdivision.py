@@ -74,13 +74,13 @@ def in_parts(stepper: Stepper, now: Instant, until: float, parts: int) -> Advanc
         until: the step's end [s].
         parts: how many, at least one.
     """
-    at, work, gaps = now, np.zeros(4), []
+    at, done = now, []
     for k in range(1, parts + 1):
         end = until if k == parts else now.t + k / parts * (until - now.t)
         (part,) = stepper.advance(at, [end])
         if part.instant is None:
             return replace(part, t=until)
-        at, work = replace(part.instant, memory=now.memory), work + part.work
-        gaps.append(part.gaps)
-    worst = Gaps(np.max([g.position for g in gaps], axis=0), np.max([g.velocity for g in gaps], axis=0))
-    return replace(part, gaps=worst, work=work)
+        at = replace(part.instant, memory=now.memory)
+        done.append(part)
+    gaps = [np.max([getattr(part.gaps, kind) for part in done], axis=0) for kind in ("position", "velocity")]
+    return replace(done[-1], gaps=Gaps(*gaps), work=np.sum([part.work for part in done], axis=0))

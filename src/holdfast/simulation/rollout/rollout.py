@@ -16,10 +16,11 @@ from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout.arguments import fitting, number, paces, require_free_names, some, told, whole_steps
+from holdfast.simulation.rollout.confirmation import contradicted
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.law import ControlLaw, held_torques
 from holdfast.simulation.rollout.rows import STATE
-from holdfast.simulation.rollout.stages import BROKEN, SLIPPED
+from holdfast.simulation.rollout.stages import BROKEN, SINGULAR, SLIPPED, TOO_LONG
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.spatial.scalar import Array
@@ -145,7 +146,8 @@ class Rollout:
         """Advance systems in place by a number of steps, and return them.
 
         A system that cannot, because the constraint is singular, a margin would fall below
-        `least_margin`, or the step is too long, stands still from then on; see `fate`.
+        `least_margin`, or the step is too long, stands still from then on; see `fate`. A slip or a singularity
+        that the step does not show in halves and quarters, at the cost of a few steps, is a step too long.
 
         Args:
             systems: what `start` returned.
@@ -162,8 +164,15 @@ class Rollout:
         """
         if not isinstance(steps, int | np.integer) or steps < 1:
             raise StateError(f"steps: expected an integer >= 1, got {steps!r}")
-        inputs, parameters = told(self._kernel, given, len(systems))
-        self._run(systems, inputs, parameters, int(steps), threads, least_margin, paces(step, len(systems)))
+        going = systems.running
+        self._advance(systems, paces(step, len(systems)), int(steps), least_margin, threads, given)
+        stopped = going & np.isin(systems.arrays["code"], (SLIPPED, SINGULAR))
+        if stopped.any():
+            begin, own = self._free(systems, stopped, given)
+            wrong = contradicted(
+                systems.copy(stopped), begin, least_margin, lambda some, h: self._advance(some, h, 1, -np.inf, 1, own)
+            )
+            systems.arrays["code"][np.flatnonzero(stopped)[wrong]] = TOO_LONG
         return systems
 
     def run(
@@ -239,16 +248,36 @@ class Rollout:
         self, at: RolloutSystems, rows: Array, step: float, least_margin: float, given: Mapping[str, Any]
     ) -> Array:
         """Return when systems slip, by halving the step that would go too far."""
-        begin, own = at.copy(rows), some(self._kernel, given, rows)
-        begin.arrays["code"][...] = 0.0
-        inputs, parameters = told(self._kernel, own, len(begin))
-        begin.tell({**inputs, **parameters})
+        begin, own = self._free(at, rows, given)
         low, high = np.zeros(len(begin)), np.full(len(begin), step)
         for _ in range(HALVINGS):
             middle, trial = 0.5 * (low + high), begin.copy()
-            self.step(trial, middle, least_margin=least_margin, **own)
+            self._advance(trial, middle, 1, least_margin, 1, own)
             low, high = np.where(trial.running, middle, low), np.where(trial.running, high, middle)
         return begin.t + low
+
+    def _free(
+        self, systems: RolloutSystems, rows: Array, given: Mapping[str, Any]
+    ) -> tuple[RolloutSystems, dict[str, Any]]:
+        """Return copies of some systems that go on from where they stand, and what they are given."""
+        begin, own = systems.copy(rows), some(self._kernel, given, rows)
+        begin.arrays["code"][...] = 0.0
+        inputs, parameters = told(self._kernel, own, len(begin))
+        begin.tell({**inputs, **parameters})
+        return begin, own
+
+    def _advance(
+        self,
+        systems: RolloutSystems,
+        step: Array,
+        steps: int,
+        least_margin: float,
+        threads: int,
+        given: Mapping[str, Any],
+    ) -> None:
+        """Take steps in place, and believe what they show."""
+        inputs, parameters = told(self._kernel, given, len(systems))
+        self._run(systems, inputs, parameters, steps, threads, least_margin, step)
 
     def _run(
         self,
