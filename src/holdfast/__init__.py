@@ -14,6 +14,7 @@ from holdfast.errors import (
     SceneError,
     SingularChainError,
     StateError,
+    StepTooLongError,
 )
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
@@ -229,6 +230,7 @@ __all__ = [
     "State",
     "StateError",
     "Status",
+    "StepTooLongError",
     "TorqueSchedule",
     "Trajectory",
     "WrenchLimits",

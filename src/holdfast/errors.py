@@ -1,5 +1,9 @@
 """The errors of holdfast: each message says what was expected, what came, and what to try."""
 
+from __future__ import annotations
+
+import math
+
 
 class HoldfastError(Exception):
     """Root of every error this library raises on purpose."""
@@ -11,6 +15,24 @@ class ModelError(HoldfastError, ValueError):
 
 class StateError(HoldfastError, ValueError):
     """A state or an input has the wrong shape, is not finite, or breaks the grasps."""
+
+
+class StepTooLongError(StateError):
+    """A fixed time step that cannot follow how fast a joint settles: what it showed would be the scheme's doing.
+
+    Attributes:
+        joint: the joint that settles too fast, as 'arm/joint'.
+        step: a step that works [s]; not a number where none was found.
+    """
+
+    def __init__(self, message: str, joint: str = "", step: float = math.nan) -> None:
+        """Take the message, and what a program needs to try again."""
+        super().__init__(message)
+        self.joint, self.step = joint, step
+
+    def __reduce__(self) -> tuple[type[StepTooLongError], tuple[str, str, float]]:
+        """Return what a pickle is made from."""
+        return type(self), (str(self), self.joint, self.step)
 
 
 class ClosureError(HoldfastError):

@@ -1,6 +1,7 @@
 """`holdfast simulate` from the command line: what it prints, writes and returns."""
 
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -60,6 +61,18 @@ def test_refused(scene, capsys, old, new, code, message):
     assert all(line.startswith("simulating") for line in begun)
     assert said.out == ""
     assert not Path("results").exists()
+
+
+def test_step_too_long(scene, capsys):
+    """Feedback that the step cannot follow: 3, and one line with the joint and a step that can."""
+    text = TEXT.replace("squeeze = 20.0", "squeeze = 20.0\njoint_damping = 5000.0")
+    scene.write_text(text.replace("begin = 0.2", "begin = 0.0").replace("duration = 2.0", "duration = 1.6"))
+    assert main(["simulate", str(scene), "--no-plots"]) == 3
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("simulating")]
+    assert re.search(r"short.toml: stopped .* the step of 0.002 s is too long for joint '\w+/joint\d'", line), line
+    step = re.search(r"try a step of (\S+) s$", line)
+    assert step and float(step[1]) * 5000.0 < 2.0
+    assert not load_result(Path("results") / "short").meta.complete
 
 
 def simulate_until(t_end, then):

@@ -20,3 +20,8 @@ def joint_friction(chain: ClosedChain) -> Array:
 def friction_torque(size: Array, qd: Array) -> Array:
     """Return what friction takes from the drives' torques, F_c qd / sqrt(qd^2 + 0.05^2), (n,) [N m or N]."""
     return array([F * v / sqrt(v * v + SMOOTHING_RATE**2) for F, v in zip(size, qd, strict=True)])
+
+
+def friction_slope(size: Array, qd: Array) -> Array:
+    """Return d(friction torque)/d(qd), (n,) [N m s/rad or N s/m]; at standstill F_c / 0.05."""
+    return size * SMOOTHING_RATE**2 / (qd**2 + SMOOTHING_RATE**2) ** 1.5

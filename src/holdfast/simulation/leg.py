@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+
 from holdfast.model.grasp import Grasp
 from holdfast.simulation.checkpoint import Origin
 from holdfast.simulation.events import Event
@@ -48,6 +50,12 @@ class Plan:
     policy: Policy
     events: list[Event]
     stops: Stops
+
+    @cached_property
+    def longest_step(self) -> float:
+        """The longest step that a scheme of fixed steps takes [s]."""
+        times, jumps = self.stops
+        return float(np.diff(times, prepend=0.0)[~jumps].max())
 
 
 @dataclass(frozen=True, eq=False)

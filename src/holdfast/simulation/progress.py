@@ -10,16 +10,18 @@ import numpy as np
 from holdfast.errors import StateError
 from holdfast.simulation.adaptive import Proposal, first_proposal, next_step
 from holdfast.simulation.checkpoint import Checkpoint, Origin
+from holdfast.simulation.confirmation import Window, explained, require_shown, too_long
 from holdfast.simulation.events import Attach, happen
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.ledger import Ledger
 from holdfast.simulation.leg import Leg, Plan, first_leg, leg_with, resumed_leg
 from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.sample import Sums
+from holdfast.simulation.stability import elsewhere, require_followed
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import NO_GAPS, Advance
 from holdfast.simulation.stops import just_after
-from holdfast.simulation.verification import Course, look_times, verify
+from holdfast.simulation.verification import Course, Found, look_times, verify
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.state import State
@@ -98,9 +100,11 @@ def begun(plan: Plan, state: State) -> Progress:
 
     Raises:
         StateError: the state breaks a grasp, or the controller's torques do not fit.
+        StepTooLongError: no explicit step of this length can follow the joints' damping.
         SingularChainError: the configuration is singular.
     """
     leg = first_leg(plan, Origin(0.0, state, None))
+    require_followed(plan.world.at(0.0)[0], state, plan.longest_step, plan.scheme)
     now, gaps = leg.stepper.start(0.0, state, None)
     sums = Sums(np.zeros(4), 0.0, np.zeros(6))
     ledger = Ledger.blank(len(leg.signals))
@@ -165,11 +169,8 @@ def _stepped(at: Progress) -> Progress:
     times = look_times(now.t, stop, leg.plan.scheme.c.tolist()) if len(leg.signals.limited) else [stop]
     found = verify(course, now.t, times, leg.signals.limited, leg.acting, at.ledger.lowest)
     end = found.end
-    if end.instant is None:
-        assert end.failure is not None
-        raise end.failure
-    if not np.abs(end.instant.state.qd).max() < FASTEST:
-        raise StateError(f"the motion diverges, a joint rate passes {FASTEST:g}; try a smaller time step")
+    _require_step(at, found, stop)
+    assert end.instant is not None
     ledger, news = at.ledger.after(found, course, leg.signals)
     first = min(found.start, 1)  # the look before belongs to the instant before
     margins = found.margins[first:]
@@ -193,6 +194,29 @@ def _stepped(at: Progress) -> Progress:
         ledger=ledger,
         occurrences=(*at.occurrences, *news),
     )
+
+
+def _require_step(at: Progress, found: Found, until: float) -> None:
+    """Refuse a step that failed, and one of fixed length that the motion is too fast for.
+
+    Raises:
+        StepTooLongError: shorter steps do not show what it shows, or could not follow either.
+        HoldfastError: why no step leads on.
+    """
+    plan, end = at.leg.plan, found.end
+    window = Window(at.leg, None if at.previous is None else at.previous[0], at.now)
+    if end.instant is None:
+        assert end.failure is not None
+        raise end.failure if plan.scheme.adaptive else explained(window, until, end.failure)
+    state = end.instant.state
+    if not np.abs(state.qd).max() < FASTEST:
+        why = f"the motion diverges, a joint rate passes {FASTEST:g}"
+        raise StateError(why) if plan.scheme.adaptive else too_long(window, until, why)
+    if plan.scheme.adaptive:
+        return
+    require_shown(window, found, at.ledger)
+    if elsewhere(at.now.state, state):
+        require_followed(end.instant.chain, state, plan.longest_step, plan.scheme)
 
 
 def _course(at: Progress) -> Course:
@@ -233,6 +257,7 @@ def _jumped(at: Progress) -> Progress:
     origin, gaps = Origin(t, state, at.now.memory), NO_GAPS
     if news:
         leg = leg_with(leg, chain.grasps, origin)
+        require_followed(chain, state, leg.plan.longest_step, leg.plan.scheme)
     now = leg.at(origin)
     if gripped:
         now, gaps = leg.stepper.start(t, state, origin.memory)
@@ -249,6 +274,7 @@ def _opened(at: Progress, signal: int) -> Progress:
     origin = Origin(just_after(at.now.t), at.now.state, at.now.memory)
     grasps = {arm: grasp for arm, grasp in at.leg.world.chain.grasps.items() if arm != name}
     leg = leg_with(at.leg, grasps, origin)
+    require_followed(leg.world.at(origin.t)[0], origin.state, leg.plan.longest_step, leg.plan.scheme)
     news = Occurrence(at.now.t, "release", name, f"'{name}' is released: it cannot hold")
     ledger = at.ledger.without(signal)
     now = leg.at(origin)

@@ -47,6 +47,21 @@ class Tableau(Frozen):
         """Whether a step comes with an estimate of its error."""
         return len(self.error) > 0
 
+    @functools.cached_property
+    def stability_interval(self) -> float:
+        """The largest x such that steps of y' = -rate y with h rate <= x do not grow: 2 for midpoint, 2.785 for rk4.
+
+        A step multiplies y by R(-h rate), R(z) = 1 + sum_k b^T A^(k-1) 1 z^k; this is the first x with |R(-x)| = 1.
+        """
+        terms, weights = [], -self.b  # of (-x)^k, k = 1 .. s
+        for _ in self.b:
+            terms.append(float(weights.sum()))
+            weights = -weights @ self.a
+        growth = np.polynomial.Polynomial(terms)  # (R(-x) - 1) / x
+        beyond = [growth, 2.0 + growth * np.polynomial.Polynomial([0.0, 1.0])]  # zero where R = 1, R = -1
+        roots = np.concatenate([one.trim(1e-15).roots() for one in beyond])
+        return float(min(x.real for x in roots if abs(x.imag) < 1e-9 and x.real > 0.0))
+
 
 RK4 = Tableau(
     "rk4",

@@ -52,7 +52,8 @@ class SubdividingStepper:
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
         """Return where one step leads, in parts where it must be; see `Stepper`."""
-        return [self._in_parts(now, reached, self._parts(reached)) for reached in self.whole.advance(now, ends)]
+        found = [(reached, self._parts(reached)) for reached in self.whole.advance(now, ends)]
+        return [one if parts == 1 else in_parts(self.whole, now, one.t, parts) for one, parts in found]
 
     def _parts(self, reached: Advance) -> int:
         """Return how many parts a step needs."""
@@ -63,16 +64,23 @@ class SubdividingStepper:
             return 1
         return math.ceil(min(MOST_PARTS, (drift / self.limit) ** (1.0 / (self.scheme.order + 1))))
 
-    def _in_parts(self, now: Instant, reached: Advance, parts: int) -> Advance:
-        if parts == 1:
-            return reached
-        at, part, work, gaps = now, reached, np.zeros(4), []
-        for k in range(1, parts + 1):
-            end = reached.t if k == parts else now.t + k / parts * (reached.t - now.t)
-            (part,) = self.whole.advance(at, [end])
-            if part.instant is None:
-                return replace(reached, instant=None, failure=part.failure)
-            at, work = replace(part.instant, memory=now.memory), work + part.work
-            gaps.append(part.gaps)
-        worst = Gaps(np.max([g.position for g in gaps], axis=0), np.max([g.velocity for g in gaps], axis=0))
-        return replace(part, gaps=worst, work=work)
+
+def in_parts(stepper: Stepper, now: Instant, until: float, parts: int) -> Advance:
+    """Return where equal parts of a step lead; the controller's memory moves on once, as in a whole step.
+
+    Args:
+        stepper: takes the parts.
+        now: the chain at the step's start.
+        until: the step's end [s].
+        parts: how many, at least one.
+    """
+    at, done = now, []
+    for k in range(1, parts + 1):
+        end = until if k == parts else now.t + k / parts * (until - now.t)
+        (part,) = stepper.advance(at, [end])
+        if part.instant is None:
+            return replace(part, t=until)
+        at = replace(part.instant, memory=now.memory)
+        done.append(part)
+    gaps = [np.max([getattr(part.gaps, kind) for part in done], axis=0) for kind in ("position", "velocity")]
+    return replace(done[-1], gaps=Gaps(*gaps), work=np.sum([part.work for part in done], axis=0))

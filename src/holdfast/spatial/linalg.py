@@ -31,9 +31,7 @@ class MaskedLDL(NamedTuple):
     weakest: Scalar
 
 
-def ldl(
-    S: Array, scale: Array, tolerance: float = RANK_TOLERANCE, typical: Array | None = None
-) -> MaskedLDL:
+def ldl(S: Array, scale: Array, tolerance: float = RANK_TOLERANCE, typical: Array | None = None) -> MaskedLDL:
     """Factorise a positive semidefinite matrix in the given order, dropping null pivots.
 
     A pivot d_j <= tolerance * size_j is a rounding residue of zero: 1/d_j := 0. The solution is

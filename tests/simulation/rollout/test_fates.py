@@ -214,3 +214,28 @@ def test_torques_that_are_no_numbers():
     assert same_bits(systems.q[0], begun.q[0]) and systems.t[0] == 0.0
     rollout.step(systems, STEP, tau=np.zeros(4))  # too late
     assert list(systems.fate) == [Fate.BROKEN, Fate.RUNNING]
+
+
+@pytest.mark.parametrize("scheme", ["rk4", "midpoint"])
+def test_feedback_that_blows_up_is_no_slip(scheme):
+    """h gain / inertia from what a step can follow to far beyond: `TOO_LONG`, never `SLIPPED`; true slips stay."""
+    chain, state = squeezed(("ball", "ball"), Friction(MU))
+
+    def torque(t, state, memory, given):
+        up = given["up"][()] * t
+        return np.array([SQUEEZE, 0.0, up, -SQUEEZE, 0.0, up]) - given["gain"][()] * state.qd, memory
+
+    rollout = compile_rollout(chain, ControlLaw(torque, parameters={"gain": (), "up": ()}), scheme=scheme)
+    ratio = np.array([0.0, 1.0, 4.0, 10.7, 30.0, 1e3, 1e5, 0.0, 0.01])
+    told = {"gain": ratio * 2.0 / STEP, "up": np.array([40.0] * 7 + [1000.0] * 2)}
+    systems = rollout.start(**{name: np.tile(x, (9, 1)) for name, x in arrays(state).items()}, **told)
+    record = rollout.run(systems, 60 * STEP, STEP, least_margin=0.0, **told)
+    expected = [Fate.RUNNING] * 2 + [Fate.TOO_LONG] * 5
+    assert list(record.systems.fate[:7]) == expected
+    assert (record.systems.fate[7:] == Fate.SLIPPED).all()
+    expected_times = [0.03, -np.log(0.7) / 10.0]  # a' + gain/2 a = 500 m/s^3
+    assert record.stopped[7:] == pytest.approx(expected_times, rel=1e-6 if scheme == "rk4" else 1e-4)
+    assert np.array_equal(record.stopped[2:7], record.systems.t[2:7]) and np.isinf(record.stopped[:2]).all()
+    assert np.isfinite(record.systems.qd).all() and (record.systems.margin >= 0.0).all()
+    again = rollout.step(record.systems.copy(), STEP, least_margin=0.0, **told)
+    assert list(again.fate[2:7]) == expected[2:] and same_bits(again.q[2:7], record.systems.q[2:7])

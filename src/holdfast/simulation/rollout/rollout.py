@@ -16,10 +16,11 @@ from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout.arguments import acting, fitting, number, paces, require_free_names, told, whole_steps
+from holdfast.simulation.rollout.confirmation import contradicted
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.law import ControlLaw, held_torques
 from holdfast.simulation.rollout.rows import STATE
-from holdfast.simulation.rollout.stages import BROKEN, SLIPPED
+from holdfast.simulation.rollout.stages import BROKEN, SINGULAR, SLIPPED, TOO_LONG
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.simulation.rollout.traced_law import travelling
 from holdfast.simulation.runge_kutta import scheme as scheme_of
@@ -158,7 +159,8 @@ class Rollout:
         """Advance systems in place by a number of steps, and return them.
 
         A system that cannot, because the constraint is singular, a margin would fall below
-        `least_margin`, or the step is too long, stands still from then on; see `fate`.
+        `least_margin`, or the step is too long, stands still from then on; see `fate`. A slip or a singularity
+        that the step does not show in halves and quarters, at the cost of a few steps, is a step too long.
 
         Args:
             systems: what `start` returned.
@@ -176,9 +178,17 @@ class Rollout:
         """
         if not isinstance(steps, int | np.integer) or steps < 1:
             raise StateError(f"steps: expected an integer >= 1, got {steps!r}")
-        said = told(self._kernel, given, len(systems))
-        inputs, parameters = acting(self._kernel, systems.told | said)
-        self._run(systems, inputs, parameters, int(steps), threads, least_margin, paces(step, len(systems)), said)
+        going = systems.running
+        self._advance(systems, paces(step, len(systems)), int(steps), least_margin, threads, given)
+        stopped = going & np.isin(systems.arrays["code"], (SLIPPED, SINGULAR))
+        if stopped.any():
+            wrong = contradicted(
+                systems.copy(stopped),
+                _free(systems, stopped),
+                least_margin,
+                lambda some, h: self._advance(some, h, 1, -np.inf),
+            )
+            systems.arrays["code"][np.flatnonzero(stopped)[wrong]] = TOO_LONG
         return systems
 
     def run(
@@ -252,14 +262,27 @@ class Rollout:
 
     def _slip_times(self, at: RolloutSystems, rows: Array, step: float, least_margin: float) -> Array:
         """Return when systems slip, by halving the step that would go too far."""
-        begin = at.copy(rows)
-        begin.arrays["code"][...] = 0.0
+        begin = _free(at, rows)
         low, high = np.zeros(len(begin)), np.full(len(begin), step)
         for _ in range(HALVINGS):
             middle, trial = 0.5 * (low + high), begin.copy()
-            self.step(trial, middle, least_margin=least_margin)
+            self._advance(trial, middle, 1, least_margin)
             low, high = np.where(trial.running, middle, low), np.where(trial.running, high, middle)
         return begin.t + low
+
+    def _advance(
+        self,
+        systems: RolloutSystems,
+        step: Array,
+        steps: int,
+        least_margin: float,
+        threads: int = 1,
+        given: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Take steps in place, and believe what they show."""
+        said = told(self._kernel, given or {}, len(systems))
+        inputs, parameters = acting(self._kernel, systems.told | said)
+        self._run(systems, inputs, parameters, steps, threads, least_margin, step, said)
 
     def _run(
         self,
@@ -298,6 +321,13 @@ class Rollout:
         self.generic_rank = most
         self._kernel.parameters["generic_rank"] = np.array(float(most))
         return bool((found[systems.running] < most).any())
+
+
+def _free(systems: RolloutSystems, rows: Array) -> RolloutSystems:
+    """Return copies of some systems that go on from where they stand."""
+    found = systems.copy(rows)
+    found.arrays["code"][...] = 0.0
+    return found
 
 
 def _common_time(systems: RolloutSystems) -> float:

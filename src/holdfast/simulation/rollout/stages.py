@@ -29,8 +29,8 @@ from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, 
 from holdfast.spatial.spatial_vector import unrotate
 from holdfast.state import State
 
-# Why a system stands still, as the machine code numbers it; 0: it does not.
-RUNNING, SLIPPED, SINGULAR, OPEN, BROKEN = range(5)
+# Why a system stands still, as the machine code numbers it; 0: it does not. The last is found afterwards.
+RUNNING, SLIPPED, SINGULAR, OPEN, BROKEN, TOO_LONG = range(6)
 
 # What is known of a system at the end of a step.
 KEPT = (

@@ -24,6 +24,7 @@ class Fate(Enum):
     SINGULAR = "the grasp constraint is singular, or its condition passes 1e12"
     OPEN = "the next step leaves a grasp open by more than 1e-2 (m or rad): it is too long"
     BROKEN = "its inputs are faulty, or the next step is not finite"
+    TOO_LONG = "the next step ends in a slip or a singularity that shorter steps do not show: it is too long"
 
 
 _ATTRIBUTES = ("chain", "arrays", "begin", "pace", "told", "law")

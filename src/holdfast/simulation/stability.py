@@ -1,0 +1,156 @@
+"""How fast joints settle, and which fixed step can follow.
+
+What takes torque from the joints in proportion to velocity (damping, friction about standstill, a controller's
+velocity feedback) makes velocities decay. Over the velocities v = Z y that the grasps allow,
+
+    (Z^T M Z) dy/dt = -(Z^T R Z) y
+
+with the kinetic energy v^T M v / 2 of joints and object and the torques R v that are taken. An explicit step h
+multiplies the part of y that decays at a rate lambda by R(-h lambda), which grows without bound, step by step,
+where h lambda is beyond the scheme's stability interval (`Tableau.stability_interval`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from holdfast.dynamics.arm.mass_matrix import mass_matrix
+from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.object_level import motion_basis
+from holdfast.errors import StateError, StepTooLongError
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.friction import friction_slope, joint_friction
+from holdfast.simulation.instant import Controller, Instant
+from holdfast.simulation.runge_kutta import Tableau
+from holdfast.spatial.scalar import Array
+from holdfast.state import Inputs, State
+
+# Part of the stability interval that is used: at its end nothing decays, and rates change with the configuration.
+# At 0.9 what should die out within a step still loses a third (rk4) or a sixth (midpoint) of its size in each.
+USED = 0.9
+SUGGESTED = 0.5  # part of it that a suggested step uses: there steps of any scheme more than halve it
+PROBE = 1e-5  # rad/s or m/s: by how much velocities are changed to see what a controller makes of it
+CELL = 0.5  # rad or m: joints that have moved by as much may settle at another rate
+
+
+@dataclass(frozen=True)
+class Decay:
+    """The fastest decay of a chain's velocities.
+
+    Attributes:
+        rate: lambda [1/s].
+        joint: the joint that most of the power is taken from, as 'arm/joint'.
+    """
+
+    rate: float
+    joint: str
+
+
+def fastest_decay(chain: ClosedChain, state: State, resistance: Array) -> Decay:
+    """Return the fastest decay of the velocities that the grasps allow. O((n + 6)^3).
+
+    Args:
+        chain: the chain.
+        state: its configuration; velocities do not enter.
+        resistance: (n, n + 6) torques taken from the joints per unit of (qd, V(C)).
+    """
+    n = chain.joint_count
+    Z = motion_basis(chain, state)
+    if not Z.shape[1]:
+        return Decay(0.0, chain.joint_names()[0])
+    motion = chain_motion(chain, State(state.q, np.zeros(n), state.object_pose), np.zeros(n), Inputs().shaped(chain))
+    M = np.zeros((n + 6, n + 6))
+    for name, arm in motion.arms.items():
+        M[chain.joints[name], chain.joints[name]] = mass_matrix(arm.arm, arm.at)[0]
+    M[n:, n:] = motion.body.inertia.dense()
+    sizes = np.sqrt(np.diag(M))[:, None]
+    Z = np.linalg.qr(sizes * Z)[0] / sizes  # the same velocities, of like kinetic energies
+    L = np.linalg.cholesky(Z.T @ M @ Z)
+    rates, modes = np.linalg.eig(np.linalg.solve(L, np.linalg.solve(L, (Z[:n].T @ resistance @ Z).T).T))
+    decays = np.where(np.real(rates) > 0.0, np.abs(rates), 0.0)
+    fastest = int(np.argmax(decays))
+    v = Z @ np.linalg.solve(L.T, modes[:, fastest])
+    power = np.real(v[:n].conj() * (resistance @ v))
+    return Decay(float(decays[fastest]), chain.joint_names()[int(np.argmax(power))])
+
+
+def passive_resistance(chain: ClosedChain, qd: Array) -> Array:
+    """Return the torques that damping and friction take per unit of (qd, V(C)), (n, n + 6)."""
+    damping = np.concatenate([arm.damping for arm in chain.arms.values()])
+    return np.hstack([np.diag(damping + friction_slope(joint_friction(chain), qd)), np.zeros((len(qd), 6))])
+
+
+def feedback_resistance(controller: Controller, now: Instant) -> Array:
+    """Return the torques that a controller takes per unit of the velocities that the grasps allow, (n, n + 6).
+
+    Found by asking it about velocities changed a little, two questions for each of them.
+    """
+    n, Z = len(now.state.q), motion_basis(now.chain, now.state)
+    columns = []
+
+    def asked(qd: Array, twist: Array) -> Array:
+        state = replace(now.state, qd=qd, object_twist=twist)
+        return checks.numbers(controller(now.t, state, now.memory)[0], (n,), "controller: torques", StateError)
+
+    for v in Z.T:
+        less, more = (asked(now.state.qd + w[:n], now.state.object_twist + w[n:]) for w in (-PROBE * v, PROBE * v))
+        columns.append((less - more) / (2.0 * PROBE))
+    return np.reshape(columns, (-1, n)).T @ Z.T
+
+
+def followed(decay: Decay, step: float, scheme: Tableau) -> bool:
+    """Return whether a step can follow a decay."""
+    return step * decay.rate <= USED * scheme.stability_interval
+
+
+def step_for(decay: Decay, scheme: Tableau) -> float:
+    """Return a step that follows a decay, two digits of it [s]."""
+    return float(f"{SUGGESTED * scheme.stability_interval / decay.rate:.2g}")
+
+
+def require_followed(chain: ClosedChain, state: State, step: float, scheme: Tableau) -> None:
+    """Refuse a step that cannot follow how fast damping and friction make joints settle.
+
+    Raises:
+        StepTooLongError: naming the joint, and a step that would do.
+    """
+    resistance = passive_resistance(chain, state.qd)
+    if scheme.adaptive or not _may_be_too_fast(chain, np.diag(resistance), step, scheme):
+        return
+    try:
+        decay = fastest_decay(chain, state, resistance)
+    except np.linalg.LinAlgError:  # masses too far apart to tell; what a step shows is still checked
+        return
+    if followed(decay, step, scheme):
+        return
+    limit, fitting = USED * scheme.stability_interval / decay.rate, step_for(decay, scheme)
+    k = chain.joint_names().index(decay.joint)
+    joint = [joint for arm in chain.arms.values() for joint in arm.joints][k]
+    what = " and ".join(["damping"] * (joint.damping > 0.0) + ["friction"] * (joint.friction > 0.0))
+    raise StepTooLongError(
+        f"simulation: step: {step:g} s is too long for joint '{decay.joint}', which is slowed down at {decay.rate:.3g}"
+        f" 1/s by {what}: {scheme.name} can follow that with steps of at most {limit:.2g} s; try a step of"
+        f" {fitting:g} s, the inertia of the joint's drive (armature), or scheme 'dop853', which chooses its steps",
+        decay.joint,
+        fitting,
+    )
+
+
+def elsewhere(before: State, after: State) -> bool:
+    """Return whether joints have moved so far that they may settle at another rate.
+
+    Told by two instants alone, so that a run that was resumed sees it where an unbroken one does.
+    """
+    return bool((np.floor(before.q / CELL + 1 / np.pi) != np.floor(after.q / CELL + 1 / np.pi)).any())
+
+
+def _may_be_too_fast(chain: ClosedChain, resistance: Array, step: float, scheme: Tableau) -> bool:
+    """Return False where the drives' inertias alone make every rate, in every configuration, slow enough.
+
+    The grasps and the links only add inertia: no rate is beyond the largest resistance over armature.
+    """
+    armature = np.concatenate([arm.armature for arm in chain.arms.values()])
+    return bool((step * resistance > USED * scheme.stability_interval * armature).any())

@@ -1,0 +1,193 @@
+"""How fast damped chains settle, and steps that cannot follow: refused at the start, by joint, with one that can."""
+
+import pickle
+import re
+
+import numpy as np
+import pytest
+
+from holdfast import (
+    Arm,
+    ClosedChain,
+    Friction,
+    Grasp,
+    HeldObject,
+    Joint,
+    Link,
+    Pose,
+    Release,
+    State,
+    StepTooLongError,
+    forward_dynamics,
+    simulate,
+    state_from_joints,
+)
+from holdfast.simulation.friction import SMOOTHING_RATE, friction_slope, friction_torque
+from holdfast.simulation.instant import evaluate
+from holdfast.simulation.runge_kutta import RK4, SCHEMES, runge_kutta_step, scheme
+from holdfast.simulation.stability import (
+    Decay,
+    fastest_decay,
+    feedback_resistance,
+    followed,
+    passive_resistance,
+    step_for,
+)
+from holdfast.simulation.world import World
+from tests.simulation.gantries import squeezed
+from tests.simulation.problems import PROBLEMS
+from tests.systems import well_conditioned_system
+from tests.systems.as_chain import as_chain
+
+DAMPING = 1000.0  # N s/m of every slide
+TURN = 0.6 * DAMPING  # 1/s: block and slides, 0.01333 + 2 * 0.1^2 kg m^2, turn about y and z
+BALLS = ("ball", "ball")
+
+
+def lifting(t, state, memory):
+    """Push both slides up with 30 N."""
+    return np.array([0.0, 0.0, 30.0, 0.0, 0.0, 30.0]), memory
+
+
+@pytest.mark.parametrize("name", SCHEMES)
+def test_stability_interval(name):
+    """Steps of y' = -y grow beyond it and shrink before it."""
+    tableau = scheme(name)
+    x = tableau.stability_interval
+    after = [abs(runge_kutta_step(lambda t, y: -y, 0.0, np.ones(1), f * x, tableau)[0][0]) for f in (0.999, 1.001)]
+    assert after[0] < 1.0 < after[1]
+    shrinking = [runge_kutta_step(lambda t, y: -y, 0.0, np.ones(1), f * x, tableau)[0] for f in np.arange(1, 100) / 100]
+    assert np.abs(shrinking).max() < 1.0
+
+
+def test_known_intervals():
+    """2 for the midpoint rule, 2.785 for the classical one."""
+    assert scheme("midpoint").stability_interval == pytest.approx(2.0, abs=1e-12)
+    assert RK4.stability_interval == pytest.approx(2.7852935634, abs=1e-9)
+
+
+def test_decay_on_paper():
+    """Slides that carry a block between two balls: turning is damped fastest, by the slides across."""
+    chain, state = squeezed(BALLS, damping=DAMPING)
+    found = fastest_decay(chain, state, passive_resistance(chain, state.qd))
+    assert found.rate == pytest.approx(TURN, rel=1e-12)
+    assert found.joint.split("/")[1] in "yz"
+    free, at = squeezed((None, None), damping=DAMPING)
+    assert fastest_decay(free, at, passive_resistance(free, at.qd)).rate == pytest.approx(DAMPING, rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_decay_of_forward_dynamics(seed):
+    """The fastest rate is the largest eigenvalue of d(qdd)/d(tau) damping, as forward dynamics has it."""
+    p = as_chain(well_conditioned_system(seed, arms=2, moving_base=False))
+    chain, n = p.chain, p.chain.joint_count
+    still = State(p.state.q, np.zeros(n), p.state.object_pose)
+    damping = np.concatenate([arm.damping for arm in chain.arms.values()])
+    torques = np.vstack([np.zeros(n), np.eye(n)])
+    qdd = np.array([forward_dynamics(chain, still, tau).qdd for tau in torques])
+    expected = np.linalg.eigvals((qdd[1:] - qdd[0]).T * damping).real.max()
+    found = fastest_decay(chain, still, passive_resistance(chain, still.qd))
+    assert found.rate == pytest.approx(expected, rel=1e-7)
+    gains = np.random.default_rng(seed).uniform(0.0, 5.0, n)
+    now = evaluate(World(chain), lambda t, x, m: (5.0 - gains * x.qd, m), 0.0, still, None)
+    both = passive_resistance(chain, still.qd) + feedback_resistance(lambda t, x, m: (5.0 - gains * x.qd, m), now)
+    expected = np.linalg.eigvals((qdd[1:] - qdd[0]).T * (damping + gains)).real.max()
+    assert fastest_decay(chain, still, both).rate == pytest.approx(expected, rel=1e-6)
+
+
+def test_slope_of_friction():
+    """The derivative of the torque, largest at standstill."""
+    size, qd = np.array([0.3, 2.0, 1.0]), np.array([0.0, 0.03, -0.4])
+    change = 1e-6
+    expected = (friction_torque(size, qd + change) - friction_torque(size, qd - change)) / (2 * change)
+    assert friction_slope(size, qd) == pytest.approx(expected, rel=1e-6)
+    assert friction_slope(size, np.zeros(3)) == pytest.approx(size / SMOOTHING_RATE)
+
+
+@pytest.mark.parametrize(("name", "used"), [("rk4", 0.9 * 2.7852935634), ("midpoint", 1.8)])
+def test_refused_at_the_start(name, used):
+    """Beyond 0.9 of the interval, not before; the step that is suggested leads where theory does."""
+    chain, state = squeezed(BALLS, damping=DAMPING)
+    limit = used / TURN
+    assert simulate(chain, state, lifting, 0.99 * limit, 0.99 * limit, scheme=name).stopped is None
+    with pytest.raises(StepTooLongError, match=r"^simulation: step: .* joint '(left|right)/[yz]', which") as refused:
+        simulate(chain, state, lifting, 0.02, 1.01 * limit, scheme=name)
+    error = refused.value
+    assert error.joint in str(error) and f"try a step of {error.step:g} s" in str(error)
+    assert 0.4 * limit < error.step < 0.6 * limit
+    run = simulate(chain, state, lifting, 20 * error.step, error.step, scheme=name)
+    decay = 0.5 * DAMPING  # 4 kg slowed by two slides
+    expected = 30.0 / DAMPING * (1.0 - np.exp(-decay * run.t[-1]))
+    assert run.qd[-1, 2] == pytest.approx(expected, rel=1e-3)
+    assert run.stopped is None
+
+
+def test_adaptive_steps_need_no_refusal():
+    """They choose themselves."""
+    chain, state = squeezed(BALLS, damping=100 * DAMPING)
+    run = simulate(chain, state, lifting, 1e-3, 1e-3, scheme="dop853", rtol=1e-6, atol=1e-9)
+    assert run.stopped is None
+    assert run.qd[-1, 2] == pytest.approx(0.3 / DAMPING, rel=1e-4)
+
+
+def test_drives_that_are_heavy_enough():
+    """Armature slows the decay down."""
+    chain, state = squeezed(BALLS, damping=DAMPING, armature=DAMPING)
+    assert simulate(chain, state, lifting, 2.0, 2.0).stopped is None
+
+
+def test_after_a_grasp_opens():
+    """Free slides settle faster than those that carry the block; a step between the two ends the run there."""
+    chain, state = squeezed(BALLS, damping=DAMPING)
+    step = 1.25 / (0.5 * (TURN + DAMPING))
+    step *= 2.0
+    run = simulate(chain, state, lifting, 4 * step, step, events=[Release(1.5 * step, "left")])
+    assert run.stopped is not None
+    assert "is too long for joint 'left/" in run.stopped
+    assert run.t[-1] == pytest.approx(1.5 * step)
+
+
+def test_after_a_motion():
+    """An elbow that stretches: its inertia falls, and the step that could follow no longer can; the run ends there."""
+    links = [Link(1.0, [0.5, 0.0, 0.0], 0.01 * np.eye(3)) for _ in range(2)]
+    elbow = Pose.translation(1.0, 0.0, 0.0)
+    arm = Arm([Joint(name="shoulder"), Joint(placement=elbow, name="elbow", damping=20.0)], links, tip=elbow)
+    body, grasps = HeldObject(1.0, 0.01 * np.eye(3)), {"arm": Grasp("rigid", Pose.identity())}
+    chain = ClosedChain({"arm": arm}, body, grasps, np.zeros(3))
+    states = [state_from_joints(chain, [0.0, angle], np.zeros(2)) for angle in (2.0, 0.0)]
+    bent, stretched = (fastest_decay(chain, at, passive_resistance(chain, at.qd)).rate for at in states)
+    assert stretched > 2.0 * bent
+    step = 0.9 * RK4.stability_interval / (1.2 * bent)
+    run = simulate(chain, states[0], lambda t, x, m: (np.array([0.0, -20.0]), m), 60 * step, step)
+    assert run.stopped is not None
+    assert re.match("stopped after .*: simulation: step: .* is too long for joint 'arm/elbow'", run.stopped)
+    assert 0.0 < run.q[-1, 1] < 1.9
+
+
+def test_friction_about_standstill_counts():
+    """A hand's URDF with 10 N m of friction in fingers of 30 g: no millisecond follows that."""
+    chain, state = squeezed(BALLS, Friction(0.5), friction=10.0)
+    with pytest.raises(StepTooLongError, match=r"slowed down at 120 1/s by friction: rk4"):
+        simulate(chain, state, lifting, 0.1, 0.1)
+    moving = State(state.q, np.array([0.0, 0.0, 1.0] * 2), state.object_pose, [0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    assert fastest_decay(chain, moving, passive_resistance(chain, moving.qd)).rate < 121.0
+
+
+def test_steps_that_follow():
+    """Two digits, within the interval."""
+    assert followed(Decay(2.0, "a/b"), 1.0, RK4) and not followed(Decay(3.0, "a/b"), 1.0, RK4)
+    assert step_for(Decay(2.7852935634, "a/b"), RK4) == 0.5
+
+
+def test_error_survives_a_pickle():
+    """Between processes too."""
+    error = pickle.loads(pickle.dumps(StepTooLongError("too long", "left/x", 1e-4)))
+    assert (str(error), error.joint, error.step) == ("too long", "left/x", 1e-4)
+    assert np.isnan(StepTooLongError("too long").step)
+
+
+def test_problems_without_damping_are_not_looked_at(monkeypatch):
+    """Nothing is computed for a chain without damping and friction."""
+    monkeypatch.setattr("holdfast.simulation.stability.fastest_decay", None)
+    chain, state = PROBLEMS["pandas"]()
+    assert simulate(chain, state, lambda t, x, m: (np.zeros(14), m), 1e-3, 1e-3).stopped is None
