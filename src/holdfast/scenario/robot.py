@@ -93,7 +93,7 @@ def robot(data: ArmData, files: RobotFiles, at: Place) -> Robot:
 
 
 def _built_in(name: str | None, base: Pose, tool: Pose | None, at: Place) -> Robot:
-    if name not in ROBOTS:
+    if name is None or name not in ROBOTS:
         raise (at / "robot").refuse(f"no robot '{name}'.{checks.did_you_mean(str(name), ROBOTS)}")
     with at.refusals():
         arm = ROBOTS[name](base=base, tip=tool)
