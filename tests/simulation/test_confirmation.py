@@ -2,11 +2,12 @@
 
 import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from holdfast import ClosedChain, Friction, StepTooLongError, WrenchLimits, holding_torques, simulate
+from holdfast import ClosedChain, Friction, State, StepTooLongError, WrenchLimits, holding_torques, simulate
 from holdfast.simulation.schedule import TorqueSchedule
 from tests.control.two_pandas import two_pandas
 from tests.simulation.damped import outcome, problem
@@ -57,7 +58,7 @@ def test_feedback_that_blows_up_is_no_slip(scheme, ratio):
 )
 def test_nor_is_it_a_joint_limit(limit, on_limit):
     """Recorded or not: what only the long step shows is not in the log."""
-    given = (-1e-3, 1e-3) if limit == "position_limits" else 1e3 if limit == "effort_limit" else 0.02
+    given: Any = (-1e-3, 1e-3) if limit == "position_limits" else 1e3 if limit == "effort_limit" else 0.02
     chain, state = squeezed(("rigid", "rigid"), **{limit: given})
     run = simulate(chain, state, feedback(6000.0), 0.2, STEP, on_limit=on_limit)
     assert run.stopped is not None and "is too long for joint" in run.stopped
@@ -108,7 +109,7 @@ def test_true_slips_stay():
     assert runs[0].occurrences[-1].t == pytest.approx(runs[1].occurrences[-1].t, abs=1e-6)
 
 
-def damped_pandas(damping: float) -> tuple:
+def damped_pandas(damping: float) -> tuple[ClosedChain, State, TorqueSchedule]:
     """Return two Pandas with damped joints, a box between rubber fingers, and torques that push it about."""
     chain, state = two_pandas("softfinger", "softfinger")
     arms = {

@@ -38,7 +38,7 @@ from holdfast.spatial.scalar import Array
 PARTS = (2, 4)
 SHARE = 0.05  # of what a margin, or the velocities, change by: steps that differ by more are too long
 ROUNDING = 1e-6  # relative, or absolute below 1: a smaller difference is none
-MOST_PARTS = 64  # of a step that fails, to see whether shorter ones do too
+MOST_PARTS = 16  # of a step that fails, to see whether shorter ones do too
 MOST_TRIED = 200  # steps, to see whether a suggested length works
 HALVINGS = 8
 
@@ -104,11 +104,13 @@ def explained(window: Window, until: float, failure: HoldfastError) -> HoldfastE
     decay = _decay(window)
     if decay is not None and not followed(decay, window.leg.plan.longest_step, window.leg.plan.scheme):
         return too_long(window, until, f"a step fails ({failure})")
-    parts = 1
-    while parts < (PARTS[0] if isinstance(failure, SingularChainError) else MOST_PARTS):
-        parts *= 2
-        if _agree(window.begin, *(window.taken(until, p) for p in (parts, 2 * parts))):
+    most = PARTS[0] if isinstance(failure, SingularChainError) else MOST_PARTS
+    parts, fewer = 2, window.taken(until, 2)
+    while parts <= most:
+        more = window.taken(until, 2 * parts)
+        if _agree(window.begin, fewer, more):
             return too_long(window, until, f"it fails, and steps of 1/{parts} of it do not ({failure})")
+        parts, fewer = 2 * parts, more
     return failure
 
 
