@@ -71,8 +71,9 @@ def main(wanted: list[str]) -> int:
         found = [(row, *run(row, Path(cache))) for row in chosen]
     print(f"\n{'processor':22} {'passed':>7} {'failed':>7} {'skipped':>8} {'time':>7}")
     for row, status, counts, seconds in found:
-        failed = counts["failed"] + counts["error"] or ("?" if status else 0)
-        print(f"{row.name:22} {counts['passed']:7} {failed!s:>7} {counts['skipped']:8} {seconds:5.0f} s")
+        failed = counts["failed"] + counts["error"]
+        ended = "" if status == (1 if failed else 0) else f"  pytest ended with {status}"  # -9: killed
+        print(f"{row.name:22} {counts['passed']:7} {failed:7} {counts['skipped']:8} {seconds:5.0f} s{ended}")
     print(f"{'in all':22} {'':24} {sum(seconds for *_, seconds in found):5.0f} s")
     return 1 if any(status for _, status, *_ in found) else 0
 
