@@ -81,7 +81,7 @@ def test_straight_arm_sweep(which, joints):
     precision.test_straight_arm_sweep(which, joints)
 
 
-@pytest.mark.parametrize("scale", [1e-8, 1e8])
+@pytest.mark.parametrize("scale", [1e-8, pytest.param(1e8, marks=pytest.mark.long)])
 def test_object_mass(scale):
     """The lightest and the heaviest object, for every run."""
     precision.test_object_mass_does_not_cost_digits(scale, "mixed")

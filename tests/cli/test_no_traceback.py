@@ -169,13 +169,13 @@ def test_odd_surroundings(made):
         ("2>&-", 0, ""),
         ("2>/dev/full", 0, ""),
         ("<&- >&- 2>&-", 74, ""),
-        ("| head -c 1 >/dev/null; exit ${PIPESTATUS[0]}", 141, ""),
+        ("| true; exit ${PIPESTATUS[0]}", 141, ""),  # gone long before anything is written
     ],
 )
 @pytest.mark.parametrize("command", [f"solve {FILE} --format json", "--help"])
 def test_streams_that_cannot_be_written(redirected, code, said, command):
     """74 where stdout cannot be written, 141 where its reader has gone, and nothing else is said."""
-    if "head" in redirected and command != f"solve {FILE} --format json":
+    if "true" in redirected and command != f"solve {FILE} --format json":
         pytest.skip("said at once: the reader is still there")
     shell = ["bash", "-c", f'"$0" "${{@}}" {command} {redirected}', *program()]
     done = subprocess.run(shell, capture_output=True, text=True, timeout=60)
