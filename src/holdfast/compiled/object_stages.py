@@ -12,7 +12,7 @@ from holdfast.compiled.packing import symmetric, upper, upper_count
 from holdfast.compiler.program import Shape
 from holdfast.compiler.stage import Stage, stage
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored
-from holdfast.dynamics.closed.measurement import ANGULAR, Measurement, larger, smaller
+from holdfast.dynamics.closed.measurement import ANGULAR, Measurement, size_at_centre
 from holdfast.dynamics.closed.object_filter import LEAST_MOBILE, by_rows, own_size
 from holdfast.dynamics.closed.object_motion import FreeBody, acceleration_at_C, object_motion
 from holdfast.dynamics.closed.rigid_step import last_rigid_step, rigid_step
@@ -22,7 +22,7 @@ from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, minimum, sqrt, where
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, minimum, sqrt, where
 from holdfast.spatial.spatial_vector import shift_wrench
 
 DENSE = {"P": (upper_count(6),)}
@@ -106,24 +106,18 @@ def most_mobile() -> Stage:
     """Return the stage that takes one more arm into the size of the most mobile one."""
 
     def text(size: Array, extent: Array) -> tuple[Array]:
-        return (larger(size, _seen(extent).size_at_centre()),)
+        return (maximum(size, size_at_centre(extent)),)
 
     return stage("most_mobile", text, [{"size": (3,), "extent": (4,)}], [("size'",)])
-
-
-def _seen(extent: Array) -> Measurement:
-    """Return a measurement of which only the size counts."""
-    none = np.zeros(0)
-    return Measurement(none, none, none, extent, (), 0, False)
 
 
 def rigid_arm() -> Stage:
     """Return the stage of one rigid grasp in the filter: out with x and P, back with s."""
 
     def text(x: Array, P: Array, kept: Array, weakest: Array, own: Array, size: Array, *seen: Array) -> Phases:
-        m, size = rigid_measurement(*seen), smaller(own, size)
+        m, size = rigid_measurement(*seen), minimum(own, size)
         x, P, step = rigid_step(x, symmetric(P), m, size)
-        after = smaller(size, m.size_at_centre())
+        after = minimum(size, size_at_centre(m.extent))
         (s,) = yield x, upper(P), kept[()] + step.kept, minimum(weakest[()], step.weakest), after
         from_arm = step.back(s)
         return s + from_arm, from_arm
@@ -149,7 +143,7 @@ def rows_arm(kind: str, joint_count: int) -> Stage:
         noise, measured, extent, *rows = seen
         C = rows[0] if rows else np.eye(6)
         m = Measurement(C, symmetric(noise, count), measured, extent, angular, joint_count, kind == "rigid")
-        x, P, step = row_steps(x, FactoredMobility(list(D), list(w)), m, smaller(own, size))
+        x, P, step = row_steps(x, FactoredMobility(list(D), list(w)), m, minimum(own, size))
         (s,) = yield x, array(P.D), array(P.w), kept[()] + step.kept, minimum(weakest[()], step.weakest)
         from_arm = step.back(s)
         return s + from_arm, from_arm
@@ -169,7 +163,7 @@ def into_factors() -> Stage:
     """Return the stage between the last rigid step and the first rows."""
 
     def text(P: Array, own: Array, size: Array) -> tuple[Any, ...]:
-        found = factored(symmetric(P), by_rows(smaller(own, size)))
+        found = factored(symmetric(P), by_rows(minimum(own, size)))
         return array(found.D), array(found.w)
 
     return stage("into_factors", text, [DENSE | {"own": (3,), "size": (3,)}], [("D'", "w'")])
@@ -197,7 +191,7 @@ def last_rigid_arm(row_count: int) -> Stage:
         x, P, kept, weakest, own, size, *seen, w, centre, centripetal = yield ()
         m = rigid_measurement(*seen)
         about = shift_wrench(-centre, w)
-        turn = last_rigid_step(x, symmetric(P), m, smaller(own, size), about)
+        turn = last_rigid_step(x, symmetric(P), m, minimum(own, size), about)
         rank, least = kept[()] + turn.kept, minimum(weakest[()], turn.weakest)
         alpha = acceleration_at_C(centre, centripetal, turn.acceleration)
         return (*_turned(alpha, gravity, about + turn.wrench, rank, generic_rank, row_count, least), turn.wrench)

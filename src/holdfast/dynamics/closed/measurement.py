@@ -14,7 +14,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.tip_response import TipResponse
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, minimum
+from holdfast.spatial.scalar import Array, Scalar, array
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 from holdfast.spatial.symmetric import Symmetric6
 
@@ -62,11 +62,6 @@ class Measurement(NamedTuple):
         along = moving + self.extent[3] * turning
         return array([turning if angular else along for angular in self.angular])
 
-    def size_at_centre(self) -> Array:
-        """Return (3,) how mobile the arm is about G: angular, linear as summed, linear."""
-        turning, summed, moving, lever = self.extent
-        return array([turning, summed + lever * turning, moving + lever * turning])
-
 
 class Step(NamedTuple):
     """What is left of one arm for the way back.
@@ -112,11 +107,7 @@ def block_sizes(mobility: Symmetric6) -> Array:
     return array([np.trace(mobility.aa), np.trace(mobility.ll)])
 
 
-def larger(a: Array, b: Array) -> Array:
-    """Return the larger of two arrays, entry by entry."""
-    return concatenate([[maximum(x, y)] for x, y in zip(a, b, strict=True)])
-
-
-def smaller(a: Array, b: Array) -> Array:
-    """Return the smaller of two arrays, entry by entry."""
-    return concatenate([[minimum(x, y)] for x, y in zip(a, b, strict=True)])
+def size_at_centre(extent: Array) -> Array:
+    """Return (3,) how mobile an arm of this extent is about G: angular, linear as summed, linear."""
+    turning, summed, moving, lever = extent
+    return array([turning, summed + lever * turning, moving + lever * turning])

@@ -22,12 +22,12 @@ import numpy as np
 
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored
-from holdfast.dynamics.closed.measurement import Measurement, Step, block_sizes, larger, measurement, smaller
+from holdfast.dynamics.closed.measurement import Measurement, Step, block_sizes, measurement, size_at_centre
 from holdfast.dynamics.closed.object_motion import FreeBody, acceleration_at_C
 from holdfast.dynamics.closed.rigid_step import LastStep, last_rigid_step, rigid_step
 from holdfast.dynamics.closed.row_steps import row_steps
 from holdfast.dynamics.closed.tip_response import TipResponse
-from holdfast.spatial.scalar import Array, Scalar, array, minimum
+from holdfast.spatial.scalar import Array, Scalar, array, maximum, minimum
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.spatial.symmetric import symmetric6
 
@@ -85,7 +85,7 @@ def object_filter(contacts: list[Contact], tips: list[TipResponse], body: FreeBo
             factors = None
         else:
             x, P, step = rigid_step(x, P, m, size)
-            size, factors = smaller(size, m.size_at_centre()), None
+            size, factors = minimum(size, size_at_centre(m.extent)), None
         steps.append(step)
     if turn is not None:
         alpha, P = turn.acceleration, turn.mobility
@@ -114,8 +114,8 @@ def initial_size(body: FreeBody, seen: list[Measurement]) -> Array:
     """
     most = LEAST_MOBILE * own_size(body)  # sliding joints do not turn at all
     for m in seen:
-        most = larger(most, m.size_at_centre())
-    return smaller(own_size(body), most)
+        most = maximum(most, size_at_centre(m.extent))
+    return minimum(own_size(body), most)
 
 
 def own_size(body: FreeBody) -> Array:
