@@ -1,8 +1,25 @@
-"""What this machine lacks for some tests is said at the end, once, with the command that installs it."""
+"""What all tests share: a cache of machine code of their own, and a summary that names what this machine lacks."""
 
+import os
 from collections import Counter
+from pathlib import Path
+
+import pytest
 
 NEEDS = "Skipped: needs "
+
+
+@pytest.fixture(autouse=True, scope="session")
+def own_cache(tmp_path_factory):
+    """Leave the user's cache alone; this one is shared by all processes, or all runs that `tests.portable` starts."""
+    place = tmp_path_factory.getbasetemp()
+    if place.name.startswith("popen-"):  # a worker's: its parent is the run's
+        place = place.parent
+    folder = Path(os.environ.get("HOLDFAST_TEST_CACHE") or place / "machine-code")
+    folder.mkdir(mode=0o700, exist_ok=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HOLDFAST_CACHE", str(folder))
+        yield
 
 
 def pytest_terminal_summary(terminalreporter):

@@ -21,7 +21,11 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = [f"tests/{name}" for name in ("spatial", "dynamics", "laws", "simulation", "compiled")]
 PROCESSORS = "tests/compiled/test_processors.py"  # sets its processors itself: once is enough
 ARM = "tests/compiler/test_aarch64.py"
-MACHINE_CODE = ["tests/compiler", "tests/compiled/test_forward.py", "tests/compiled/test_batches.py"]
+MACHINE_CODE = [  # those that run it; what is written of programs and schedules before is the same everywhere
+    *(f"tests/compiler/test_{name}.py" for name in ("arithmetic", "bound", "builtin", "kernel", "llvm", "schedule")),
+    *(f"tests/compiler/test_{name}.py" for name in ("target", "transposition", "trigonometry", "two_arms")),
+    *(f"tests/compiled/test_{name}.py" for name in ("forward", "batches")),
+]
 COUNTED = ("passed", "failed", "error", "skipped")
 
 
@@ -42,7 +46,7 @@ class Row(NamedTuple):
 def rows() -> list[Row]:
     """Return all runs."""
     numeric = [Row(name, setting, [*PACKAGES, "--ignore", PROCESSORS]) for name, setting in settings().items()]
-    of_levels = [Row(x, {"HOLDFAST_CPU": x}, [*MACHINE_CODE, "--ignore", ARM]) for x in levels(False) + levels(True)]
+    of_levels = [Row(x, {"HOLDFAST_CPU": x}, MACHINE_CODE) for x in levels(False) + levels(True)]
     return [*numeric, *of_levels, Row("bits of all with fma", {}, [PROCESSORS]), Row("aarch64 (QEMU)", {}, [ARM])]
 
 

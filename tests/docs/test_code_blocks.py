@@ -75,16 +75,6 @@ BLOCKS = Sybil(
 )
 
 
-@pytest.fixture(scope="module", autouse=True)
-def own_cache(tmp_path_factory):
-    """The tests leave the user's cache of machine code alone."""
-    folder = tmp_path_factory.mktemp("machine-code")
-    folder.chmod(0o700)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("HOLDFAST_CACHE", str(folder))
-        yield
-
-
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if any(language in RUN for language, _ in fences(page))], ids=name
 )

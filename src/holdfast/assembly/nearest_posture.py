@@ -16,7 +16,7 @@ import numpy as np
 
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.arm.posture import posture
-from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.closing import close
 from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.dynamics.projection import moved
@@ -24,7 +24,7 @@ from holdfast.errors import ClosureError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import rotate, twist_shift
-from holdfast.state import Inputs, State
+from holdfast.state import State
 
 STATIONARY = 1e-11  # |N^T c| at which to stop
 ROUNDS = 60
@@ -86,7 +86,7 @@ def distance(chain: ClosedChain, state: State, preferred: Array) -> float:
 
 def unit_sizes(chain: ClosedChain, state: State) -> Array:
     """Return what counts as one unit of each joint and of the object's [turn; shift], (n + 6,)."""
-    return coordinate_sizes(chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain)))
+    return coordinate_sizes(chain_at_rest(chain, state))
 
 
 def position_rows(chain: ClosedChain, state: State) -> Array:

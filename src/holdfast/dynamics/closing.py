@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest, chain_motion
 from holdfast.dynamics.consistency import residuals
 from holdfast.dynamics.constraint import constraint_rows, coordinate_sizes
 from holdfast.dynamics.projection import moved
@@ -116,8 +116,8 @@ def _brought_together(chain: ClosedChain, state: State, low: Array, high: Array,
 
 
 def _gap(chain: ClosedChain, state: State) -> tuple[ChainMotion, Array]:
-    """Return the motion and the position residuals, lengths over the arms' reach; base motion has no part in them."""
-    motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
+    """Return the motion and the position residuals, lengths over the arms' reach; velocities have no part in them."""
+    motion = chain_at_rest(chain, state)
     reach = coordinate_sizes(motion)[-1]
     parts = []
     for gap in residuals(motion, state).values():

@@ -9,14 +9,14 @@ import numpy as np
 
 from holdfast.dynamics import rank as rank_of
 from holdfast.dynamics.arm.jacobian import jacobian
-from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
 from holdfast.dynamics.indeterminate import free_wrenches, pattern
 from holdfast.dynamics.lost_direction import LostDirection, lost_directions
 from holdfast.dynamics.split import length_scale
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State
+from holdfast.state import State
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ def diagnose(chain: ClosedChain, state: State) -> Diagnosis:
     """
     state.fits(chain)
     still = State(state.q, 0.0 * state.qd, state.object_pose)
-    motion = chain_motion(chain, still, np.zeros(chain.joint_count), Inputs().shaped(chain))
+    motion = chain_at_rest(chain, still)
     rank, condition = rank_of.constraint_pivots(chain, still)
     rows = chain.constraint_row_count
     found = rank_of.regularity(chain, still, rank)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
 from holdfast.dynamics.cone_program import AffineMargin, felt_directions, largest_least
 from holdfast.dynamics.indeterminate import free_wrenches
 from holdfast.dynamics.margins import conditions, grasp_margins
@@ -21,7 +21,7 @@ from holdfast.dynamics.split import length_scale
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import unrotate
-from holdfast.state import Inputs, State
+from holdfast.state import State
 
 
 class MarginRange(NamedTuple):
@@ -59,7 +59,7 @@ def margin_range(chain: ClosedChain, state: State, result: ForwardResult) -> Mar
     now = grasp_margins(chain, state, result.grasp_wrench)
     if result.status is not Status.INDETERMINATE_FORCES:
         return MarginRange(now, now, float(now.min(initial=math.inf)))
-    motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
+    motion = chain_at_rest(chain, state)
     N = free_wrenches(motion, length_scale([c.offset for c in motion.contacts]))
     affine = affine_margins(motion, result.grasp_wrench, N)
     touched = np.array([bool(of_one) and felt_directions(of_one).shape[1] > 0 for of_one in affine])

@@ -14,7 +14,7 @@ import numpy as np
 
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.arm.posture import Posture, posture
-from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.indeterminate import felt_wrenches, pattern
 from holdfast.dynamics.lost_direction import LOST, described, tip_directions
 from holdfast.dynamics.rank import constraint_pivots
@@ -24,7 +24,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import rotate
-from holdfast.state import Inputs, State
+from holdfast.state import State
 
 NEARING = 0.07  # s: runs into a singularity pass it 50 ms or more before joint rates and forces explode
 NEAR = 0.03  # s: about 20 ms before
@@ -70,10 +70,9 @@ def chain_strength(condition: Array) -> Array:
 
 def nearly_lost(chain: ClosedChain, state: State, limit: float = NEAR) -> list[str]:
     """Return in words what a chain and its arms have nearly lost: all with s <= limit, the chain's first."""
-    still = State(state.q, 0.0 * state.qd, state.object_pose)
-    motion = chain_motion(chain, still, np.zeros(chain.joint_count), Inputs().shaped(chain))
+    motion = chain_at_rest(chain, state)
     found = []
-    condition = constraint_pivots(chain, still).condition
+    condition = constraint_pivots(chain, state).condition
     if chain_strength(np.array(condition)) <= limit:
         length = length_scale([c.offset for c in motion.contacts])
         felt = felt_wrenches(motion, length)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.closed.object_filter import object_filter
 from holdfast.dynamics.closed.object_motion import object_motion
 from holdfast.dynamics.closed.tip_response import tip_response
@@ -12,7 +12,7 @@ from holdfast.dynamics.constraint import constraint_rows
 from holdfast.errors import SingularChainError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State
+from holdfast.state import State
 
 IMMOBILE = 1e-9  # of the largest scaled mobility: the object does not move there
 
@@ -23,7 +23,7 @@ def object_mobility(chain: ClosedChain, state: State) -> Array:
     An extra wrench w on the object changes its acceleration by P w. P is M(C)^-1 with every
     arm's resistance taken in; along directions the grasps forbid it is zero. O(n) + O(l).
     """
-    motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
+    motion = chain_at_rest(chain, state)
     tips = [tip_response(arm, "auto") for arm in motion.holding]
     return object_filter(motion.contacts, tips, motion.body.free).mobility
 
@@ -56,7 +56,7 @@ def motion_basis(chain: ClosedChain, state: State) -> Array:
         (n + 6, mobility): columns span the null space of K [J, -A]; the relative rates W
         follow from them.
     """
-    motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
+    motion = chain_at_rest(chain, state)
     rows = constraint_rows(motion)
     matrix = np.hstack([rows.joints, rows.object])
     if not len(matrix):

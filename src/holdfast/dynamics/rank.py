@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.closed.object_filter import object_filter
 from holdfast.dynamics.closed.tip_response import tip_response
 from holdfast.dynamics.closing import close
@@ -23,7 +23,7 @@ from holdfast.errors import ClosureError, SingularChainError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State
+from holdfast.state import State
 
 NEIGHBOURS = 8
 NEIGHBOUR_DISTANCE = 0.1  # rad, or part of the arms' reach
@@ -58,8 +58,7 @@ class Pivots(NamedTuple):
 
 def constraint_pivots(chain: ClosedChain, state: State) -> Pivots:
     """Return rank and condition of [J, -A, H^T] at a configuration, as forward dynamics finds them."""
-    still = State(state.q, 0.0 * state.qd, state.object_pose)
-    motion = chain_motion(chain, still, np.zeros(chain.joint_count), Inputs().shaped(chain))
+    motion = chain_at_rest(chain, state)
     tips = [tip_response(arm, "auto") for arm in motion.holding]
     found = object_filter(motion.contacts, tips, motion.body.free)
     return Pivots(int(found.rank), 1.0 / float(found.weakest_pivot))
@@ -119,8 +118,7 @@ def velocities_are_motions(chain: ClosedChain, state: State) -> bool:
 def _still(chain: ClosedChain, state: State) -> tuple[State, Array]:
     """Return the configuration at rest, and the size of one unit of each coordinate."""
     still = State(state.q, 0.0 * state.qd, state.object_pose)
-    motion = chain_motion(chain, still, np.zeros(chain.joint_count), Inputs().shaped(chain))
-    return still, coordinate_sizes(motion)
+    return still, coordinate_sizes(chain_at_rest(chain, still))
 
 
 def regularity(chain: ClosedChain, state: State, rank: int, generic: int | None = None) -> Regularity:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
-from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.object_level import motion_basis
 from holdfast.errors import StateError, StepTooLongError
 from holdfast.model import checks
@@ -26,7 +26,7 @@ from holdfast.simulation.friction import friction_slope, joint_friction
 from holdfast.simulation.instant import Controller, Instant
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State
+from holdfast.state import State
 
 # Part of the stability interval that is used: at its end nothing decays, and rates change with the configuration.
 # At 0.9 what should die out within a step still loses a third (rk4) or a sixth (midpoint) of its size in each.
@@ -61,7 +61,7 @@ def fastest_decay(chain: ClosedChain, state: State, resistance: Array) -> Decay:
     Z = motion_basis(chain, state)
     if not Z.shape[1]:
         return Decay(0.0, chain.joint_names()[0])
-    motion = chain_motion(chain, State(state.q, np.zeros(n), state.object_pose), np.zeros(n), Inputs().shaped(chain))
+    motion = chain_at_rest(chain, state)
     M = np.zeros((n + 6, n + 6))
     for name, arm in motion.arms.items():
         M[chain.joints[name], chain.joints[name]] = mass_matrix(arm.arm, arm.at)[0]

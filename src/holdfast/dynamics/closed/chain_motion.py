@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from holdfast.dynamics.arm.motion import ArmInputs, ArmMotion, arm_motion
+from holdfast.dynamics.arm.motion import ArmInputs, ArmMotion, arm_motion, resting
+from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.closed.object_motion import ObjectMotion, object_motion
 from holdfast.model.closed_chain import ClosedChain
@@ -96,3 +97,16 @@ def chain_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -
     contacts = [contact(grasp, frame, state.object_twist, arms[name].tip_twist) for name, grasp in chain.grasps.items()]
     body = object_motion(chain.held_object, frame, state.object_twist, inputs.object_wrench)
     return ChainMotion(chain, arms, contacts, body)
+
+
+def chain_at_rest(chain: ClosedChain, state: State) -> ChainMotion:
+    """Return the chain in a configuration without torques, motion, gravity or external wrenches. O(n) + O(l).
+
+    Args:
+        chain: the chain.
+        state: positions, taken as they are; velocities do not enter.
+    """
+    none, frame = np.zeros(6), state.object_frame
+    arms = {name: resting(arm, posture(arm, state.q[chain.joints[name]])) for name, arm in chain.arms.items()}
+    contacts = [contact(grasp, frame, none, none) for grasp in chain.grasps.values()]
+    return ChainMotion(chain, arms, contacts, object_motion(chain.held_object, frame, none, none))
