@@ -90,7 +90,7 @@ def _call(
             size = stage.size(port)
             given += numbers[wire.array][entries(wire, size)] if k <= call.phase else [math.nan] * size
     for k in range(call.phase):
-        given += memory[call.group, item, k]
+        given += memory.get((call.group, item, k), [])  # none of a phase that leaves nothing, and is not called
     *results, memory[call.group, item, call.phase] = _run(stage.pieces.programs[call.phase], given)
     for port, result in zip(stage.outputs[call.phase], results, strict=True):
         if port in group.wires:

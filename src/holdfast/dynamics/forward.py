@@ -8,23 +8,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics import indeterminate, rank
-from holdfast.dynamics.arm.free_dynamics import tip_acceleration
-from holdfast.dynamics.arm.newton_euler import newton_euler
-from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion, pseudo_gravity
+from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion
+from holdfast.dynamics.closed.chain_solution import chain_solution
 from holdfast.dynamics.closed.general import FreeDynamics
 from holdfast.dynamics.closed.sequential import sequential
-from holdfast.dynamics.closed.tip_response import Route, tip_response
+from holdfast.dynamics.closed.tip_response import NO_INERTIA, Route
 from holdfast.dynamics.consistency import require_closed
 from holdfast.dynamics.methods import Method, method_named
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.scalar import Array, concatenate
-from holdfast.spatial.spatial_vector import shift_twist
+from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
-
-NO_INERTIA = 1e-14  # of the arm's largest articulated inertia: what is left is rounding
 
 
 def forward_dynamics(
@@ -120,46 +116,20 @@ def _require_inertia(name: str, pivots: Array) -> None:
 def _assemble(motion: ChainMotion, found: Solution, regular: Solution, status: Status, method: str) -> ForwardResult:
     """Return the result in the chain's layout, arms without a grasp included."""
     chain = motion.chain
-    qdd = np.zeros(chain.joint_count)
-    wrenches = np.zeros((len(chain.arms), 6))
-    base = np.zeros((len(chain.arms), 6))
-    holding = {name: i for i, name in enumerate(chain.grasps)}
-    for row, (name, arm) in enumerate(motion.arms.items()):
-        part = chain.joints[name]
-        if name in holding:
-            qdd[part], wrenches[row] = found.qdd[holding[name]], found.wrenches[holding[name]]
-            if found.base_wrenches is None:
-                base[row] = newton_euler(arm, qdd[part], wrenches[row])[1]
-            else:
-                base[row] = found.base_wrenches[holding[name]]
-        else:
-            with np.errstate(all="ignore"):
-                alone = tip_response(arm, "auto")
-            _require_inertia(name, alone.pivots)
-            qdd[part], base[row] = alone.back(np.zeros(6))
-
-    W_dot = found.contact_acceleration
-    if W_dot is None:
-        W_dot = contact_acceleration(motion, found)
+    with np.errstate(all="ignore"):
+        whole = chain_solution(motion, found, "auto")
+    for name, pivots in whole.lone_pivots.items():
+        _require_inertia(name, pivots)
     return ForwardResult(
         chain=chain,
-        qdd=qdd,
-        grasp_wrench=wrenches,
-        object_acceleration=found.object_acceleration + pseudo_gravity(chain),
-        contact_acceleration=W_dot,
-        base_wrench=base,
+        qdd=whole.qdd,
+        grasp_wrench=whole.grasp_wrench,
+        object_acceleration=whole.object_acceleration,
+        contact_acceleration=whole.contact_acceleration,
+        base_wrench=whole.base_wrench,
         rank=int(regular.rank),
         mobility=chain.joint_count + 6 + chain.contact_freedom_count - int(regular.rank),
         status=status,
         condition=1.0 / float(regular.weakest_pivot),
         method=method,
     )
-
-
-def contact_acceleration(motion: ChainMotion, found: Solution) -> Array:
-    """Return W_dot = h^T (A alpha(C) + a(C) - alpha+ - g), flat (a.8)."""
-    parts = []
-    for c, arm, qdd in zip(motion.contacts, motion.holding, found.qdd, strict=True):
-        gap = shift_twist(c.offset, found.object_acceleration) + c.a - tip_acceleration(arm, qdd) - c.g
-        parts.append(gap[:3] @ c.h)
-    return concatenate(parts)

@@ -4,11 +4,14 @@ A scalar is a `float`, or an object that brings its own `sin`, `cos`, `sqrt` and
 `where` (an operation counter, a graph node). An algorithm written with these
 functions, `+ - * /` and NumPy arrays runs on all of them; it must not branch on
 a value with Python's `if`. Arrays (and lists) broadcast as NumPy's do.
+
+Loops over arms, links or grasps are words too, `each` and `scan`, so that a trace sees a loop where there is one.
 """
 
 import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterable
+from contextvars import ContextVar
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,52 +21,84 @@ Array = NDArray[Any]
 _ARRAYS = (np.ndarray, list, tuple)
 
 
+class Loops(Protocol):
+    """What takes the loops of a text: the compiler while it traces one."""
+
+    def each(self, f: Callable[..., Any], items: list[tuple[Any, ...]]) -> list[Any]:
+        """Take the place of `each`."""
+        ...
+
+    def scan(self, f: Callable[..., Any], carry: Any, items: list[tuple[Any, ...]]) -> tuple[Any, list[Any]]:
+        """Take the place of `scan`."""
+        ...
+
+
+loops: ContextVar[Loops | None] = ContextVar("loops", default=None)  # None: Python's own
+
+
+def each(f: Callable[..., Any], *items: Iterable[Any]) -> list[Any]:
+    """Return f of every item, items that do not depend on each other; several lists go side by side, as in `zip`."""
+    rows, taker = list(zip(*items, strict=True)), loops.get()
+    return [f(*row) for row in rows] if taker is None else taker.each(f, rows)
+
+
+def scan(f: Callable[..., Any], carry: Any, *items: Iterable[Any]) -> tuple[Any, list[Any]]:
+    """Return the last carry and what was found on the way: carry, found = f(carry, item), item after item."""
+    rows, taker, found = list(zip(*items, strict=True)), loops.get(), []
+    if taker is not None:
+        return taker.scan(f, carry, rows)
+    for row in rows:
+        carry, one = f(carry, *row)
+        found.append(one)
+    return carry, found
+
+
 def sin(x: Scalar) -> Scalar:
     """Return the sine of an angle in radians."""
     if isinstance(x, _ARRAYS):
-        return _each(sin, x)
+        return _entrywise(sin, x)
     return x.sin() if hasattr(x, "sin") else math.sin(x)
 
 
 def cos(x: Scalar) -> Scalar:
     """Return the cosine of an angle in radians."""
     if isinstance(x, _ARRAYS):
-        return _each(cos, x)
+        return _entrywise(cos, x)
     return x.cos() if hasattr(x, "cos") else math.cos(x)
 
 
 def sqrt(x: Scalar) -> Scalar:
     """Return the square root; not a number if x is negative."""
     if isinstance(x, _ARRAYS):
-        return _each(sqrt, x)
+        return _entrywise(sqrt, x)
     return x.sqrt() if hasattr(x, "sqrt") else math.sqrt(x) if x >= 0 else math.nan
 
 
 def reciprocal(x: Scalar) -> Scalar:
     """Return 1 / x; infinite at zero."""
     if isinstance(x, _ARRAYS):
-        return _each(reciprocal, x)
+        return _entrywise(reciprocal, x)
     return 1.0 / x if hasattr(x, "where") or x != 0 else math.inf
 
 
 def less(a: Scalar, b: Scalar) -> Scalar:
     """Return whether a < b, also of arrays of traced scalars, which Python's `<` cannot compare."""
     if isinstance(a, _ARRAYS) or isinstance(b, _ARRAYS):
-        return _each(less, a, b)
+        return _entrywise(less, a, b)
     return a < b
 
 
 def less_equal(a: Scalar, b: Scalar) -> Scalar:
     """Return whether a <= b, as `less` does."""
     if isinstance(a, _ARRAYS) or isinstance(b, _ARRAYS):
-        return _each(less_equal, a, b)
+        return _entrywise(less_equal, a, b)
     return a <= b
 
 
 def where(condition: Scalar, a: Scalar, b: Scalar) -> Scalar:
     """Return `a` if the condition holds, else `b`; both are evaluated beforehand."""
     if isinstance(a, _ARRAYS) or isinstance(b, _ARRAYS) or isinstance(condition, _ARRAYS):
-        return _each(where, condition, a, b)
+        return _entrywise(where, condition, a, b)
     return condition.where(a, b) if hasattr(condition, "where") else (a if condition else b)
 
 
@@ -77,14 +112,14 @@ def select(condition: Scalar, a: Array, b: Array) -> Array:
 def maximum(a: Scalar, b: Scalar) -> Scalar:
     """Return the larger of two."""
     if isinstance(a, _ARRAYS) or isinstance(b, _ARRAYS):
-        return _each(maximum, a, b)
+        return _entrywise(maximum, a, b)
     return where(a > b, a, b)
 
 
 def minimum(a: Scalar, b: Scalar) -> Scalar:
     """Return the smaller of two."""
     if isinstance(a, _ARRAYS) or isinstance(b, _ARRAYS):
-        return _each(minimum, a, b)
+        return _entrywise(minimum, a, b)
     return where(a < b, a, b)
 
 
@@ -99,7 +134,7 @@ def concatenate(parts: Any) -> Array:
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
-def _each(word: Callable[..., Scalar], *arguments: Any) -> Any:
+def _entrywise(word: Callable[..., Scalar], *arguments: Any) -> Any:
     """Return what a word says of every entry of its arguments, broadcast; of arrays without axes a scalar."""
     arrays = np.broadcast_arrays(*arguments)
     found = [word(*entries) for entries in zip(*(a.flat for a in arrays), strict=True)]

@@ -11,7 +11,9 @@ from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.closed.object_motion import ObjectMotion, object_motion
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.scalar import Array, Scalar, concatenate
+from holdfast.model.grasp import Grasp
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array, Scalar, concatenate, each
 from holdfast.state import Inputs, State
 
 
@@ -78,25 +80,40 @@ def chain_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -
     """
     assert inputs.base_twists is not None and inputs.base_accelerations is not None
     assert inputs.object_wrench is not None
-    gravity = pseudo_gravity(chain)
-    arms = {}
-    for i, (name, arm) in enumerate(chain.arms.items()):
-        part = chain.joints[name]
-        arms[name] = arm_motion(
-            ArmInputs(
-                arm,
-                state.q[part],
-                state.qd[part],
-                tau[part],
-                inputs.base_twists[i],
-                inputs.base_accelerations[i] - gravity,
-                None if inputs.link_wrenches is None else inputs.link_wrenches[part],
-            )
+    gravity, frame = pseudo_gravity(chain), state.object_frame
+    given = [
+        ArmInputs(
+            arm,
+            state.q[chain.joints[name]],
+            state.qd[chain.joints[name]],
+            tau[chain.joints[name]],
+            inputs.base_twists[i],
+            inputs.base_accelerations[i] - gravity,
+            None if inputs.link_wrenches is None else inputs.link_wrenches[chain.joints[name]],
         )
-    frame = state.object_frame
-    contacts = [contact(grasp, frame, state.object_twist, arms[name].tip_twist) for name, grasp in chain.grasps.items()]
+        for i, (name, arm) in enumerate(chain.arms.items())
+    ]
+    found = each(
+        lambda of_arm, grasp: arm_and_grasp(of_arm, grasp, frame, state.object_twist),
+        given,
+        [chain.grasps.get(name) for name in chain.arms],
+    )
     body = object_motion(chain.held_object, frame, state.object_twist, inputs.object_wrench)
-    return ChainMotion(chain, arms, contacts, body)
+    arms = {name: motion for name, (motion, _) in zip(chain.arms, found, strict=True)}
+    return ChainMotion(chain, arms, [held for _, held in found if held is not None], body)
+
+
+def arm_and_grasp(given: ArmInputs, grasp: Grasp | None, frame: Pose, twist: Array) -> tuple[ArmMotion, Contact | None]:
+    """Return an arm in motion, and its grasp if it has one.
+
+    Args:
+        given: what the arm is given.
+        grasp: its grasp.
+        frame: pose of the object in the world.
+        twist: (6,) of C, world axes.
+    """
+    motion = arm_motion(given)
+    return motion, None if grasp is None else contact(grasp, frame, twist, motion.tip_twist)
 
 
 def chain_at_rest(chain: ClosedChain, state: State) -> ChainMotion:

@@ -41,6 +41,11 @@ class Measurement(NamedTuple):
     most: int
     carried: bool
 
+    @property
+    def parallel(self) -> bool:
+        """Whether the filter takes the arm as a parallel sum, before the others."""
+        return self.carried and self.most >= len(self.r)
+
     def own_sizes(self) -> Array:
         """Return (rows,) the sizes of what R's diagonal was summed from."""
         return array([self.extent[0] if angular else self.extent[1] for angular in self.angular])

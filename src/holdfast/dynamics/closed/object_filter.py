@@ -16,7 +16,7 @@ rounding of a 6x6 R would let a heavy object move. No Lambda_i and no Omega need
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,10 +24,10 @@ from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored
 from holdfast.dynamics.closed.measurement import Measurement, Step, block_sizes, measurement, size_at_centre
 from holdfast.dynamics.closed.object_motion import FreeBody, acceleration_at_C
-from holdfast.dynamics.closed.rigid_step import LastStep, last_rigid_step, rigid_step
+from holdfast.dynamics.closed.rigid_step import last_rigid_step, rigid_step
 from holdfast.dynamics.closed.row_steps import row_steps
 from holdfast.dynamics.closed.tip_response import TipResponse
-from holdfast.spatial.scalar import Array, Scalar, array, maximum, minimum
+from holdfast.spatial.scalar import Array, Scalar, array, each, maximum, minimum, scan
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.spatial.symmetric import symmetric6
 
@@ -63,48 +63,63 @@ def object_filter(contacts: list[Contact], tips: list[TipResponse], body: FreeBo
         tips: those arms' answers at their tips.
         body: the object.
     """
-    about = [c.about(body.centre, body.centripetal) for c in contacts]
-    seen = [measurement(c, tip) for c, tip in zip(about, tips, strict=True)]
-    size = initial_size(body, seen)
-    parallel = [m.carried and m.most >= len(m.r) for m in seen]
-    order = sorted(range(len(contacts)), key=lambda i: not parallel[i])
-
-    x, P = body.acceleration, body.mobility.dense()
-    alpha = x
-    factors: FactoredMobility | None = FactoredMobility(body.D, body.w)
-    steps: list[Step] = []
-    wrenches: list[Array] = [body.wrench] * len(contacts)
-    turn: LastStep | None = None
-    for i in order:
-        m = seen[i]
-        if not parallel[i]:
-            x, factors, step = row_steps(x, factors or factored(P, by_rows(size)), m, size)
-        elif i == order[-1]:
-            turn = last_rigid_step(x, P, m, size, body.wrench)
-            step = Step(lambda s, end=turn: end.wrench, turn.kept, turn.weakest)
-            factors = None
-        else:
-            x, P, step = rigid_step(x, P, m, size)
-            size, factors = minimum(size, size_at_centre(m.extent)), None
-        steps.append(step)
-    if turn is not None:
-        alpha, P = turn.acceleration, turn.mobility
-    elif factors is not None:
-        alpha, P = x + factors.apply(body.wrench), factors.dense()
-
-    s = body.wrench
-    for i, step in reversed(list(zip(order, steps, strict=True))):
-        from_arm = step.back(s)
-        s = s + from_arm
-        wrenches[i] = contacts[i].transmissible(shift_wrench(-about[i].offset, from_arm))
-
+    about = each(lambda c: c.about(body.centre, body.centripetal), contacts)
+    seen = each(measurement, about, tips)
+    first = [i for i, m in enumerate(seen) if m.parallel]
+    then = [i for i, m in enumerate(seen) if not m.parallel]
+    size = initial_size(body, [seen[i] for i in [*first, *then]])
+    last = first.pop() if first and not then else None
     freedoms = sum(len(c.grasp.free) for c in contacts)
-    rank = sum((step.kept for step in steps), start=freedoms)
-    weakest: Scalar = 1.0
-    for step in steps:
-        weakest = minimum(weakest, step.weakest)
+    dense = body.mobility.dense() if first or last is not None else None
+    (x, P, size, kept, weakest), sums = scan(
+        rigid_arm, (body.acceleration, dense, size, freedoms, 1.0), [seen[i] for i in first]
+    )
+    if last is not None:
+        (end,) = each(lambda m: last_rigid_step(x, P, m, size, body.wrench), [seen[last]])
+        alpha, P, kept, weakest = end.acceleration, end.mobility, kept + end.kept, minimum(weakest, end.weakest)
+        s, rows, from_rows = body.wrench + end.wrench, [], [end.wrench]
+    else:
+        (factors,) = each(factored, [P], [by_rows(size)]) if first else [FactoredMobility(body.D, body.w)]
+        (x, factors, kept, weakest), rows = scan(
+            lambda carry, m: arm_by_rows(carry, m, size), (x, factors, kept, weakest), [seen[i] for i in then]
+        )
+        alpha, P = x + factors.apply(body.wrench), factors.dense()
+        s, from_rows = scan(back, body.wrench, rows[::-1])
+    s, from_sums = scan(back, s, sums[::-1])
+
+    order = [*first, *([] if last is None else [last]), *then]
+    found = dict(zip(order, [*from_sums[::-1], *from_rows[::-1]], strict=True))
+    wrenches = each(wrench_at_contact, about, [found[i] for i in range(len(contacts))])
     mobility = symmetric6(P).mobility_shifted(-body.centre).dense()
-    return ObjectSolution(wrenches, acceleration_at_C(body.centre, body.centripetal, alpha), mobility, rank, weakest)
+    return ObjectSolution(wrenches, acceleration_at_C(body.centre, body.centripetal, alpha), mobility, kept, weakest)
+
+
+def rigid_arm(carry: tuple[Array, Array, Array, Scalar, Scalar], m: Measurement) -> tuple[tuple[Any, ...], Step]:
+    """Return the filter after an arm taken as a parallel sum, and its step back."""
+    x, P, size, kept, weakest = carry
+    x, P, step = rigid_step(x, P, m, size)
+    size = minimum(size, size_at_centre(m.extent))
+    return (x, P, size, kept + step.kept, minimum(weakest, step.weakest)), step
+
+
+def arm_by_rows(
+    carry: tuple[Array, FactoredMobility, Scalar, Scalar], m: Measurement, size: Array
+) -> tuple[tuple[Any, ...], Step]:
+    """Return the filter after an arm taken by its rows, and its step back."""
+    x, P, kept, weakest = carry
+    x, P, step = row_steps(x, P, m, size)
+    return (x, P, kept + step.kept, minimum(weakest, step.weakest)), step
+
+
+def back(s: Array, step: Step) -> tuple[Array, Array]:
+    """Return the wrench at G of everything behind an arm and of the arm itself, and the arm's own."""
+    from_arm = step.back(s)
+    return s + from_arm, from_arm
+
+
+def wrench_at_contact(about: Contact, from_arm: Array) -> Array:
+    """Return an arm's wrench about its contact point, free moments taken as exactly 0, (6,)."""
+    return about.transmissible(shift_wrench(-about.offset, from_arm))
 
 
 def initial_size(body: FreeBody, seen: list[Measurement]) -> Array:
@@ -112,10 +127,10 @@ def initial_size(body: FreeBody, seen: list[Measurement]) -> Array:
 
     What the arms leave of a light object's mobility is of the size of their own, so it counts as no more.
     """
-    most = LEAST_MOBILE * own_size(body)  # sliding joints do not turn at all
-    for m in seen:
-        most = maximum(most, size_at_centre(m.extent))
-    return minimum(own_size(body), most)
+    own = own_size(body)
+    least = LEAST_MOBILE * own  # sliding joints do not turn at all
+    most, _ = scan(lambda size, m: (maximum(size, size_at_centre(m.extent)), None), least, seen)
+    return minimum(own, most)
 
 
 def own_size(body: FreeBody) -> Array:

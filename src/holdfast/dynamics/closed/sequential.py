@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
 from holdfast.dynamics.closed.object_filter import object_filter
-from holdfast.dynamics.closed.tip_response import Route, tip_response
+from holdfast.dynamics.closed.tip_response import Route, responded, tip_response
+from holdfast.spatial.scalar import each
 
 
 def sequential(motion: ChainMotion, route: Route = "auto") -> Solution:
@@ -18,9 +19,9 @@ def sequential(motion: ChainMotion, route: Route = "auto") -> Solution:
         motion: the chain in motion.
         route: how each arm answers at its tip.
     """
-    tips = [tip_response(arm, route) for arm in motion.holding]
+    tips = each(lambda arm: tip_response(arm, route), motion.holding)
     found = object_filter(motion.contacts, tips, motion.body.free)
-    back = [tip.back(f) for tip, f in zip(tips, found.wrenches, strict=True)]
+    back = each(responded, tips, found.wrenches)
     return Solution(
         qdd=[qdd for qdd, _ in back],
         wrenches=found.wrenches,

@@ -21,7 +21,7 @@ from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.arm.motion import ArmMotion
 from holdfast.dynamics.arm.tip_mobility import tip_mobility
 from holdfast.spatial.linalg import back_substitution, cholesky, forward_substitution
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, Scalar, concatenate, maximum, where
 from holdfast.spatial.spatial_vector import rotate, shift_wrench, unrotate
 from holdfast.spatial.symmetric import Symmetric6, symmetric6
 
@@ -29,6 +29,8 @@ Route = Literal["recursive", "mass_matrix", "auto"]
 
 # docs/operation_counts.md (make counts): the recursion is cheaper from here on.
 RECURSION_PAYS_FROM = 18
+
+NO_INERTIA = 1e-14  # of the arm's largest articulated inertia: what is left is rounding
 
 
 class TipResponse(NamedTuple):
@@ -90,3 +92,18 @@ def by_mass_matrix(motion: ArmMotion) -> TipResponse:
 
     pivots = np.diag(L) * np.diag(L)
     return TipResponse(symmetric6(X.T @ X), x @ X + motion.bias.tip_acceleration, pivots, back, arm.length)
+
+
+def responded(tip: TipResponse, f: Array) -> tuple[Array, Array]:
+    """Return qdd (N,) and the base's wrench on the arm under a wrench f of the arm on the object.
+
+    The accelerations are not-a-number where the arm's mass matrix is singular.
+    """
+    qdd, base = tip.back(f)
+    largest: Scalar = 0.0
+    for pivot in tip.pivots:
+        largest = maximum(largest, pivot)
+    first = qdd[0]
+    for pivot in tip.pivots:
+        first = where(pivot > NO_INERTIA * largest, first, float("nan"))
+    return concatenate([[first], qdd[1:]]), base

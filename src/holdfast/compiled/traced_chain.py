@@ -1,0 +1,107 @@
+"""A chain whose run-time numbers are traced: what the texts of `dynamics` are run on to learn what they compute."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from holdfast.compiled.arm_stages import BASE_MOTION
+from holdfast.compiled.folded import with_constants
+from holdfast.compiled.object_stages import unit_pose
+from holdfast.compiled.structure import Structure
+from holdfast.compiler.composition import Composition
+from holdfast.compiler.derivation import derived
+from holdfast.compiler.node import Node
+from holdfast.compiler.schedule import External, Schedule
+from holdfast.dynamics.arm.regrouping import regrouped
+from holdfast.model.arm import Arm
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.held_object import HeldObject
+from holdfast.model.link import Link
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array, Scalar, loops
+from holdfast.state import Inputs, State
+
+Given = Mapping[str, Array]  # the caller's arrays, traced
+
+
+def traced(
+    externals: Mapping[str, External],
+    text: Callable[[Given], Mapping[str, Any]],
+    status: str | None = None,
+    guarded: tuple[str, ...] = (),
+) -> Schedule:
+    """Return the schedule of a text that is given the caller's arrays and returns the outputs by name."""
+    composition = Composition()
+    given: dict[str, Array] = {}
+    numbers: dict[str, tuple[Node, ...]] = {}
+    for name, external in externals.items():
+        if external.role != "output":
+            numbers[name] = tuple([composition.graph.input() for _ in range(external.size)])
+            entries = np.empty(external.size, dtype=object)
+            entries[:] = numbers[name]
+            given[name] = entries.reshape(external.shape)
+            if external.role == "parameter":
+                composition.parameters.update(numbers[name])
+    token = loops.set(composition)
+    try:
+        with np.errstate(all="ignore"):  # constants may overflow or vanish; what comes of it is the program's
+            found = text(given)
+    finally:
+        loops.reset(token)
+    outputs = {name: list(np.asarray(found[name], dtype=object).flat) for name, e in externals.items() if name in found}
+    assert all(len(x) == math.prod(externals[name].shape) for name, x in outputs.items())
+    return derived(composition, externals, numbers, outputs, status, guarded)
+
+
+def traced_chain(structure: Structure, given: Given) -> ClosedChain:
+    """Return the chain with its run-time parameters in place; what is not given does not matter."""
+    chain, links = structure.chain, structure.options.link_inertia
+    arms = {}
+    for i, (name, arm) in enumerate(chain.arms.items()):
+        made = _with_links(arm, given, chain.joints[name]) if links else regrouped(with_constants(arm))
+        arms[name] = replace(made, base=_pose(given, "base", i), name="")
+    grasps = {
+        name: replace(grasp, frame=_pose(given, "grasp", i)) for i, (name, grasp) in enumerate(chain.grasps.items())
+    }
+    body = chain.held_object
+    if "object_mass" in given:
+        mass: Scalar = given["object_mass"][()]
+        body = HeldObject(mass, given["object_inertia"], given["object_com"], physical=False)
+    other = object.__new__(ClosedChain)
+    gravity = given.get("gravity", np.zeros(3))
+    other.__dict__.update(arms=arms, held_object=body, grasps=grasps, gravity=gravity)
+    return other
+
+
+def traced_state(chain: ClosedChain, given: Given) -> State:
+    """Return the state; its object's frame is not-a-number if the quaternion is not of unit length."""
+    n, none = chain.joint_count, np.zeros(6)
+    q = given["q"]
+    twist = given.get("object_twist", none)
+    state = State(q, given.get("qd", np.zeros(n)), given["object_pose"], twist)
+    state.__dict__["object_frame"] = unit_pose(given["object_pose"], twist[3:])
+    return state
+
+
+def traced_inputs(chain: ClosedChain, given: Given) -> Inputs:
+    """Return what acts on the chain besides torques."""
+    still = np.zeros((len(chain.arms), 6))
+    twists, accelerations = (given.get(name, still) for name in BASE_MOTION)
+    return Inputs(given["object_wrench"], given.get("link_wrench"), twists, accelerations)
+
+
+def _pose(given: Given, what: str, i: int) -> Pose:
+    R, p = given.get(f"{what}_R"), given.get(f"{what}_p")
+    return Pose.unchecked(np.eye(3) if R is None else R[i], np.zeros(3) if p is None else p[i])
+
+
+def _with_links(arm: Arm, given: Given, joints: slice) -> Arm:
+    """Return the arm with links whose inertias are parameters."""
+    rows = zip(given["link_mass"][joints], given["link_com"][joints], given["link_inertia"][joints], strict=True)
+    links = [replace(Link(0.0, com, I, physical=False), mass=m) for m, com, I in rows]
+    return replace(with_constants(arm), links=tuple(links))

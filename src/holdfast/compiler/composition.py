@@ -1,0 +1,352 @@
+"""A text with loops, traced: which regions run for which items, in which order, and what lies between.
+
+`each` traces one item of each type; the others run the same region. What a loop returns for an item are images of
+the region's numbers. A later loop over the same items goes on in their regions, whatever it closes over; a region is
+left where a number of it is needed outside, and gone on with in another phase. What is computed between loops is the
+glue, cut into phases likewise. Loops inside a region are written out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from itertools import repeat
+from typing import Any
+
+from holdfast.compiler.graph import Graph
+from holdfast.compiler.node import Node
+from holdfast.compiler.region import (
+    Classes,
+    Group,
+    Origin,
+    Outside,
+    Region,
+    Scan,
+    Source,
+    Step,
+    Taken,
+    Traversal,
+    Turns,
+)
+from holdfast.compiler.values import Leaf, Values, numbers_of, with_numbers
+
+
+class Composition:
+    """A text being traced.
+
+    Attributes:
+        graph: the glue's.
+        parameters: inputs of the glue that seldom change.
+        origins: of images.
+        groups: in order of their making.
+        steps: the calls so far.
+        scans: all scans.
+    """
+
+    def __init__(self) -> None:
+        self.graph = Graph()
+        self.parameters: set[Node] = set()
+        self.origins: dict[Node, Origin] = {}
+        self._outside = Outside(self.graph, self.origins)
+        self.groups: list[Group] = []
+        self.steps: list[Step] = []
+        self.scans: list[Scan] = []
+        self._values = Values()
+        self._regions: dict[Hashable, Region] = {}
+        self._settled: set[Node] = set()
+        self._constant: dict[Node, bool] = {}
+        self._inside = False
+
+    # ---- loops ----
+
+    def each(self, f: Callable[..., Any], items: list[tuple[Any, ...]]) -> list[Any]:
+        """Return what `each` does, its regions traced."""
+        if self._inside or not items:
+            return [f(*x) for x in items]
+        flat = [self._values.leaves((x, f)) for x in items]
+        found: list[Any] = [None] * len(items)
+        left = set(range(len(items)))
+        for group, places in self._homes(flat, scanned=False).items():
+            signs = {(flat[j][1], self._signature(flat[j][0], group, i)) for i, j in places.items()}
+            if len(places) == group.count and len(signs) == 1:
+                order = [places[i] for i in range(group.count)]
+                left -= set(order)
+                self._go_on(group, f, [items[j] for j in order], [flat[j] for j in order], found, order)
+        by_type: dict[Hashable, list[int]] = {}
+        for j in sorted(left):
+            by_type.setdefault(flat[j][1], []).append(j)
+        for key, order in by_type.items():
+            group = self._group(f, ("each", key), len(order), None)
+            self._go_on(group, f, [items[j] for j in order], [flat[j] for j in order], found, order)
+        return found
+
+    def _go_on(
+        self,
+        group: Group,
+        f: Callable[..., Any],
+        items: Sequence[Any],
+        flat: Sequence[tuple[list[Leaf], Hashable]],
+        found: list[Any],
+        order: Sequence[int],
+    ) -> None:
+        """Run the text for all items of a group, the region where it is."""
+        done = self._traversal(group.region, group, 0, f, items[0], flat[0])
+        group.region = done.after
+        self._give(group, done.ports, [leaves for leaves, _ in flat])
+        for i, j in enumerate(order):
+            found[j] = self._values.replaced(done.value, repeat(group.images[i]))
+
+    def scan(self, f: Callable[..., Any], carry: Any, items: list[tuple[Any, ...]]) -> tuple[Any, list[Any]]:
+        """Return what `scan` does, its regions traced."""
+        if self._inside or not items:
+            found = []
+            for x in items:
+                carry, one = f(carry, *x)
+                found.append(one)
+            return carry, found
+        flat = [self._values.leaves((x, f)) for x in items]
+        homes = self._all_again(flat)
+        plan, kept = self._plan(f, carry, items, flat, homes)
+        turns, order = self._order(f, plan, flat, homes)
+        if turns.open:
+            self._call_turns(turns)
+        first = _once(numbers_of(carry), kept[0][0])
+        self._settle([x for x in first if isinstance(x, Node)])
+        scan = Scan(first, tuple((g, i, t) for (g, i), t in zip(order, plan, strict=True)), kept)
+        self.scans.append(scan)
+        rows: dict[Group, list[tuple[int, int]]] = {}
+        for j, (group, i) in enumerate(order):
+            rows.setdefault(group, []).append((i, j))
+        for group, pairs in rows.items():
+            done = plan[pairs[0][1]]
+            group.region = done.after
+            self._give(group, done.ports, [flat[j][0] for _, j in sorted(pairs)])
+            group.take(Source(done.carried, group.done + 1, None, scan))
+        turns.open = list(order)
+        group, i = order[-1]
+        images = group.images[i]
+        last = with_numbers(plan[-1].carry, lambda x: images[x] if isinstance(x, Node) else x)
+        found = [self._values.replaced(t.value, repeat(g.images[i])) for (g, i), t in zip(order, plan, strict=True)]
+        return last, found
+
+    def _plan(
+        self,
+        f: Callable[..., Any],
+        carry: Any,
+        items: Sequence[Any],
+        flat: Sequence[tuple[list[Leaf], Hashable]],
+        homes: Sequence[tuple[Group, int]] | None,
+    ) -> tuple[list[Traversal], tuple[tuple[Classes, Hashable], ...]]:
+        """Return what every item does, and what of the carry it is handed; the last one's follows.
+
+        Numbers of the carry that are one and the same for some items may be several for others: what they have in
+        common is found by going through the items until nothing changes.
+        """
+        shape = self._shape(carry)
+        classes: dict[Hashable, Classes] = {shape: _classes(numbers_of(carry))}
+        while True:
+            at, handed, plan, kept = shape, carry, [], []
+            for j, x in enumerate(items):
+                region = homes[j][0].region if homes else self._region(("scan", flat[j][1]))
+                group, i = homes[j] if homes else (None, 0)
+                done = self._traversal(region, group, i, f, x, flat[j], (handed, classes[at], at))
+                plan.append(done)
+                kept.append((classes[at], at))
+                handed, at = done.carry, self._shape(done.carry)
+                seen = _classes(numbers_of(handed))
+                known = classes.get(at)
+                classes[at] = seen if known is None else _classes(list(zip(known, seen, strict=True)))
+                if known is not None and classes[at] != known:
+                    break
+            else:
+                return plan, (*kept, (classes[at], at))
+
+    def _order(
+        self,
+        f: Callable[..., Any],
+        plan: Sequence[Traversal],
+        flat: Sequence[tuple[list[Leaf], Hashable]],
+        homes: Sequence[tuple[Group, int]] | None,
+    ) -> tuple[Turns, list[tuple[Group, int]]]:
+        """Return the groups' turns, and every item's group and place in it."""
+        if homes:
+            turns = homes[0][0].turns
+            assert turns is not None
+            return turns, list(homes)
+        turns = Turns()
+        counts: dict[int, int] = {}
+        for t in plan:
+            counts[id(t)] = counts.get(id(t), 0) + 1
+        groups: dict[int, Group] = {}
+        order = []
+        for j, t in enumerate(plan):
+            if id(t) not in groups:
+                groups[id(t)] = self._group(f, ("scan", flat[j][1]), counts[id(t)], turns)
+                counts[id(t)] = 0
+            order.append((groups[id(t)], counts[id(t)]))
+            counts[id(t)] += 1
+        return turns, order
+
+    def _all_again(self, flat: Sequence[tuple[list[Leaf], Hashable]]) -> list[tuple[Group, int]] | None:
+        """Return the homes of items that are all those of an earlier scan, in any order; None otherwise."""
+        homes = self._homes(flat, scanned=True)
+        turns = {group.turns for group in homes}
+        if len(turns) != 1 or sum(map(len, homes.values())) != len(flat):
+            return None
+        if any(len(places) != group.count for group, places in homes.items()):
+            return None
+        known = {group for group in self.groups if group.turns in turns}
+        signs = {g: {(flat[j][1], self._signature(flat[j][0], g, i)) for i, j in p.items()} for g, p in homes.items()}
+        if known != set(homes) or any(len(of_one) != 1 for of_one in signs.values()):
+            return None
+        found = {j: (group, i) for group, places in homes.items() for i, j in places.items()}
+        return [found[j] for j in range(len(flat))]
+
+    # ---- regions ----
+
+    def _homes(self, flat: Sequence[tuple[list[Leaf], Hashable]], scanned: bool) -> dict[Group, dict[int, int]]:
+        """Return which item each item was of which group, by the first of its numbers that is an image."""
+        homes: dict[Group, dict[int, int]] = {}
+        for j, (leaves, _) in enumerate(flat):
+            origins = (self.origins.get(node) for leaf in leaves for node in leaf)
+            origin = next((o for o in origins if o is not None and (o.group.turns is not None) == scanned), None)
+            if origin is not None:
+                homes.setdefault(origin.group, {})[origin.item] = j
+        return homes
+
+    def _signature(self, leaves: Sequence[Leaf], group: Group | None, item: int) -> tuple[tuple[int, ...], ...]:
+        """Return which numbers of an item are its region's own."""
+        return tuple([tuple([self._own(node, group, item) for node in leaf]) for leaf in leaves])
+
+    def _own(self, node: Node, group: Group | None, item: int) -> int:
+        origin = self.origins.get(node)
+        if origin is None or origin.group is not group or origin.item != item:
+            return -1
+        return origin.node.serial
+
+    def _region(self, key: Hashable) -> Region:
+        return self._regions.setdefault(key, Region(Graph()))
+
+    def _group(self, f: Callable[..., Any], key: Hashable, count: int, turns: Turns | None) -> Group:
+        name = f"{getattr(f, '__name__', type(f).__name__).strip('<>_')}{len(self.groups)}"
+        group = Group(self._outside, name, self._region(key), count, turns)
+        self.groups.append(group)
+        return group
+
+    def _traversal(
+        self,
+        region: Region,
+        group: Group | None,
+        item: int,
+        f: Callable[..., Any],
+        x: Any,
+        flat: tuple[list[Leaf], Hashable],
+        carry: tuple[Any, Classes, Hashable] | None = None,
+    ) -> Traversal:
+        """Return what the text does in a region, traced if it was not done there before."""
+        leaves, key = flat
+        signature = self._signature(leaves, group, item)
+        what = (key, signature, carry and carry[1:])
+        if what in region.further:
+            return region.further[what]
+        graph, ports, numbers = region.graph, [], []
+        for k, (leaf, own) in enumerate(zip(leaves, signature, strict=True)):
+            places = tuple([p for p, serial in enumerate(own) if serial < 0])
+            inputs = tuple([graph.input() for _ in places])
+            if inputs:
+                ports.append(Taken(inputs, k, places))
+            new = iter(inputs)
+            numbers.append(
+                {n: next(new) if serial < 0 else graph.nodes[serial] for n, serial in zip(leaf, own, strict=True)}
+            )
+        args, text = self._values.replaced((x, f), numbers)
+        handed: tuple[Any, ...] = ()
+        carried: Leaf = ()
+        if carry is not None:
+            carried = tuple([graph.input() for _ in range(max(carry[1], default=-1) + 1)])
+            places = iter(carry[1])
+            handed = (with_numbers(carry[0], lambda _: carried[next(places)]),)
+        self._inside = True
+        try:
+            value = text(*handed, *args)
+        finally:
+            self._inside = False
+        handed_on = None
+        if carry is not None:
+            handed_on, value = value
+        done = Traversal(value, tuple(ports), handed_on, carried, Region(graph))
+        region.further[what] = done
+        return done
+
+    def _shape(self, carry: Any) -> Hashable:
+        return self._values.leaves(with_numbers(carry, lambda _: None))[1]
+
+    # ---- order ----
+
+    def _give(self, group: Group, ports: Sequence[Taken], leaves: Sequence[Sequence[Leaf]]) -> None:
+        """Give the group's region what it takes, item by item."""
+        given = []
+        for port in ports:
+            numbers = tuple([tuple([of_one[port.leaf][p] for p in port.places]) for of_one in leaves])
+            self._settle([node for of_one in numbers for node in of_one])
+            given.append((port, numbers))
+        for port, numbers in given:  # what they are made of may have closed a phase of this very group
+            known = all(self.constant(node) for of_one in numbers for node in of_one)
+            group.take(Source(port.inputs, 0 if known else group.done + 1, numbers))
+
+    def constant(self, node: Node) -> bool:
+        """Return whether a number outside depends on parameters only."""
+        known = self._constant.get(node)
+        if known is None:
+            known = node in self.parameters if node.kind == "input" else all(map(self.constant, node.args))
+            self._constant[node] = known
+        return known
+
+    def _settle(self, nodes: Sequence[Node]) -> None:
+        """Call what computes the images that numbers outside are made of."""
+        waiting = list(nodes)
+        while waiting:
+            node = waiting.pop()
+            if node in self._settled:
+                continue
+            self._settled.add(node)
+            waiting += node.args
+            origin = self.origins.get(node)
+            if origin is not None and origin.group.phase(origin.node) > origin.group.done:
+                self._call(origin.group)
+
+    def finish(self, nodes: Sequence[Node]) -> None:
+        """Call what computes the results."""
+        self._settle(nodes)
+
+    def _call(self, group: Group) -> None:
+        if group.turns is not None:
+            self._call_turns(group.turns)
+            return
+        group.done += 1
+        self.steps.append(Step(group, group.done, tuple(range(group.count))))
+
+    def _call_turns(self, turns: Turns) -> None:
+        """Call the items of a scan in their order, those of one group that follow each other at once."""
+        order, turns.open = turns.open, []
+        runs: list[tuple[Group, list[int]]] = []
+        for group, item in order:
+            if not runs or runs[-1][0] is not group:
+                runs.append((group, []))
+            runs[-1][1].append(item)
+        for group in {group for group, _ in runs}:
+            group.done += 1
+        self.steps += [Step(group, group.done, tuple(items)) for group, items in runs]
+
+
+def _classes(numbers: Sequence[Any]) -> Classes:
+    """Return for every number the place of the first that is the same."""
+    found: dict[Hashable, int] = {}
+    return tuple([found.setdefault(x if isinstance(x, Node | tuple) else float(x).hex(), len(found)) for x in numbers])
+
+
+def _once(numbers: Sequence[Any], classes: Classes) -> tuple[Any, ...]:
+    """Return the first number of each class."""
+    found: dict[int, Any] = {}
+    for x, which in zip(numbers, classes, strict=True):
+        found.setdefault(which, x)
+    return tuple([found[which] for which in range(len(found))])

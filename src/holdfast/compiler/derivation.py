@@ -1,0 +1,343 @@
+"""The schedule of a traced composition: arrays, wires, phases and calls follow from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from holdfast.compiler.composition import Composition
+from holdfast.compiler.graph import SERIAL
+from holdfast.compiler.needed import Needed, first_of_each
+from holdfast.compiler.node import Node
+from holdfast.compiler.placement import Ports, Stages, as_node, inputs_of
+from holdfast.compiler.region import Group, Origin, Scan, Source
+from holdfast.compiler.schedule import Call, External, Internal, Schedule, Wire
+from holdfast.compiler.schedule import Group as Placed
+from holdfast.compiler.values import Leaf, numbers_of
+
+GLUE = "glue"
+
+
+class Put(NamedTuple):
+    """Numbers that the glue writes.
+
+    Attributes:
+        numbers: in the glue.
+        array: where to,
+        place: from which item on (of an external array: from which number).
+    """
+
+    numbers: Leaf
+    array: str
+    place: int
+
+
+class Derivation:
+    """Collects the arrays and ports of a composition's schedule."""
+
+    def __init__(self, traced: Composition, externals: Mapping[str, External], given: Mapping[str, Leaf]) -> None:
+        """Take what was traced.
+
+        Args:
+            traced: the composition, finished.
+            externals: the caller's arrays.
+            given: the numbers of those that are not outputs, in the glue.
+        """
+        self.traced, self.externals, self.given = traced, externals, given
+        self.place_of = {node: (name, k) for name, nodes in given.items() for k, node in enumerate(nodes)}
+        self.internals: dict[str, Internal] = {}
+        self.ports = {group: Ports() for group in traced.groups}
+        self.glue = Ports()
+        self.puts: list[Put] = []
+        self.needed = Needed(traced)
+        self._arrays: dict[object, str] = {}
+        self.stages = Stages()
+        self._ready: dict[Node, int] = {}
+        self._last = {(step.group, step.phase): k for k, step in enumerate(traced.steps)}
+
+    # ---- what the regions are given ----
+
+    def regions(self) -> None:
+        """Wire all that regions take and need, carries included."""
+        for k, scan in enumerate(self.traced.scans):
+            self._carry(f"carry{k}", scan)
+        for group in self.traced.groups:
+            for source in group.sources:
+                places = [k for k, node in enumerate(source.inputs) if node in self.needed.inputs[group]]
+                if source.numbers is not None and places:
+                    self._take(group, source, places)
+
+    def _take(self, group: Group, source: Source, places: Sequence[int]) -> None:
+        """Wire a port, or the numbers of it that are needed."""
+        assert source.numbers is not None
+        inputs, wire = source.inputs, self._external(source.numbers)
+        if wire is None:
+            inputs = tuple([source.inputs[k] for k in places])
+            numbers = tuple([tuple([of_one[k] for k in places]) for of_one in source.numbers])
+            wire = self._external(numbers) or self._image(group, numbers) or self._glued(numbers)
+        self.ports[group].given.append((source.phase, inputs, wire))
+
+    def _external(self, numbers: tuple[Leaf, ...]) -> Wire | None:
+        """Return the wire to an array of the caller's, if every item's numbers are neighbours there."""
+        names, places = set(), []
+        for of_one in numbers:
+            at = [self.place_of.get(node) for node in of_one]
+            if None in at:
+                return None
+            (name, start), *_ = at  # type: ignore[misc]
+            if at != [(name, start + k) for k in range(len(at))]:
+                return None
+            names.add(name)
+            places.append(start)
+        return Wire(names.pop(), tuple(places)) if len(names) == 1 else None
+
+    def _image(self, group: Group, numbers: tuple[Leaf, ...]) -> Wire | None:
+        """Return the wire to what other groups return, if every item's numbers are all from one item of one group."""
+        found = [self._origin(of_one) for of_one in numbers]
+        if any(one is None for one in found):
+            return None
+        origins = [one for one in found if one is not None]
+        makers = {maker for maker, _, _ in origins}
+        if len(makers) == 1 and len({nodes for _, _, nodes in origins}) == 1:
+            (maker, _, nodes), items = origins[0], tuple([i for _, i, _ in origins])
+            alike = items == tuple(range(maker.count)) and group.count == maker.count
+            if not _wide(maker) and (not _wide(group) or len(set(items)) == 1 or alike):
+                return Wire(self._returned(maker, nodes), items)
+            if _wide(maker) and (not _wide(group) or alike):
+                return Wire(self._returned(maker, nodes), items)
+        if any(_wide(maker) for maker in makers):
+            return None
+        return self._gathered(origins)
+
+    def _origin(self, numbers: Leaf) -> tuple[Group, int, Leaf] | None:
+        """Return the group and item that numbers are all images of, and which of its own they are."""
+        origins = [self.traced.origins.get(node) for node in numbers]
+        if None in origins or len({(o.group, o.item) for o in origins}) > 1:  # type: ignore[union-attr]
+            return None
+        first: Origin = origins[0]  # type: ignore[assignment]
+        return first.group, first.item, tuple([o.node for o in origins])  # type: ignore[union-attr]
+
+    def _gathered(self, origins: Sequence[tuple[Group, int, Leaf]]) -> Wire | None:
+        """Return the wire to an array that several groups, or one in another order, write item by item."""
+        wanted: dict[tuple[Group, Leaf], dict[int, int]] = {}
+        for place, (maker, item, nodes) in enumerate(origins):
+            wanted.setdefault((maker, nodes), {})[item] = place
+        whole = all(len(places) == maker.count for (maker, _), places in wanted.items())
+        if not whole or sum(map(len, wanted.values())) != len(origins):
+            return None
+        key = tuple([(maker.name, item, nodes) for maker, item, nodes in origins])
+        if key not in self._arrays:
+            name = self._arrays[key] = f"gathered{len(self._arrays)}"
+            self.internals[name] = Internal(len(origins), len(origins[0][2]))
+            for (maker, nodes), places in wanted.items():
+                self._return(maker, nodes, Wire(name, tuple([places[i] for i in range(maker.count)])))
+        return Wire(self._arrays[key], tuple(range(len(origins))))
+
+    def _returned(self, maker: Group, nodes: Leaf) -> str:
+        """Return the array of numbers that a group returns, with a place for each of its items."""
+        key = (maker.name, nodes)
+        if key not in self._arrays:
+            name = self._arrays[key] = f"{maker.name}.{len(self._arrays)}"
+            self.internals[name] = Internal(maker.count, len(nodes))
+            self._return(maker, nodes, Wire(name, tuple(range(maker.count))))
+        return self._arrays[key]
+
+    def _return(self, maker: Group, nodes: Leaf, wire: Wire, phase: int | None = None) -> None:
+        known = max([1, *map(maker.phase, nodes)]) if phase is None else phase
+        self.ports[maker].returned.append((known, nodes, wire))
+
+    def _glued(self, numbers: tuple[Leaf, ...]) -> Wire:
+        """Return the wire to an array that the glue writes."""
+        same = len(set(numbers)) == 1
+        items = numbers[:1] if same else numbers
+        if items not in self._arrays:
+            name = self._arrays[items] = f"{GLUE}{len(self._arrays)}"
+            self.internals[name] = Internal(len(items), len(numbers[0]))
+            self.puts += [Put(of_one, name, i) for i, of_one in enumerate(items)]
+        return Wire(self._arrays[items], (0,) * len(numbers) if same else tuple(range(len(numbers))))
+
+    def _carry(self, name: str, scan: Scan) -> None:
+        """Wire what a scan hands on from item to item, as far as it is needed."""
+        names: dict[object, str] = {}
+        needed: dict[object, list[int]] = {}
+        for k, (group, _, _) in enumerate(scan.order):
+            inputs = scan.source(group).inputs
+            needed[scan.kept[k]] = [c for c, node in enumerate(inputs) if node in self.needed.inputs[group]]
+        for kept, classes in needed.items():
+            if classes:
+                names[kept] = f"{name}.{len(names)}"
+                self.internals[names[kept]] = Internal(len(scan.kept), len(classes))
+        taken: dict[Group, dict[int, int]] = {}
+        handed: dict[tuple[Group, Leaf, str], dict[int, int]] = {}
+        for k, (group, item, done) in enumerate(scan.order):
+            taken.setdefault(group, {})[item] = k
+            kept = scan.kept[k + 1]
+            if kept in names and not (k == len(scan.order) - 1 and group.count == 1):
+                numbers = first_of_each(numbers_of(done.carry), kept[0])
+                nodes = tuple([as_node(group.region.graph, numbers[c]) for c in needed[kept]])
+                handed.setdefault((group, nodes, names[kept]), {})[item] = k + 1
+        for group, places in taken.items():
+            source, kept = scan.source(group), scan.kept[places[0]]
+            if kept in names:
+                wire = Wire(names[kept], tuple([places[i] for i in range(group.count)]))
+                inputs = tuple([source.inputs[c] for c in needed[kept]])
+                self.ports[group].given.append((source.phase, inputs, wire))
+        for (group, nodes, array), places in handed.items():
+            assert len(places) == group.count, "all items of a group hand on alike"
+            wire = Wire(array, tuple([places[i] for i in range(group.count)]))
+            self._return(group, nodes, wire, scan.source(group).phase)
+        if scan.kept[0] in names:
+            first = tuple([as_node(self.traced.graph, scan.first[c]) for c in needed[scan.kept[0]]])
+            self.puts.append(Put(first, names[scan.kept[0]], 0))
+
+    # ---- results ----
+
+    def results(self, found: Mapping[str, Sequence[Any]]) -> None:
+        """Wire the results, straight from the groups that return them where that is possible."""
+        for name, numbers in found.items():
+            runs = _runs([self.traced.origins.get(x) if isinstance(x, Node) else None for x in numbers])
+            of_group: dict[Group, dict[int, tuple[int, Leaf]]] = {}
+            several: set[Group] = set()
+            for start, nodes, origin in runs:
+                if origin is not None:
+                    places = of_group.setdefault(origin.group, {})
+                    if origin.item in places or len(set(nodes)) < len(nodes):
+                        several.add(origin.group)
+                    places[origin.item] = (start, nodes)
+            straight = set()
+            for group, places in of_group.items():
+                alike = {nodes for _, nodes in places.values()}
+                if group not in several and len(places) == group.count and len(alike) == 1:
+                    straight.add(group)
+                    wire = Wire(name, tuple([places[i][0] for i in range(group.count)]))
+                    self._return(group, alike.pop(), wire)
+            for start, nodes, origin in runs:
+                if origin is None or origin.group not in straight:
+                    there = tuple([as_node(self.traced.graph, x) for x in numbers[start : start + len(nodes)]])
+                    self.puts.append(Put(there, name, start))
+
+    # ---- the glue ----
+
+    def glued(self) -> list[int]:
+        """Wire the glue; return before which steps it is called."""
+        outside = {name for name, external in self.externals.items() if external.role != "parameter"}
+        ready = [max(0 if put.array in outside else -1, *map(self.ready, put.numbers)) for put in self.puts]
+        when = sorted({at for at in ready if at >= 0})
+        phase = {-1: 0} | {at: k + 1 for k, at in enumerate(when)}
+        for put, at in zip(self.puts, ready, strict=True):
+            self.glue.returned.append((phase[at], put.numbers, Wire(put.array, (put.place,))))
+        used = inputs_of([node for put in self.puts for node in put.numbers])
+        for name, nodes in self.given.items():
+            if not used.isdisjoint(nodes):
+                at = 0 if self.externals[name].role == "parameter" else 1
+                self.glue.given.append((at, nodes, Wire(name, (0,))))
+        for group, items, nodes, known in self._seen(used):
+            array = self._returned(group, nodes)
+            at = next(k for k in when if k > self._last[group, known])
+            for i in items:
+                images = group.images[i]
+                self.glue.given.append((phase[at], tuple([images[n] for n in nodes]), Wire(array, (i,))))
+        return when
+
+    def ready(self, node: Node) -> int:
+        """Return before which step a number of the glue is known; -1: as soon as the parameters are."""
+        known = self._ready.get(node)
+        if known is None:
+            origin = self.traced.origins.get(node)
+            if origin is not None:
+                known = self._last[origin.group, max(1, origin.group.phase(origin.node))] + 1
+            elif node.kind == "input":
+                known = -1 if node in self.traced.parameters else 0
+            else:
+                known = max(map(self.ready, node.args), default=-1)
+            self._ready[node] = known
+        return known
+
+    def _seen(self, used: set[Node]) -> list[tuple[Group, list[int], Leaf, int]]:
+        """Return what the glue sees of the groups: items, numbers and the phase that returns them."""
+        nodes: dict[tuple[Group, int], set[Node]] = {}
+        items: dict[tuple[Group, int], set[int]] = {}
+        for node in used:
+            origin = self.traced.origins.get(node)
+            if origin is not None:
+                at = origin.group, max(1, origin.group.phase(origin.node))
+                nodes.setdefault(at, set()).add(origin.node)
+                items.setdefault(at, set()).add(origin.item)
+        order = [
+            (group, sorted(items[group, phase]), tuple(sorted(nodes[group, phase], key=SERIAL)), phase)
+            for group, phase in nodes
+        ]
+        return sorted(order, key=lambda x: (self.traced.groups.index(x[0]), x[3]))
+
+    # ---- stages ----
+
+    def schedule(self, status: str | None, guarded: tuple[str, ...]) -> Schedule:
+        """Return the schedule; all is wired."""
+        when = self.glued()
+        groups: dict[str, Placed] = {}
+        prepare, calls = [], []
+        stage, wires = self.stages.placed(GLUE, self.traced.graph, self.glue, len(when))
+        if self.glue.returned:
+            groups[GLUE] = Placed(stage, 1, wires, side_by_side=False)
+            if stage.outputs[0] or stage.pieces.memory[0]:
+                prepare.append(Call(GLUE, 0, (0,)))
+        for group in self.traced.groups:
+            stage, wires = self.stages.placed(group.name, group.region.graph, self.ports[group], group.done)
+            groups[group.name] = Placed(stage, group.count, wires, side_by_side=_wide(group))
+            if stage.outputs[0] or stage.pieces.memory[0]:
+                prepare.append(Call(group.name, 0, tuple(range(group.count))))
+        for k, step in enumerate(self.traced.steps):
+            if k in when:
+                calls.append(Call(GLUE, 1 + when.index(k), (0,)))
+            stage = groups[step.group.name].stage
+            if stage.outputs[step.phase] or stage.pieces.memory[step.phase]:
+                calls.append(Call(step.group.name, step.phase, step.items))
+        if len(self.traced.steps) in when:
+            calls.append(Call(GLUE, len(when), (0,)))
+        return Schedule(dict(self.externals), self.internals, groups, tuple(prepare), tuple(calls), status, guarded)
+
+
+def derived(
+    traced: Composition,
+    externals: Mapping[str, External],
+    given: Mapping[str, Leaf],
+    found: Mapping[str, Sequence[Any]],
+    status: str | None = None,
+    guarded: tuple[str, ...] = (),
+) -> Schedule:
+    """Return the schedule of a traced composition.
+
+    Args:
+        traced: the composition.
+        externals: the caller's arrays.
+        given: the numbers of inputs and parameters, by name.
+        found: the numbers of the outputs, by name.
+        status: as in `Schedule`.
+        guarded: likewise.
+    """
+    traced.finish([x for numbers in found.values() for x in numbers if isinstance(x, Node)])
+    derivation = Derivation(traced, externals, given)
+    derivation.needed.follow([x for numbers in found.values() for x in numbers if isinstance(x, Node)])
+    derivation.regions()
+    derivation.results(found)
+    return derivation.schedule(status, guarded)
+
+
+def _runs(origins: Sequence[Origin | None]) -> list[tuple[int, Leaf, Origin | None]]:
+    """Return numbers in a row that are images of one item: where they begin, what they are there, and of which."""
+    found: list[tuple[int, list[Any], Origin | None]] = []
+    for k, origin in enumerate(origins):
+        before = found[-1][2] if found else None
+        same = bool(found) and (
+            (origin is None and before is None)
+            or (origin is not None and before is not None and origin[:2] == before[:2])
+        )
+        if not same:
+            found.append((k, [], origin))
+        found[-1][1].append(origin.node if origin else None)
+    return [(start, tuple(nodes), origin) for start, nodes, origin in found]
+
+
+def _wide(group: Group) -> bool:
+    """Return whether items of a group run side by side."""
+    return group.turns is None and group.count > 1

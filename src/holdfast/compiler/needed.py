@@ -1,0 +1,68 @@
+"""What of a traced composition its results need: the rest is not computed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from holdfast.compiler.composition import Composition
+from holdfast.compiler.node import Node
+from holdfast.compiler.region import Group, Source
+from holdfast.compiler.values import numbers_of
+
+
+class Needed:
+    """What the results need: inputs of regions, and numbers of the glue.
+
+    Attributes:
+        inputs: by group.
+    """
+
+    def __init__(self, traced: Composition) -> None:
+        self.traced = traced
+        self.inputs: dict[Group, set[Node]] = {group: set() for group in traced.groups}
+        self._followed: set[tuple[Group | None, Node]] = set()
+        self._given = {
+            group: {node: (source, k) for source in group.sources for k, node in enumerate(source.inputs)}
+            for group in traced.groups
+        }
+
+    def follow(self, results: Iterable[Node]) -> None:
+        """Note what numbers of the glue are made of."""
+        waiting: list[tuple[Group | None, Node]] = [(None, node) for node in results]
+        while waiting:
+            group, node = at = waiting.pop()
+            if at in self._followed:
+                continue
+            self._followed.add(at)
+            waiting += [(group, a) for a in node.args]
+            if group is None:
+                origin = self.traced.origins.get(node)
+                if origin is not None:
+                    waiting.append((origin.group, origin.node))
+            elif node.kind == "input":
+                self.inputs[group].add(node)
+                waiting += self._sources(*self._given[group][node])
+
+    def _sources(self, source: Source, k: int) -> Iterable[tuple[Group | None, Node]]:
+        """Return what an input of a region is given, by any item."""
+        if source.numbers is not None:
+            return [(None, of_one[k]) for of_one in source.numbers]
+        scan = source.before
+        assert scan is not None
+        found: list[tuple[Group | None, Any]] = []
+        alike = next(kept for kept, (g, *_) in zip(scan.kept, scan.order, strict=False) if scan.source(g) is source)
+        for j, (group, _, _) in enumerate(scan.order):
+            if scan.kept[j] == alike:
+                found.append((group, scan.source(group).inputs[k]))  # who is handed the same array hands all of it on
+                if j == 0:
+                    found.append((None, scan.first[k]))
+                else:
+                    maker, _, done = scan.order[j - 1]
+                    found.append((maker, first_of_each(numbers_of(done.carry), alike[0])[k]))
+        return [(group, x) for group, x in found if isinstance(x, Node)]
+
+
+def first_of_each(numbers: Sequence[Any], classes: Sequence[int]) -> list[Any]:
+    """Return the first number of each class."""
+    return [numbers[classes.index(which)] for which in range(max(classes, default=-1) + 1)]

@@ -1,0 +1,94 @@
+"""A graph and its ports as a stage: the program that computes what is returned from what is given."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from holdfast.compiler import cpu
+from holdfast.compiler.constant import Constant
+from holdfast.compiler.expand import lowered
+from holdfast.compiler.graph import SERIAL, Graph
+from holdfast.compiler.node import Node
+from holdfast.compiler.program import Instruction, Output, Program, Shape, pruned
+from holdfast.compiler.schedule import Wire
+from holdfast.compiler.stage import Stage, stage_of
+from holdfast.compiler.values import Leaf
+
+
+@dataclass(eq=False)
+class Ports:
+    """The ports of one stage in the making.
+
+    Attributes:
+        given: phase, numbers of the stage's graph, wire.
+        returned: likewise.
+    """
+
+    given: list[tuple[int, Leaf, Wire]] = field(default_factory=list)
+    returned: list[tuple[int, Leaf, Wire]] = field(default_factory=list)
+
+
+class Stages:
+    """Makes stages; graphs that compute the same share one."""
+
+    def __init__(self) -> None:
+        self._made: dict[object, Stage] = {}
+
+    def placed(self, name: str, graph: Graph, ports: Ports, phases: int) -> tuple[Stage, dict[str, Wire]]:
+        """Return the stage of a graph with its ports, and their wires."""
+        given = sorted(ports.given, key=lambda port: port[0])
+        returned = sorted(ports.returned, key=lambda port: port[0])
+        program = _program(graph, [nodes for _, nodes, _ in given], [nodes for _, nodes, _ in returned])
+        inputs: list[dict[str, Shape]] = [{} for _ in range(phases + 1)]
+        outputs: list[list[str]] = [[] for _ in range(phases + 1)]
+        wires: dict[str, Wire] = {}
+        for k, (phase, nodes, wire) in enumerate(given):
+            inputs[phase][f"in{k}"] = (len(nodes),)
+            wires[f"in{k}"] = wire
+        for k, (phase, _, wire) in enumerate(returned):
+            outputs[phase].append(f"out{k}")
+            wires[f"out{k}"] = wire
+        key = (program, tuple(map(tuple, inputs)), tuple(map(tuple, outputs)))
+        if key not in self._made:
+            low = lowered(program, cpu.has_fma())
+            self._made[key] = stage_of(name, low, inputs, outputs, program.operation_count)
+        return self._made[key], wires
+
+
+def _program(graph: Graph, given: Sequence[Leaf], returned: Sequence[Leaf]) -> Program:
+    """Return the program of a graph, its inputs in the order of the ports."""
+    inputs = [node for nodes in given for node in nodes]
+    new = {node.serial: k for k, node in enumerate(inputs)}
+    instructions = [Instruction("input")] * len(inputs)
+    for node in made_of([node for nodes in returned for node in nodes]):
+        if node.serial not in new:
+            new[node.serial] = len(instructions)
+            instructions.append(Instruction(node.kind, tuple([new[a.serial] for a in node.args]), node.value))
+    outputs = [Output((len(nodes),), tuple([new[node.serial] for node in nodes])) for nodes in returned]
+    return pruned(tuple([(len(nodes),) for nodes in given]), instructions, outputs)
+
+
+def made_of(nodes: Iterable[Node]) -> list[Node]:
+    """Return all nodes that others are made of, and those, in the order of their making."""
+    found: set[Node] = set()
+    waiting = list(nodes)
+    while waiting:
+        node = waiting.pop()
+        if node not in found:
+            found.add(node)
+            waiting += node.args
+    return sorted(found, key=SERIAL)
+
+
+def inputs_of(nodes: Iterable[Node]) -> set[Node]:
+    """Return the inputs that numbers are made of."""
+    return {node for node in made_of(nodes) if node.kind == "input"}
+
+
+def as_node(graph: Graph, x: Any) -> Node:
+    """Return a number as a node of a graph: a constant if it is known, 1 or 0 if it is the truth of a comparison."""
+    if isinstance(x, Node):
+        return graph.make("select", x, 1.0, 0.0) if x.is_truth else x
+    return graph.constant(x.value if isinstance(x, Constant) else float(x))

@@ -1,0 +1,172 @@
+"""The traced numbers in a value, and the value around them.
+
+What two items of a loop may differ in, sharing their code, is their traced numbers; all else is the value's key. A
+value is made of numbers, arrays, tuples, lists, dicts, dataclasses and functions with what they close over; anything
+else is told apart by identity.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import types
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from holdfast.compiler.constant import NUMBERS, Constant
+from holdfast.compiler.node import Node
+
+_PLAIN = (str, bool, Constant, *NUMBERS)
+
+Leaf = tuple[Node, ...]  # the distinct nodes of one array, in order of appearance
+
+
+class Values:
+    """Takes values apart; what holds no traced number is looked at once."""
+
+    def __init__(self) -> None:
+        self._static: dict[int, tuple[Any, int]] = {}  # by identity, kept alive: the number of its key
+        self._numbers: dict[Hashable, int] = {}
+        self._open: set[int] = set()  # functions being looked at, which may close over themselves
+
+    def leaves(self, value: Any) -> tuple[list[Leaf], Hashable]:
+        """Return the traced numbers of a value, array by array, and its key."""
+        found: list[Leaf] = []
+        return found, self._key(value, found)
+
+    def _key(self, value: Any, found: list[Leaf]) -> Hashable:
+        if isinstance(value, Node):
+            found.append((value,))
+            return "node"
+        if value is None or isinstance(value, str | bool):
+            return value
+        if isinstance(value, NUMBERS):
+            return ("number", float(value).hex())
+        if isinstance(value, Constant):
+            return ("number", value.value.hex())
+        known = self._static.get(id(value))
+        if known is not None:
+            return known[1]
+        before = len(found)
+        key = self._made_of(value, found)
+        if len(found) > before:
+            return key
+        number = self._numbers.setdefault(key, len(self._numbers))
+        self._static[id(value)] = (value, number)
+        return number
+
+    def _made_of(self, value: Any, found: list[Leaf]) -> Hashable:
+        if isinstance(value, np.ndarray):
+            return self._array(value, found)
+        if isinstance(value, tuple | list):
+            return (type(value), *[self._key(x, found) for x in value])
+        if isinstance(value, dict):
+            return (dict, *[(name, self._key(x, found)) for name, x in value.items()])
+        if isinstance(value, types.FunctionType):
+            return self._function(value, found)
+        if isinstance(value, types.MethodType):
+            return ("method", value.__func__, self._key(value.__self__, found))
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            fields = [getattr(value, field.name) for field in dataclasses.fields(value)]
+            return (type(value), *[self._key(x, found) for x in fields])
+        return ("object", id(value))
+
+    def _array(self, value: np.ndarray, found: list[Leaf]) -> Hashable:
+        if value.dtype != object:
+            return (value.shape, value.dtype.str, value.tobytes())
+        places: dict[Node, int] = {}
+        pattern: list[Hashable] = []
+        for x in value.flat:
+            pattern.append(places.setdefault(x, len(places)) if isinstance(x, Node) else self._key(x, found))
+        if places:
+            found.append(tuple(places))
+        return (value.shape, *pattern)
+
+    def _function(self, value: types.FunctionType, found: list[Leaf]) -> Hashable:
+        if not value.__closure__ and not value.__defaults__ and not value.__kwdefaults__:
+            return ("function", value)
+        if id(value) in self._open:
+            return "itself"
+        self._open.add(id(value))
+        cells = [self._key(_content(cell), found) for cell in value.__closure__ or ()]
+        defaults = [self._key(x, found) for x in (value.__defaults__, value.__kwdefaults__)]
+        self._open.remove(id(value))
+        return ("function", value.__code__, *cells, *defaults)
+
+    def replaced(self, value: Any, numbers: Iterable[Mapping[Node, Any]]) -> Any:
+        """Return the value with other numbers in the place of its traced ones, given leaf by leaf."""
+        self.leaves(value)  # from here on, what holds none is known
+        return self._again(value, iter(numbers))
+
+    def _again(self, value: Any, numbers: Iterator[Mapping[Node, Any]]) -> Any:
+        if isinstance(value, Node):
+            return next(numbers)[value]
+        if value is None or isinstance(value, _PLAIN) or id(value) in self._static or id(value) in self._open:
+            return value
+        if isinstance(value, np.ndarray):
+            new = next(numbers)
+            return _array_of([new[x] if isinstance(x, Node) else x for x in value.flat], value.shape)
+        if isinstance(value, types.FunctionType):
+            return self._function_again(value, numbers)
+        if isinstance(value, types.MethodType):
+            return types.MethodType(value.__func__, self._again(value.__self__, numbers))
+        return _rebuilt(value, lambda x: self._again(x, numbers))
+
+    def _function_again(self, value: types.FunctionType, numbers: Iterator[Mapping[Node, Any]]) -> Any:
+        self._open.add(id(value))
+        cells = tuple([types.CellType(self._again(_content(cell), numbers)) for cell in value.__closure__ or ()])
+        defaults = self._again(value.__defaults__, numbers)
+        other = types.FunctionType(value.__code__, value.__globals__, value.__name__, defaults, cells)
+        other.__kwdefaults__ = self._again(value.__kwdefaults__, numbers)
+        self._open.remove(id(value))
+        return other
+
+
+def numbers_of(value: Any) -> list[Any]:
+    """Return all numbers of a value, traced or not, in order."""
+    found: list[Any] = []
+    with_numbers(value, lambda x: found.append(x))
+    return found
+
+
+def with_numbers(value: Any, new: Callable[[Any], Any]) -> Any:
+    """Return the value with other numbers in the place of all of its numbers, in order."""
+    if isinstance(value, Node | Constant) or (isinstance(value, NUMBERS) and not isinstance(value, bool)):
+        return new(value)
+    if isinstance(value, np.ndarray):
+        return _array_of([new(x) for x in value.flat], value.shape)
+    if isinstance(value, tuple | list | dict) or dataclasses.is_dataclass(value):
+        return _rebuilt(value, lambda x: with_numbers(x, new))
+    return value
+
+
+def _rebuilt(value: Any, again: Callable[[Any], Any]) -> Any:
+    """Return a tuple, list, dict or dataclass with other parts."""
+    if isinstance(value, tuple) and hasattr(value, "_make"):
+        return type(value)._make([again(x) for x in value])  # type: ignore[attr-defined]
+    if isinstance(value, tuple | list):
+        return type(value)([again(x) for x in value])
+    if isinstance(value, dict):
+        return {name: again(x) for name, x in value.items()}
+    other = object.__new__(type(value))  # its numbers were checked when it was made
+    for field in dataclasses.fields(value):
+        object.__setattr__(other, field.name, again(getattr(value, field.name)))
+    return other
+
+
+def _content(cell: Any) -> Any:
+    try:
+        return cell.cell_contents
+    except ValueError:  # a variable that is not there yet
+        return None
+
+
+def _array_of(entries: list[Any], shape: tuple[int, ...]) -> np.ndarray:
+    """Return an array of objects that cannot be written, as a text's arguments are."""
+    found = np.empty(len(entries), dtype=object)
+    for place, x in enumerate(entries):
+        found[place] = x
+    found = found.reshape(shape)
+    found.flags.writeable = False
+    return found
