@@ -59,7 +59,10 @@ def traced(
 
 
 def traced_chain(structure: Structure, given: Given) -> ClosedChain:
-    """Return the chain with its run-time parameters in place; what is not given does not matter."""
+    """Return the chain with its run-time parameters in place; what is not given does not matter.
+
+    Grasps are left out where the computation does not depend on them: arms that hold differently are of one type then.
+    """
     chain, links = structure.chain, structure.options.link_inertia
     arms = {}
     for i, (name, arm) in enumerate(chain.arms.items()):
@@ -80,11 +83,10 @@ def traced_chain(structure: Structure, given: Given) -> ClosedChain:
 
 def traced_state(chain: ClosedChain, given: Given) -> State:
     """Return the state; its object's frame is not-a-number if the quaternion is not of unit length."""
-    n, none = chain.joint_count, np.zeros(6)
-    q = given["q"]
-    twist = given.get("object_twist", none)
-    state = State(q, given.get("qd", np.zeros(n)), given["object_pose"], twist)
-    state.__dict__["object_frame"] = unit_pose(given["object_pose"], twist[3:])
+    n, twist = chain.joint_count, given.get("object_twist", np.zeros(6))
+    pose = given.get("object_pose", np.eye(7)[0])
+    state = State(given["q"], given.get("qd", np.zeros(n)), pose, twist)
+    state.__dict__["object_frame"] = unit_pose(pose, twist[3:])
     return state
 
 
@@ -92,7 +94,7 @@ def traced_inputs(chain: ClosedChain, given: Given) -> Inputs:
     """Return what acts on the chain besides torques."""
     still = np.zeros((len(chain.arms), 6))
     twists, accelerations = (given.get(name, still) for name in BASE_MOTION)
-    return Inputs(given["object_wrench"], given.get("link_wrench"), twists, accelerations)
+    return Inputs(given.get("object_wrench", np.zeros(6)), given.get("link_wrench"), twists, accelerations)
 
 
 def _pose(given: Given, what: str, i: int) -> Pose:

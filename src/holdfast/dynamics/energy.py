@@ -16,7 +16,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.spatial.inertia import RigidInertia
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, Scalar
+from holdfast.spatial.scalar import Array, Scalar, each
 from holdfast.spatial.spatial_vector import rotate, shift_wrench, unrotate
 from holdfast.state import Inputs, State
 
@@ -66,11 +66,17 @@ def held_body(held: HeldObject, frame: Pose, twist: Array) -> Body:
 
 def kinetic_energy(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> float:
     """Return T = sum 1/2 V^T M V over links and object, and 1/2 armature qd^2 of the drives [J]."""
-    arms = sum(
-        arm_kinetic_energy(arm, state.q[part], state.qd[part], base_twist)
-        for arm, part, base_twist in _moving_arms(chain, inputs)
-    )
-    return float(arms + held_body(chain.held_object, state.object_frame, state.object_twist).kinetic_energy)
+    twists = (inputs or Inputs()).shaped(chain).base_twists
+    assert twists is not None
+    return float(total_kinetic_energy(chain, state, twists))
+
+
+def total_kinetic_energy(chain: ClosedChain, state: State, base_twists: Array) -> Scalar:
+    """Return T of arms and object [J]; see `kinetic_energy`."""
+    parts = list(chain.joints.values())
+    q, qd = ([x[part] for part in parts] for x in (state.q, state.qd))
+    arms = each(arm_kinetic_energy, chain.arms.values(), q, qd, base_twists)
+    return sum(arms) + held_body(chain.held_object, state.object_frame, state.object_twist).kinetic_energy
 
 
 def arm_kinetic_energy(arm: Arm, q: Array, qd: Array, base_twist: Array) -> Scalar:
@@ -80,7 +86,14 @@ def arm_kinetic_energy(arm: Arm, q: Array, qd: Array, base_twist: Array) -> Scal
 
 def potential_energy(chain: ClosedChain, state: State) -> float:
     """Return U = -sum m g . r over links and object, zero at the world's origin [J]."""
-    return float(sum(body.potential_energy(chain.gravity) for body in bodies(chain, state)))
+    return float(total_potential_energy(chain, state))
+
+
+def total_potential_energy(chain: ClosedChain, state: State) -> Scalar:
+    """Return U of arms and object [J]; see `potential_energy`."""
+    q = [state.q[part] for part in chain.joints.values()]
+    arms = each(lambda arm, q: arm_potential_energy(arm, q, chain.gravity), chain.arms.values(), q)
+    return sum(arms) + held_body(chain.held_object, state.object_frame, np.zeros(6)).potential_energy(chain.gravity)
 
 
 def arm_potential_energy(arm: Arm, q: Array, gravity: Array) -> Scalar:

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.newton_euler import drive_torques
-from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, concatenate, each
 from holdfast.state import Inputs, State
 
 
@@ -40,10 +40,15 @@ def inverse_dynamics(
     qdd = checks.numbers(qdd, (chain.joint_count,), "qdd", StateError)
     f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), (inputs or Inputs()).shaped(chain))
-    tau = np.zeros(chain.joint_count)
-    for i, (name, arm) in enumerate(motion.arms.items()):
+    for i, name in enumerate(chain.names):
         if name not in chain.grasps and f[i].any():
             raise StateError(f"grasp_wrench: arm '{name}' holds nothing, expected zeros, got {f[i]}")
-        part = chain.joints[name]
-        tau[part] = drive_torques(arm, state.qd[part], qdd[part], f[i])
-    return tau
+    return torques(motion, state.qd, qdd, f)
+
+
+def torques(motion: ChainMotion, qd: Array, qdd: Array, f: Array) -> Array:
+    """Return the drives' torques of all arms, (n,); see `inverse_dynamics`."""
+    parts = list(motion.chain.joints.values())
+    return concatenate(
+        each(drive_torques, motion.arms.values(), [qd[part] for part in parts], [qdd[part] for part in parts], f)
+    )

@@ -10,13 +10,14 @@ no body's any more, but they are constants with more zeros.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from holdfast.model.arm import Arm
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
+from holdfast.spatial.frozen import frozen_property
 from holdfast.spatial.inertia import RigidInertia
 from holdfast.spatial.vector import outer
 
@@ -31,7 +32,7 @@ def regrouped(arm: Arm) -> Arm:
             inertias[k] = inertias[k].minus(rod)
             # the axis stands still in the link before, so any position of the joint will do
             inertias[k - 1] = inertias[k - 1].plus(rod.moved(joint.placement.R, joint.placement.p))
-    return replace(arm, links=[_link(link, I) for link, I in zip(arm.links, inertias, strict=True)])
+    return replace(arm, links=[RegroupedLink(0.0, about_origin=I) for I in inertias])
 
 
 def rod_within(inertia: RigidInertia, joint: Joint) -> RigidInertia:
@@ -43,8 +44,18 @@ def rod_within(inertia: RigidInertia, joint: Joint) -> RigidInertia:
     return RigidInertia(inertia.m, (inertia.h @ a) * a, across * (np.eye(3) - outer(a, a)))
 
 
-def _link(link: Link, inertia: RigidInertia) -> Link:
-    """Return a link of a given inertia about its origin, which need not be a body's."""
-    changed = replace(link, mass=0.0, com=np.zeros(3), inertia=np.zeros((3, 3)))
-    vars(changed)["spatial_inertia"] = inertia  # the cached property, as no mass centre would give it
-    return changed
+@dataclass(frozen=True, eq=False)
+class RegroupedLink(Link):
+    """A link of a given inertia about its origin, which need not be a body's: no mass centre would give it.
+
+    Attributes:
+        about_origin: that inertia, link axes.
+    """
+
+    about_origin: RigidInertia | None = None
+
+    @frozen_property
+    def spatial_inertia(self) -> RigidInertia:
+        """M(k): the inertia about the link's origin, link axes."""
+        assert self.about_origin is not None
+        return self.about_origin
