@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from holdfast.compiled import object_stages
 from holdfast.compiled.arm_stages import BASE_MOTION, LINKS, ArmType, held_arm, lone_arm
@@ -14,9 +14,13 @@ from holdfast.compiled.wiring import externals, shapes
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External, Schedule
 from holdfast.compiler.stage import Stage
-from holdfast.dynamics.closed.chain_motion import chain_motion
-from holdfast.dynamics.closed.chain_solution import chain_solution
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
+from holdfast.dynamics.closed.chain_solution import ChainSolution, chain_solution
 from holdfast.dynamics.closed.sequential import sequential
+from holdfast.dynamics.closed.tip_response import Route
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array, Scalar
+from holdfast.state import Inputs, State
 
 GUARDED = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench")
 
@@ -44,14 +48,47 @@ def forward_schedule(structure: Structure) -> Schedule:
 
 
 def forward(structure: Structure, given: Given) -> dict[str, Any]:
-    """Return the outputs of forward dynamics: the reference's `sequential`, run on what is given."""
+    """Return the outputs of forward dynamics: the reference's functions, run on what is given."""
     chain = traced_chain(structure, given)
-    motion = chain_motion(chain, traced_state(chain, given), given["tau"], traced_inputs(chain, given))
-    found = sequential(motion, structure.options.route)
-    whole = chain_solution(motion, found, structure.options.route)
-    status = verdict(found.rank, given["generic_rank"][()], chain.constraint_row_count)
-    judged = {"rank": found.rank, "status": status, "condition": 1.0 / found.weakest_pivot}
-    return {name: getattr(whole, name) for name in GUARDED} | judged
+    state, inputs = traced_state(chain, given), traced_inputs(chain, given)
+    found = judged(chain, state, given["tau"], inputs, given["generic_rank"], structure.options.route)
+    outputs = {name: getattr(found.whole, name) for name in GUARDED}
+    return outputs | {name: getattr(found, name) for name in ("rank", "status", "condition")}
+
+
+class Judged(NamedTuple):
+    """Forward dynamics and how it is to be read.
+
+    Attributes:
+        motion: the chain in motion.
+        whole: accelerations and forces.
+        rank: independent rows of the constraint.
+        status: as `verdict` numbers them.
+        condition: of the constraint.
+    """
+
+    motion: ChainMotion
+    whole: ChainSolution
+    rank: Scalar
+    status: Scalar
+    condition: Scalar
+
+
+def judged(chain: ClosedChain, state: State, tau: Array, inputs: Inputs, generic_rank: Array, route: Route) -> Judged:
+    """Return forward dynamics by `sequential`, and its status.
+
+    Args:
+        chain: the chain.
+        state: positions and velocities.
+        tau: (n,) joint torques.
+        inputs: shaped inputs.
+        generic_rank: () of the constraint, -1 if it is not known.
+        route: how each arm answers at its tip.
+    """
+    motion = chain_motion(chain, state, tau, inputs)
+    found = sequential(motion, route)
+    status = verdict(found.rank, generic_rank[()], chain.constraint_row_count)
+    return Judged(motion, chain_solution(motion, found, route), found.rank, status, 1.0 / found.weakest_pivot)
 
 
 def forward_calls(writer: FilterWriter) -> None:

@@ -17,6 +17,8 @@ from holdfast.compiler.composition import Composition
 from holdfast.compiler.derivation import derived
 from holdfast.compiler.node import Node
 from holdfast.compiler.schedule import External, Schedule
+from holdfast.compiler.trace import running_a_text
+from holdfast.compiler.values import array_of
 from holdfast.dynamics.arm.regrouping import regrouped
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
@@ -42,14 +44,12 @@ def traced(
     for name, external in externals.items():
         if external.role != "output":
             numbers[name] = tuple([composition.graph.input() for _ in range(external.size)])
-            entries = np.empty(external.size, dtype=object)
-            entries[:] = numbers[name]
-            given[name] = entries.reshape(external.shape)
+            given[name] = array_of(numbers[name], external.shape)
             if external.role == "parameter":
                 composition.parameters.update(numbers[name])
     token = loops.set(composition)
     try:
-        with np.errstate(all="ignore"):  # constants may overflow or vanish; what comes of it is the program's
+        with running_a_text():
             found = text(given)
     finally:
         loops.reset(token)

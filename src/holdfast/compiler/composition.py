@@ -1,9 +1,9 @@
 """A text with loops, traced: which regions run for which items, in which order, and what lies between.
 
 `each` traces one item of each type; the others run the same region. What a loop returns for an item are images of
-the region's numbers. A later loop over the same items goes on in their regions, whatever it closes over; a region is
-left where a number of it is needed outside, and gone on with in another phase. What is computed between loops is the
-glue, cut into phases likewise. Loops inside a region are written out.
+the region's numbers. A later loop over them goes on in their regions, each item where its first number was made; a
+region is left where a number of it is needed outside, and gone on with in another phase. What is computed between
+loops is the glue, cut into phases likewise. Loops inside a region are written out.
 """
 
 from __future__ import annotations
@@ -204,12 +204,11 @@ class Composition:
     # ---- regions ----
 
     def _homes(self, flat: Sequence[tuple[list[Leaf], Hashable]], scanned: bool) -> dict[Group, dict[int, int]]:
-        """Return which item each item was of which group, by the first of its numbers that is an image."""
+        """Return which item each item was of which group: the one that its first number is an image of."""
         homes: dict[Group, dict[int, int]] = {}
         for j, (leaves, _) in enumerate(flat):
-            origins = (self.origins.get(node) for leaf in leaves for node in leaf)
-            origin = next((o for o in origins if o is not None and (o.group.turns is not None) == scanned), None)
-            if origin is not None:
+            origin = self.origins.get(leaves[0][0]) if leaves else None
+            if origin is not None and (origin.group.turns is not None) == scanned:
                 homes.setdefault(origin.group, {})[origin.item] = j
         return homes
 

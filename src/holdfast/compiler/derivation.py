@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from holdfast.compiler.composition import Composition
-from holdfast.compiler.graph import SERIAL
+from holdfast.compiler.graph import SERIAL, Graph
 from holdfast.compiler.needed import Needed, first_of_each
 from holdfast.compiler.node import Node
 from holdfast.compiler.placement import Ports, Stages, as_node, inputs_of
 from holdfast.compiler.region import Group, Origin, Scan, Source
 from holdfast.compiler.schedule import Call, External, Internal, Schedule, Wire
 from holdfast.compiler.schedule import Group as Placed
+from holdfast.compiler.stage import Stage
 from holdfast.compiler.values import Leaf, numbers_of
 
 GLUE = "glue"
@@ -194,7 +195,11 @@ class Derivation:
 
     def results(self, found: Mapping[str, Sequence[Any]]) -> None:
         """Wire the results, straight from the groups that return them where that is possible."""
-        for name, numbers in found.items():
+        for outside, numbers in found.items():
+            name = outside
+            if self.externals[outside].role == "carried":  # others read what it was until the end
+                name = f"next.{outside}"
+                self.internals[name] = Internal(len(numbers), 1)
             runs = _runs([self.traced.origins.get(x) if isinstance(x, Node) else None for x in numbers])
             of_group: dict[Group, dict[int, tuple[int, Leaf]]] = {}
             several: set[Group] = set()
@@ -215,6 +220,29 @@ class Derivation:
                 if origin is None or origin.group not in straight:
                     there = tuple([as_node(self.traced.graph, x) for x in numbers[start : start + len(nodes)]])
                     self.puts.append(Put(there, name, start))
+
+    def _return_alike(self) -> None:
+        """Let groups whose regions are the same return the same, so that they share a stage; nobody reads the rest."""
+        for alike in self.needed.alike:
+            every = {(phase, nodes) for group in alike for phase, nodes, _ in self.ports[group].returned}
+            for group in alike:
+                missing = every - {(phase, nodes) for phase, nodes, _ in self.ports[group].returned}
+                for k, (phase, nodes) in enumerate(sorted(missing, key=lambda x: (x[0], [n.serial for n in x[1]]))):
+                    name = f"{group.name}.unread{k}"
+                    self.internals[name] = Internal(group.count, len(nodes))
+                    self._return(group, nodes, Wire(name, tuple(range(group.count))), phase)
+        for ports in self.ports.values():
+            ports.returned.sort(key=lambda port: (port[0], [node.serial for node in port[1]]))
+
+    def _handed_on(self) -> tuple[Stage, dict[str, Wire]]:
+        """Return the stage that makes what is carried the beginning of the next repetition."""
+        graph, ports = Graph(), Ports()
+        for name, internal in self.internals.items():
+            if name.startswith("next."):
+                nodes = tuple([graph.input() for _ in range(internal.items)])
+                ports.given.append((0, nodes, Wire(name, (0,))))
+                ports.returned.append((0, nodes, Wire(name.removeprefix("next."), (0,))))
+        return self.stages.placed("handed_on", graph, ports, 0)
 
     # ---- the glue ----
 
@@ -274,6 +302,7 @@ class Derivation:
     def schedule(self, status: str | None, guarded: tuple[str, ...]) -> Schedule:
         """Return the schedule; all is wired."""
         when = self.glued()
+        self._return_alike()
         groups: dict[str, Placed] = {}
         prepare, calls = [], []
         stage, wires = self.stages.placed(GLUE, self.traced.graph, self.glue, len(when))
@@ -294,6 +323,10 @@ class Derivation:
                 calls.append(Call(step.group.name, step.phase, step.items))
         if len(self.traced.steps) in when:
             calls.append(Call(GLUE, len(when), (0,)))
+        if any(external.role == "carried" for external in self.externals.values()):
+            stage, wires = self._handed_on()
+            groups["handed_on"] = Placed(stage, 1, wires, side_by_side=False)
+            calls.append(Call("handed_on", 0, (0,)))
         return Schedule(dict(self.externals), self.internals, groups, tuple(prepare), tuple(calls), status, guarded)
 
 

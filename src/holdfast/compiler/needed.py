@@ -16,12 +16,18 @@ class Needed:
 
     Attributes:
         inputs: by group.
+        alike: groups whose regions are the same: what one needs the others take too, and share its code.
     """
 
     def __init__(self, traced: Composition) -> None:
-        self.traced = traced
-        self.inputs: dict[Group, set[Node]] = {group: set() for group in traced.groups}
-        self._followed: set[tuple[Group | None, Node]] = set()
+        regions: dict[object, list[Group]] = {}
+        for group in traced.groups:
+            regions.setdefault((group.region, group.count, group.done), []).append(group)
+        self.traced, self.alike = traced, list(regions.values())
+        self._first = {group: alike[0] for alike in self.alike for group in alike}
+        self._like = {alike[0]: alike for alike in self.alike}
+        of_first: dict[Group, set[Node]] = {alike[0]: set() for alike in self.alike}
+        self.inputs = {group: of_first[self._first[group]] for group in traced.groups}
         self._given = {
             group: {node: (source, k) for source in group.sources for k, node in enumerate(source.inputs)}
             for group in traced.groups
@@ -29,20 +35,24 @@ class Needed:
 
     def follow(self, results: Iterable[Node]) -> None:
         """Note what numbers of the glue are made of."""
+        seen: set[tuple[Group | None, Node]] = set()
         waiting: list[tuple[Group | None, Node]] = [(None, node) for node in results]
         while waiting:
-            group, node = at = waiting.pop()
-            if at in self._followed:
+            at = waiting.pop()
+            if at in seen:
                 continue
-            self._followed.add(at)
-            waiting += [(group, a) for a in node.args]
+            seen.add(at)
+            group, node = at
+            for a in node.args:
+                waiting.append((group, a))
             if group is None:
                 origin = self.traced.origins.get(node)
                 if origin is not None:
-                    waiting.append((origin.group, origin.node))
+                    waiting.append((self._first[origin.group], origin.node))
             elif node.kind == "input":
                 self.inputs[group].add(node)
-                waiting += self._sources(*self._given[group][node])
+                for other in self._like[group]:
+                    waiting += [(g and self._first[g], x) for g, x in self._sources(*self._given[other][node])]
 
     def _sources(self, source: Source, k: int) -> Iterable[tuple[Group | None, Node]]:
         """Return what an input of a region is given, by any item."""

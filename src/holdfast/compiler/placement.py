@@ -11,10 +11,12 @@ from holdfast.compiler.constant import Constant
 from holdfast.compiler.expand import lowered
 from holdfast.compiler.graph import SERIAL, Graph
 from holdfast.compiler.node import Node
-from holdfast.compiler.program import Instruction, Output, Program, Shape, pruned
+from holdfast.compiler.program import Instruction, Output, Program, Shape
 from holdfast.compiler.schedule import Wire
 from holdfast.compiler.stage import Stage, stage_of
 from holdfast.compiler.values import Leaf
+
+Port = tuple[int, Leaf, Wire]  # phase, numbers of the graph, wire
 
 
 @dataclass(eq=False)
@@ -22,16 +24,16 @@ class Ports:
     """The ports of one stage in the making.
 
     Attributes:
-        given: phase, numbers of the stage's graph, wire.
-        returned: likewise.
+        given: what it takes.
+        returned: what it returns.
     """
 
-    given: list[tuple[int, Leaf, Wire]] = field(default_factory=list)
-    returned: list[tuple[int, Leaf, Wire]] = field(default_factory=list)
+    given: list[Port] = field(default_factory=list)
+    returned: list[Port] = field(default_factory=list)
 
 
 class Stages:
-    """Makes stages; graphs that compute the same share one."""
+    """Makes stages; groups whose regions take and return the same share one."""
 
     def __init__(self) -> None:
         self._made: dict[object, Stage] = {}
@@ -40,24 +42,27 @@ class Stages:
         """Return the stage of a graph with its ports, and their wires."""
         given = sorted(ports.given, key=lambda port: port[0])
         returned = sorted(ports.returned, key=lambda port: port[0])
-        program = _program(graph, [nodes for _, nodes, _ in given], [nodes for _, nodes, _ in returned])
-        inputs: list[dict[str, Shape]] = [{} for _ in range(phases + 1)]
-        outputs: list[list[str]] = [[] for _ in range(phases + 1)]
-        wires: dict[str, Wire] = {}
-        for k, (phase, nodes, wire) in enumerate(given):
-            inputs[phase][f"in{k}"] = (len(nodes),)
-            wires[f"in{k}"] = wire
-        for k, (phase, _, wire) in enumerate(returned):
-            outputs[phase].append(f"out{k}")
-            wires[f"out{k}"] = wire
-        key = (program, tuple(map(tuple, inputs)), tuple(map(tuple, outputs)))
+        key = (graph, phases, *(tuple([port[:2] for port in some]) for some in (given, returned)))
         if key not in self._made:
-            low = lowered(program, cpu.has_fma())
-            self._made[key] = stage_of(name, low, inputs, outputs, program.operation_count)
-        return self._made[key], wires
+            self._made[key] = _stage(name, graph, given, returned, phases)
+        found = {f"in{k}": wire for k, (_, _, wire) in enumerate(given)}
+        return self._made[key], found | {f"out{k}": wire for k, (_, _, wire) in enumerate(returned)}
 
 
-def _program(graph: Graph, given: Sequence[Leaf], returned: Sequence[Leaf]) -> Program:
+def _stage(name: str, graph: Graph, given: Sequence[Port], returned: Sequence[Port], phases: int) -> Stage:
+    """Return the stage that computes what is returned from what is given, phase by phase."""
+    inputs: list[dict[str, Shape]] = [{} for _ in range(phases + 1)]
+    outputs: list[list[str]] = [[] for _ in range(phases + 1)]
+    for k, (phase, nodes, _) in enumerate(given):
+        inputs[phase][f"in{k}"] = (len(nodes),)
+    for k, (phase, _, _) in enumerate(returned):
+        outputs[phase].append(f"out{k}")
+    program = _program([nodes for _, nodes, _ in given], [nodes for _, nodes, _ in returned])
+    # a processor without fma would call a library for each: it keeps products and sums apart
+    return stage_of(name, lowered(program, cpu.has_fma()), inputs, outputs, program.operation_count)
+
+
+def _program(given: Sequence[Leaf], returned: Sequence[Leaf]) -> Program:
     """Return the program of a graph, its inputs in the order of the ports."""
     inputs = [node for nodes in given for node in nodes]
     new = {node.serial: k for k, node in enumerate(inputs)}
@@ -67,7 +72,7 @@ def _program(graph: Graph, given: Sequence[Leaf], returned: Sequence[Leaf]) -> P
             new[node.serial] = len(instructions)
             instructions.append(Instruction(node.kind, tuple([new[a.serial] for a in node.args]), node.value))
     outputs = [Output((len(nodes),), tuple([new[node.serial] for node in nodes])) for nodes in returned]
-    return pruned(tuple([(len(nodes),) for nodes in given]), instructions, outputs)
+    return Program(tuple([(len(nodes),) for nodes in given]), tuple(instructions), tuple(outputs))
 
 
 def made_of(nodes: Iterable[Node]) -> list[Node]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -48,10 +49,26 @@ def trace_phases(text: Text, phases: Sequence[Sequence[Shape]]) -> tuple[Program
     graph = Graph()
     shapes = [tuple(tuple(shape) for shape in phase) for phase in phases]
     arrays = [[_inputs(graph, shape) for shape in phase] for phase in shapes]
-    results: list[tuple[Any, ...]] = []
+    with running_a_text():
+        results = _run(text, arrays)
+    for found in results:
+        if not isinstance(found, tuple):
+            raise CompileError(f"trace: expected the function to return a tuple of arrays, got {type(found).__name__}")
+    every = [x for found in results for x in found]
+    program = program_of(graph, sum(shapes, ()), [_result(graph, k, x) for k, x in enumerate(every)])
+    return program, tuple(len(found) for found in results)
+
+
+@contextmanager
+def running_a_text() -> Iterator[None]:
+    """Name the line of a text where something cannot be traced.
+
+    Raises:
+        CompileError: naming it.
+    """
     try:
         with np.errstate(all="ignore"):  # constants may overflow or vanish; what comes of it is the program's
-            results = _run(text, arrays)
+            yield
     except HoldfastError:
         raise
     except Exception as error:
@@ -59,12 +76,6 @@ def trace_phases(text: Text, phases: Sequence[Sequence[Shape]]) -> tuple[Program
             f"{place_of_failure(error)}: this cannot be traced ({type(error).__name__}: {error}); an algorithm's text"
             " uses + - * /, comparisons and holdfast.spatial.scalar on small arrays"
         ) from error
-    for found in results:
-        if not isinstance(found, tuple):
-            raise CompileError(f"trace: expected the function to return a tuple of arrays, got {type(found).__name__}")
-    every = [x for found in results for x in found]
-    program = program_of(graph, sum(shapes, ()), [_result(graph, k, x) for k, x in enumerate(every)])
-    return program, tuple(len(found) for found in results)
 
 
 def _run(text: Text, arrays: list[list[np.ndarray]]) -> list[tuple[Any, ...]]:

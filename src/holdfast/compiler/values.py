@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import types
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -84,8 +84,6 @@ class Values:
         return (value.shape, *pattern)
 
     def _function(self, value: types.FunctionType, found: list[Leaf]) -> Hashable:
-        if not value.__closure__ and not value.__defaults__ and not value.__kwdefaults__:
-            return ("function", value)
         if id(value) in self._open:
             return "itself"
         self._open.add(id(value))
@@ -106,7 +104,7 @@ class Values:
             return value
         if isinstance(value, np.ndarray):
             new = next(numbers)
-            return _array_of([new[x] if isinstance(x, Node) else x for x in value.flat], value.shape)
+            return array_of([new[x] if isinstance(x, Node) else x for x in value.flat], value.shape)
         if isinstance(value, types.FunctionType):
             return self._function_again(value, numbers)
         if isinstance(value, types.MethodType):
@@ -135,7 +133,7 @@ def with_numbers(value: Any, new: Callable[[Any], Any]) -> Any:
     if isinstance(value, Node | Constant) or (isinstance(value, NUMBERS) and not isinstance(value, bool)):
         return new(value)
     if isinstance(value, np.ndarray):
-        return _array_of([new(x) for x in value.flat], value.shape)
+        return array_of([new(x) for x in value.flat], value.shape)
     if isinstance(value, tuple | list | dict) or dataclasses.is_dataclass(value):
         return _rebuilt(value, lambda x: with_numbers(x, new))
     return value
@@ -162,7 +160,7 @@ def _content(cell: Any) -> Any:
         return None
 
 
-def _array_of(entries: list[Any], shape: tuple[int, ...]) -> np.ndarray:
+def array_of(entries: Sequence[Any], shape: tuple[int, ...]) -> np.ndarray:
     """Return an array of objects that cannot be written, as a text's arguments are."""
     found = np.empty(len(entries), dtype=object)
     for place, x in enumerate(entries):

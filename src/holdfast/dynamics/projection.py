@@ -11,27 +11,29 @@ same object filter, O(n) + O(l). A position mismatch is removed likewise, in a f
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.motion import at_rest
-from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
+from holdfast.dynamics.arm.motion import ArmMotion, at_rest
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest, chain_motion
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.object_filter import object_filter
-from holdfast.dynamics.closed.tip_response import tip_response
+from holdfast.dynamics.closed.tip_response import TipResponse, tip_response
 from holdfast.dynamics.consistency import tip_from_contact
 from holdfast.errors import ClosureError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, array, concatenate
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each, maximum, scan
 from holdfast.spatial.spatial_vector import rotate, shift_twist
 from holdfast.spatial.vector import cross
 from holdfast.state import Inputs, State
 
 CLOSED = 1e-14  # m and rad: no round beyond this
 ROUNDS = 8
+STEP_ROUNDS = 2  # for a step's end
 FARTHEST = 1e-2  # m and rad: a state further off was not produced by a sound step
 LEFT_OPEN = 1e-9  # m and rad: what is left beyond this is no rounding
 
@@ -51,25 +53,25 @@ def constraint_impulses(
         (n,) change of joint rates, (6,) change of the object's twist, and per grasp the
         impulse of the arm on the object.
     """
-    none = np.zeros(6)
-    tips = [
-        tip_response(at_rest(arm), "auto")._replace(free_acceleration=v)
-        for arm, v in zip(motion.holding, mismatch, strict=True)
-    ]
-    still = [replace(c, a=none, g=none) for c in contacts]
+    none, chain = np.zeros(6), motion.chain
+    tips = each(gap_response, motion.holding, mismatch)
+    still = each(lambda c: replace(c, a=none, g=none), contacts)
     found = object_filter(still, tips, motion.body.free.at_rest())
-    dqd = np.zeros(motion.chain.joint_count)
-    for name, tip, impulse in zip(motion.chain.grasps, tips, found.wrenches, strict=True):
-        dqd[motion.chain.joints[name]] = tip.back(impulse)[0]
-    return dqd, found.object_acceleration, found.wrenches
+    changes = each(lambda tip, impulse: tip.back(impulse)[0], tips, found.wrenches)
+    of_arm = dict(zip(chain.grasps, changes, strict=True))
+    dqd = [of_arm.get(name, np.zeros(arm.joint_count)) for name, arm in chain.arms.items()]
+    return concatenate(dqd), found.object_acceleration, found.wrenches
+
+
+def gap_response(arm: ArmMotion, gap: Array) -> TipResponse:
+    """Return how an arm at rest answers to impulses at its tip, its mismatch in the place of the free acceleration."""
+    return tip_response(at_rest(arm), "auto")._replace(free_acceleration=gap)
 
 
 def project_velocities(motion: ChainMotion, state: State) -> State:
     """Return the state with the velocities nearest in kinetic energy that keep the grasps."""
-    mismatch = [
-        arm.tip_twist - shift_twist(c.offset, state.object_twist)
-        for arm, c in zip(motion.holding, motion.contacts, strict=True)
-    ]
+    twist = state.object_twist
+    mismatch = each(lambda arm, c: arm.tip_twist - shift_twist(c.offset, twist), motion.holding, motion.contacts)
     dqd, dV, _ = constraint_impulses(motion, motion.contacts, mismatch)
     return State(state.q, state.qd + dqd, state.object_pose, state.object_twist + dV)
 
@@ -102,8 +104,7 @@ def project(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> t
                 f"the grasps are open by {size:.3g} (m or rad), expected a step's rounding; try a smaller time step"
             )
         before = size
-        dq, dx, _ = constraint_impulses(motion, [position_contact(c) for c in motion.contacts], gaps)
-        state = moved(state, dq, dx)
+        state = closer(motion, state, gaps)
         motion = chain_motion(chain, state, tau, given)
     if size > LEFT_OPEN:
         raise ClosureError(
@@ -114,13 +115,77 @@ def project(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> t
     return state, chain_motion(chain, state, tau, given)
 
 
+class Gaps(NamedTuple):
+    """How far the worst grasp is from holding.
+
+    Attributes:
+        position: largest component of the position rows, a turn as its sine [m or rad].
+        velocity: largest component of the velocity rows [m/s or rad/s].
+    """
+
+    position: Scalar
+    velocity: Scalar
+
+
+def after_step(chain: ClosedChain, state: State, inputs: Inputs) -> State:
+    """Return a step's end moved back onto position and velocity constraints.
+
+    Two of `project`'s rounds on the positions, which close a sound step to rounding, then velocities once.
+
+    Args:
+        chain: the chain.
+        state: where an integrator's step ends.
+        inputs: shaped inputs; base motion enters.
+    """
+    for _ in range(STEP_ROUNDS):
+        motion = chain_at_rest(chain, state)
+        state = closer(motion, state, position_mismatch(motion, state))
+    return project_velocities(chain_motion(chain, state, np.zeros(chain.joint_count), inputs), state)
+
+
+def closer(motion: ChainMotion, state: State, gaps: list[Array]) -> State:
+    """Return the state after one of Newton's rounds on the position rows.
+
+    Args:
+        motion: the chain in that configuration.
+        state: the state.
+        gaps: its `position_mismatch`.
+    """
+    dq, dx, _ = constraint_impulses(motion, each(position_contact, motion.contacts), gaps)
+    return moved(state, dq, dx)
+
+
+def largest_gaps(chain: ClosedChain, state: State, inputs: Inputs) -> Gaps:
+    """Return how far the worst grasp is from holding, 0 without any.
+
+    Args:
+        chain: the chain.
+        state: any state.
+        inputs: shaped inputs; base motion enters.
+    """
+    motion = chain_motion(chain, state, np.zeros(chain.joint_count), inputs)
+    shifts = position_mismatch(motion, state)
+    found = each(
+        lambda c, shift: (largest(position_contact(c).transmitted(shift)), largest(c.velocity_gap)),
+        motion.contacts,
+        shifts,
+    )
+    gaps, _ = scan(lambda worst, gap: ((maximum(worst[0], gap[0]), maximum(worst[1], gap[1])), None), (0.0, 0.0), found)
+    return Gaps(*gaps)
+
+
+def largest(x: Array) -> Scalar:
+    """Return the largest absolute value of an array's entries."""
+    found: Scalar = 0.0
+    for entry in x:
+        found = maximum(found, abs(entry))
+    return found
+
+
 def position_mismatch(motion: ChainMotion, state: State) -> list[Array]:
     """Return per grasp the small displacement tip minus object, (6,) world axes."""
     origin = state.object_frame.p
-    return [
-        small_displacement(c, origin + c.offset, arm.at.tip)
-        for c, arm in zip(motion.contacts, motion.holding, strict=True)
-    ]
+    return each(lambda arm, c: small_displacement(c, origin + c.offset, arm.at.tip), motion.holding, motion.contacts)
 
 
 def small_displacement(c: Contact, contact_point: Array, tip: Pose) -> Array:

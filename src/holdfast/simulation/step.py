@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.consistency import GraspResidual, closure, residuals
-from holdfast.dynamics.projection import moved, project
-from holdfast.errors import StateError
+from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, STEP_ROUNDS, after_step, largest_gaps, moved
+from holdfast.errors import ClosureError, StateError
 from holdfast.simulation.instant import Controller, Instant, evaluate
 from holdfast.simulation.runge_kutta import Tableau, runge_kutta_step
 from holdfast.simulation.world import World
@@ -91,19 +90,24 @@ def displaced(state: State, y: Array) -> State:
 def back_on_constraint(world: World, t: float, state: State) -> tuple[State, Gaps]:
     """Return the state projected onto the grasps in the kinetic metric, and the gaps."""
     chain, inputs = world.at(t)
-    before = _largest(closure(chain, state, inputs))
-    closed, motion = project(chain, state, inputs)
-    after = _largest(residuals(motion, closed))
-    return closed, Gaps(np.array([before[0], after[0]]), np.array([before[1], after[1]]))
+    given = inputs.shaped(chain)
+    before = largest_gaps(chain, state, given)
+    if not before.position <= FARTHEST:
+        raise ClosureError(
+            f"the grasps are open by {before.position:.3g} (m or rad), expected a step's rounding; try a smaller time"
+            " step"
+        )
+    closed = after_step(chain, state, given)
+    after = largest_gaps(chain, closed, given)
+    if after.position > LEFT_OPEN:
+        raise ClosureError(
+            f"the grasps stay open by {after.position:.3g} (m or rad): {STEP_ROUNDS} rounds of Newton's method do not"
+            " close them; try a smaller time step"
+        )
+    return closed, Gaps(np.array([before.position, after.position]), np.array([before.velocity, after.velocity]))
 
 
 def _finite(y: Array) -> Array:
     if not np.isfinite(y).all():
         raise StateError("the step overflows float64; try a smaller time step")
     return y
-
-
-def _largest(gaps: dict[str, GraspResidual]) -> tuple[float, float]:
-    position = max((float(np.abs(gap.position).max(initial=0.0)) for gap in gaps.values()), default=0.0)
-    velocity = max((float(np.abs(gap.velocity).max(initial=0.0)) for gap in gaps.values()), default=0.0)
-    return position, velocity

@@ -10,6 +10,7 @@ from holdfast.dynamics.arm.motion import ArmInputs, ArmMotion, arm_motion, resti
 from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.closed.object_motion import ObjectMotion, object_motion
+from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.spatial.pose import Pose
@@ -124,6 +125,18 @@ def chain_at_rest(chain: ClosedChain, state: State) -> ChainMotion:
         state: positions, taken as they are; velocities do not enter.
     """
     none, frame = np.zeros(6), state.object_frame
-    arms = {name: resting(arm, posture(arm, state.q[chain.joints[name]])) for name, arm in chain.arms.items()}
-    contacts = [contact(grasp, frame, none, none) for grasp in chain.grasps.values()]
+    found = each(
+        lambda arm, q, grasp: arm_at_rest(arm, q, grasp, frame),
+        chain.arms.values(),
+        [state.q[part] for part in chain.joints.values()],
+        [chain.grasps.get(name) for name in chain.arms],
+    )
+    arms = {name: motion for name, (motion, _) in zip(chain.arms, found, strict=True)}
+    contacts = [held for _, held in found if held is not None]
     return ChainMotion(chain, arms, contacts, object_motion(chain.held_object, frame, none, none))
+
+
+def arm_at_rest(arm: Arm, q: Array, grasp: Grasp | None, frame: Pose) -> tuple[ArmMotion, Contact | None]:
+    """Return an arm at rest, and its grasp if it has one; see `arm_and_grasp`."""
+    none = np.zeros(6)
+    return resting(arm, posture(arm, q)), None if grasp is None else contact(grasp, frame, none, none)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from holdfast.simulation.confirmation import PARTS, ROUNDING, SHARE
-from holdfast.simulation.rollout.stages import SLIPPED
+from holdfast.simulation.rollout.advance import SLIPPED
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.spatial.scalar import Array
 

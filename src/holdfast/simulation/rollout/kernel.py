@@ -130,7 +130,7 @@ class StepKernel:
 
 
 def _contact(chain: ClosedChain) -> Array:
-    """Return what the grasps' margins are made of, (grasps, 6); see `stages.margin`."""
+    """Return what the grasps' margins are made of, (grasps, 6); see `advance.contact_margin`."""
     rows: list[list[float]] = []
     for grasp in chain.grasps.values():
         contact, limits = grasp.contact, grasp.wrench_limits or WrenchLimits()

@@ -15,12 +15,12 @@ from holdfast.compiler.schedule import External
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.rollout.advance import BROKEN, SINGULAR, SLIPPED, TOO_LONG
 from holdfast.simulation.rollout.arguments import acting, fitting, number, paces, require_free_names, told, whole_steps
 from holdfast.simulation.rollout.confirmation import contradicted
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.law import ControlLaw, held_torques
 from holdfast.simulation.rollout.rows import STATE
-from holdfast.simulation.rollout.stages import BROKEN, SINGULAR, SLIPPED, TOO_LONG
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.simulation.rollout.traced_law import travelling
 from holdfast.simulation.runge_kutta import scheme as scheme_of

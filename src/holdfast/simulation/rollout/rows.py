@@ -14,8 +14,8 @@ from holdfast.errors import ClosureError, HoldfastError, SingularChainError, Sta
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.friction import friction_torque, joint_friction
 from holdfast.simulation.instant import WORST_CONDITION, Instant
+from holdfast.simulation.rollout.advance import BROKEN, OPEN, SINGULAR
 from holdfast.simulation.rollout.kernel import Systems
-from holdfast.simulation.rollout.stages import BROKEN, OPEN, SINGULAR
 from holdfast.simulation.step import Gaps
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State

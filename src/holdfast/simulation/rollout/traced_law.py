@@ -19,7 +19,7 @@ from holdfast.compiler.program import Program
 from holdfast.compiler.trace import trace
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout.law import ControlLaw
-from holdfast.simulation.rollout.stages import law_text
+from holdfast.simulation.rollout.law_text import law_text
 from holdfast.spatial.scalar import Array, Scalar, cos, sin, sqrt, where
 from holdfast.state import State
 

@@ -1,0 +1,274 @@
+"""A time step of many systems, as the reference takes it, and whether it is accepted.
+
+state at each stage of the scheme -> control -> forward dynamics -> slope; the end of the step -> projection
+-> control -> forward dynamics -> slope (the next step's first) -> margins -> verdict
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import reduce
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from holdfast.compiled.forward_schedule import Judged, judged
+from holdfast.compiled.object_stages import unit_pose
+from holdfast.compiled.structure import Structure
+from holdfast.compiled.traced_chain import Given, traced_chain, traced_inputs
+from holdfast.compiler.schedule import FIRST_BAD
+from holdfast.dynamics.closed.tip_response import Route
+from holdfast.dynamics.margins import friction_conditions, least_margin, limit_conditions
+from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, Gaps, after_step, largest_gaps
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp import GraspKind
+from holdfast.simulation.friction import friction_torque, joint_friction
+from holdfast.simulation.instant import WORST_CONDITION
+from holdfast.simulation.rollout.law import ControlLaw
+from holdfast.simulation.rollout.law_text import asked
+from holdfast.simulation.runge_kutta import Tableau, rotation_vector_rate, runge_kutta_step
+from holdfast.simulation.step import displaced
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each, maximum, minimum, select, where
+from holdfast.spatial.spatial_vector import unrotate
+from holdfast.state import State
+
+# Why a system stands still, as the machine code numbers it; 0: it does not. The last is found afterwards.
+RUNNING, SLIPPED, SINGULAR, OPEN, BROKEN, TOO_LONG = range(6)
+
+STATE = ("q", "qd", "object_pose", "object_twist")
+
+# What is known of a system at the end of a step.
+KEPT = (
+    "q",
+    "qd",
+    "object_pose",
+    "object_twist",
+    "slope",
+    "qdd",
+    "object_acceleration",
+    "grasp_wrench",
+    "base_wrench",
+    "contact_acceleration",
+    "drive",
+    "memory",
+    "rank",
+    "condition",
+    "margin",
+)
+
+
+class Evaluation(NamedTuple):
+    """The chain at one state under its law.
+
+    Attributes:
+        found: forward dynamics.
+        drive: (n,) the law's torques.
+        memory: what the law carries on.
+        power: (4,) see `balance.WORK_TERMS` [W].
+        worst: (2,) the worst condition and status of the step so far.
+    """
+
+    found: Judged
+    drive: Array
+    memory: Array
+    power: Array
+    worst: Array
+
+
+class TracedSystem:
+    """One system while a step is traced.
+
+    Attributes:
+        chain: its chain, parameters in place.
+        law: its law.
+        given: the caller's arrays.
+        inputs: what acts on it.
+    """
+
+    def __init__(self, structure: Structure, law: ControlLaw, given: Given) -> None:
+        self.real, self.law, self.given = structure.chain, law, given
+        self.chain = traced_chain(structure, given)
+        self.inputs = traced_inputs(self.chain, given)
+        self.route: Route = structure.options.route
+        self.friction = joint_friction(structure.chain)
+        self.damping = np.concatenate([arm.damping for arm in structure.chain.arms.values()])
+
+    @property
+    def state(self) -> State:
+        """Where it is."""
+        return State(*(self.last(name) for name in STATE))
+
+    def last(self, name: str) -> Array:
+        """Return what was known at the end of the step before."""
+        found = self.given.get(f"last.{name}")
+        return np.zeros(0) if found is None else found
+
+    def time(self, steps: float) -> Scalar:
+        """Return the time so many steps after the beginning of this one."""
+        return self.given["begin"][()] + (self.last("count")[()] + steps) * self.given["step"][()]
+
+    def evaluate(self, t: Scalar, state: State, memory: Array, before: Evaluation | None) -> Evaluation:
+        """Return torques, then forward dynamics and the power."""
+        drive, kept = asked(self.law, self.real, t, state, memory, self.given)
+        lost = friction_torque(self.friction, state.qd)
+        found = judged(self.chain, framed(state), drive - lost, self.inputs, self.given["generic_rank"], self.route)
+        bases = self.inputs.base_twists
+        assert bases is not None and self.inputs.object_wrench is not None
+        power = [
+            drive @ state.qd,
+            -((self.damping * state.qd + lost) @ state.qd),
+            found.whole.base_wrench.ravel() @ bases.ravel(),
+            self.inputs.object_wrench @ state.object_twist,
+        ]
+        worst = array([found.condition, found.status])
+        if before is not None:
+            worst = maximum(before.worst, worst)
+        return Evaluation(found, drive, kept, array(power), worst)
+
+
+def framed(state: State) -> State:
+    """Return the state; its object's frame is not-a-number if the quaternion is not of unit length."""
+    vars(state)["object_frame"] = unit_pose(state.object_pose, state.object_twist[3:])
+    return state
+
+
+def rates(state: State, at: Evaluation, turn: Array) -> Array:
+    """Return d/dt (q, qd, turn, p, V(C), work), where exp(turn) has brought the object here; see `Instant.rates`."""
+    w, v = state.object_twist[:3], state.object_twist[3:]
+    attitude = rotation_vector_rate(turn, w)
+    return concatenate([state.qd, at.found.whole.qdd, attitude, v, at.found.whole.object_acceleration, at.power])
+
+
+def step(structure: Structure, law: ControlLaw, tableau: Tableau, given: Given) -> dict[str, Any]:
+    """Return what a system carries on after one step: `take_step`, refused systems staying where they are."""
+    system = TracedSystem(structure, law, given)
+    n, h, start = system.chain.joint_count, given["step"][()], system.state
+    held = given["held"][()] > 0.5
+    seen: list[Evaluation] = []
+    times = iter(tableau.c[1:])
+
+    def displaced_by(y: Array) -> State:
+        there = displaced(start, y)
+        pose = select(held, start.object_pose, there.object_pose)  # a turn by nothing may cost the last bit
+        return State(there.q, there.qd, pose, there.object_twist)
+
+    def derivative(_: Scalar, y: Array) -> Array:
+        there = displaced_by(y)
+        t = system.time(float(next(times)))
+        seen.append(system.evaluate(t, there, system.last("memory"), seen[-1] if seen else None))
+        return rates(there, seen[-1], y[2 * n : 2 * n + 3])
+
+    y, _ = runge_kutta_step(derivative, 0.0, np.zeros(2 * n + 16), h, tableau, first=system.last("slope"))
+    rough = displaced_by(y)
+    drift = largest_gaps(system.chain, rough, system.inputs)
+    closed = after_step(system.chain, rough, system.inputs)
+    end = State(*(select(held, getattr(rough, name), getattr(closed, name)) for name in STATE))
+    t = system.time(1.0)
+    now = system.evaluate(t, end, system.last("memory"), seen[-1] if seen else None)
+    gaps = largest_gaps(system.chain, end, system.inputs)
+    margins = grasp_margins(system.real, given, end.object_frame.R, now.found.whole.grasp_wrench)
+    found = now.found
+    kept = dict(zip(STATE, (end.q, end.qd, end.object_pose, end.object_twist), strict=True)) | {
+        "slope": rates(end, now, np.zeros(3)),
+        **{name: getattr(found.whole, name) for name in KEPT if hasattr(found.whole, name)},
+        "drive": now.drive,
+        "memory": now.memory,
+        "rank": array(found.rank),
+        "condition": array(found.condition),
+        "margin": margins,
+    }
+    code = verdict(system, kept, now.worst, drift, gaps)
+    return carried(system, kept, code, y[2 * n + 12 :], t, concatenate([drift, gaps]))
+
+
+def grasp_margins(chain: ClosedChain, given: Given, R: Array, wrenches: Array) -> Array:
+    """Return the margin of every grasp, (grasps,); infinite for a two-sided one without wrench limits."""
+    rows = [chain.names.index(name) for name in chain.grasps]
+    kinds = [grasp.kind for grasp in chain.grasps.values()]
+    found = each(
+        lambda kind, contact, grasp_R, f: contact_margin(kind, contact, unrotate(R @ grasp_R, f)),
+        kinds,
+        given["contact"],
+        given["grasp_R"],
+        [wrenches[row] for row in rows],
+    )
+    return array(found)
+
+
+def contact_margin(kind: GraspKind, contact: Array, f: Array) -> Scalar:
+    """Return the margin of one grasp [N].
+
+    Args:
+        kind: of the grasp.
+        contact: (6,) whether it is one-sided, mu, torsion radius or half length, largest moment, largest force, lever.
+        f: (6,) wrench, contact axes.
+    """
+    one_sided, mu, size, moment, force, lever = contact
+    strength = least_margin(limit_conditions(moment, force, lever), f)
+    if kind == "rigid":
+        return strength
+    pressed = least_margin(friction_conditions(kind, mu, size), f)
+    return minimum(strength, where(one_sided > 0.5, pressed, float("inf")))
+
+
+def verdict(system: TracedSystem, kept: Mapping[str, Array], worst: Array, drift: Gaps, gaps: Gaps) -> Scalar:
+    """Return why a system stands still after the step, as numbered above.
+
+    Args:
+        system: the system.
+        kept: what is known at the step's end.
+        worst: (2,) condition and status.
+        drift: gaps that projection found,
+        gaps: and left.
+    """
+    given, margins = system.given, list(kept["margin"])
+    # x - x, which tells as much, is folded to zero
+    total = sum(sum(abs(entry) for entry in x.flat) for name, x in kept.items() if name != "margin")
+    least = reduce(minimum, margins) if margins else float("inf")
+    fault = where(least < given["least_margin"][()], float(SLIPPED), float(RUNNING))
+    fault = where(worst[0] <= WORST_CONDITION, fault, float(SINGULAR))
+    fault = where(worst[1] < FIRST_BAD, fault, float(SINGULAR))
+    fault = where(drift.position <= FARTHEST, fault, float(OPEN))
+    left = where(given["held"][()] > 0.5, 0.0, gaps.position)  # what is held is not closed
+    fault = where(left <= LEFT_OPEN, fault, float(OPEN))
+    fault = where(total < float("inf"), fault, float(BROKEN))
+    code = system.last("code")[()]
+    return where(code > 0.5, code, fault)
+
+
+def carried(
+    system: TracedSystem, kept: Mapping[str, Array], code: Scalar, work: Array, t: Scalar, gaps: Array
+) -> dict[str, Array]:
+    """Return what the system carries on: the step's end if it goes on, else what it was.
+
+    Args:
+        system: the system.
+        kept: what is known at the step's end.
+        code: why it stands still.
+        work: (4,) done during the step [J].
+        t: the step's end [s].
+        gaps: (4,) position and velocity before projection, and after.
+    """
+    on, last = code < 0.5, system.last
+    found = {name: select(on, x, last(name)) for name, x in kept.items()}
+    found["work"] = select(on, last("work") + work, last("work"))
+    found["gaps"] = select(on, gaps, last("gaps"))
+    found["code"], found["count"] = array(code), array(last("count")[()] + where(on, 1.0, 0.0))
+    found["before"] = select(on, last("memory"), last("before"))
+    worst, since = last("worst_margin"), last("worst_time")
+    lower = [where(on, m, float("inf")) < w for m, w in zip(kept["margin"], worst, strict=True)]
+    found["worst_margin"] = array([where(l, m, w) for l, m, w in zip(lower, kept["margin"], worst, strict=True)])
+    found["worst_time"] = array([where(l, t, s) for l, s in zip(lower, since, strict=True)])
+    return {f"last.{name}": x for name, x in found.items()}
+
+
+def evaluation(structure: Structure, law: ControlLaw, given: Given) -> dict[str, Array]:
+    """Return the slope where a system is, under other torques or parameters; the law's memory moves on anew."""
+    system = TracedSystem(structure, law, given)
+    now = system.evaluate(system.time(0.0), system.state, system.last("before"), None)
+    on = system.last("code")[()] < 0.5
+    slope = rates(system.state, now, np.zeros(3))
+    return {
+        "last.slope": select(on, slope, system.last("slope")),
+        "last.memory": select(on, now.memory, system.last("memory")),
+    }
