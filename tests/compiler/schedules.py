@@ -5,22 +5,30 @@ object -> items of every group, in lanes -> one after the other, "s" handed on -
 """
 
 import random
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from hypothesis import strategies as st
 
+from holdfast.compiler import cpu
 from holdfast.compiler.expand import lowered
 from holdfast.compiler.graph import Graph
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import Call, External, Group, Internal, Schedule, Wire
 from holdfast.compiler.stage import Stage, stage_of
-from holdfast.compiler.trace import program_of
+from holdfast.compiler.trace import program_of, trace
 
 COUNTS = (1, 2, 3, 5, 8, 9, 17)
 Ports = dict[str, Shape]
 
 KINDS = ["add", "subtract", "multiply", "divide", "fma", "select", "negate", "absolute", "sqrt", "sin"]
 WEIGHTS = [6, 6, 8, 2, 4, 2, 2, 1, 1, 0.3]
+
+
+def stage(name: str, text: Callable, inputs: Sequence[Ports], outputs: Sequence[Sequence[str]]) -> Stage:
+    """Return the stage of a text that is given the inputs of all phases; it is cut by what is known when."""
+    program = trace(text, [shape for phase in inputs for shape in phase.values()])
+    return stage_of(name, lowered(program, cpu.has_fma()), inputs, outputs, program.operation_count)
 
 
 def random_stage(draw: random.Random, name: str, inputs: list[Ports], outputs: list[Ports], steps: int = 12) -> Stage:

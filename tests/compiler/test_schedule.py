@@ -12,9 +12,8 @@ from holdfast.compiler import llvm, module
 from holdfast.compiler.interpret import interpret_schedule
 from holdfast.compiler.kernel import Kernel
 from holdfast.compiler.schedule import FIRST_BAD, NOT_FINITE, Call, External, Group, Internal, Schedule, Wire
-from holdfast.compiler.stage import stage
 from tests.compiler.programs import all_same_bits, same_bits
-from tests.compiler.schedules import COUNTS, Writer, inputs_of, schedules
+from tests.compiler.schedules import COUNTS, Writer, inputs_of, schedules, stage
 
 
 def kernel_of(schedule: Schedule, lanes: int) -> Kernel:
@@ -172,13 +171,7 @@ def test_replaced_arrays(order, rounds):
 
 def test_parameters_are_prepared_once():
     """Without `prepare` a bound kernel computes with the old ones."""
-
-    def text(p):
-        square = p * p
-        (x,) = yield ()
-        return (square * x,)
-
-    made = stage("squares", text, [{"p": (3,)}, {"x": (3,)}], [(), ("y",)])
+    made = stage("squares", lambda p, x: (p * p * x,), [{"p": (3,)}, {"x": (3,)}], [(), ("y",)])
     externals = {"x": External((3,), "input"), "p": External((3,), "parameter"), "y": External((3,), "output")}
     group = Group(made, 1, {name: Wire(name, (0,)) for name in externals}, side_by_side=False)
     schedule = Schedule(externals, {}, {"squares": group}, (Call("squares", 0, (0,)),), (Call("squares", 1, (0,)),))

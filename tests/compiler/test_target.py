@@ -9,9 +9,9 @@ from holdfast.compiler import cpu
 from holdfast.compiler.errors import CompileError
 from holdfast.compiler.interpret import interpret
 from holdfast.compiler.kernel import compile_program
-from holdfast.compiler.stage import stage
 from holdfast.compiler.trace import trace
 from tests.compiler.programs import all_same_bits
+from tests.compiler.schedules import stage
 from tests.processors import levels
 
 LANES = {"x86-64-v2": 2, "x86-64-v3": 4, "x86-64-v4": 8}

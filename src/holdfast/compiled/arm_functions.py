@@ -6,10 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from holdfast.compiled.arm_stages import LINKS
+from holdfast.compiled.externals import LINKS, externals, shapes, starts
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiled.traced_chain import Given, traced, traced_chain, traced_inputs, traced_state
-from holdfast.compiled.wiring import externals, shapes, starts
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External, Schedule
 from holdfast.dynamics.arm.jacobian import jacobian

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from holdfast.compiled.arm_stages import BASE_MOTION
+from holdfast.compiled.externals import BASE_MOTION
 from holdfast.compiled.parameters import taken
 from holdfast.compiled.result import UNDECIDED, CompiledResult, ResultLayout
 from holdfast.compiler.kernel import Kernel

@@ -12,9 +12,9 @@ from typing import Any, get_args
 import numpy as np
 
 from holdfast.compiled import arrays, verdict
-from holdfast.compiled.arm_stages import BASE_MOTION
 from holdfast.compiled.arrays import Addresses
 from holdfast.compiled.bound_dynamics import BoundDynamics
+from holdfast.compiled.externals import BASE_MOTION
 from holdfast.compiled.forward_schedule import forward_externals, forward_schedule
 from holdfast.compiled.functions import ChainFunctions
 from holdfast.compiled.kernels import kernel

@@ -4,22 +4,17 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from holdfast.compiled import object_stages
-from holdfast.compiled.arm_stages import BASE_MOTION, LINKS, ArmType, held_arm, lone_arm
-from holdfast.compiled.filter_writer import FilterWriter
-from holdfast.compiled.object_stages import verdict
+from holdfast.compiled.externals import BASE_MOTION, LINKS, externals, shapes
 from holdfast.compiled.structure import Structure
 from holdfast.compiled.traced_chain import Given, traced, traced_chain, traced_inputs, traced_state
-from holdfast.compiled.wiring import externals, shapes
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External, Schedule
-from holdfast.compiler.stage import Stage
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.closed.chain_solution import ChainSolution, chain_solution
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.scalar import Array, Scalar
+from holdfast.spatial.scalar import Array, Scalar, where
 from holdfast.state import Inputs, State
 
 GUARDED = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench")
@@ -91,16 +86,11 @@ def judged(chain: ClosedChain, state: State, tau: Array, inputs: Inputs, generic
     return Judged(motion, chain_solution(motion, found, route), found.rank, status, 1.0 / found.weakest_pivot)
 
 
-def forward_calls(writer: FilterWriter) -> None:
-    """Add the calls of one evaluation of forward dynamics."""
-    structure = writer.structure
-    options = structure.options
+def verdict(rank: Scalar, generic_rank: Scalar, row_count: int) -> Scalar:
+    """Return the status of a rank, as `compiled.result` numbers them.
 
-    def arm(row: int) -> Stage:
-        kind = structure.kind(row)
-        of = ArmType(structure.arm(row), kind, options)
-        return held_arm(of, options.route) if kind else lone_arm(of, options.route)
-
-    writer.alone("object", object_stages.held_object(writer.dense_first, structure.chain.contact_freedom_count))
-    writer.arm_groups("", arm)
-    writer.solve("", structure.kind, 6 * len(structure.held_rows))
+    0: all is unique. 1: the rank is constantly low. 2: it is low, and the generic rank is not
+    known (given as -1). 3: it is lower than in general, a singular configuration.
+    """
+    low = where(generic_rank < 0.0, 2.0, where(rank < generic_rank, 3.0, 1.0))
+    return where(rank < float(row_count), low, 0.0)

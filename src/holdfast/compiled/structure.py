@@ -63,33 +63,6 @@ class Structure:
         order = [names.index(self._type_of(name)) for name in self.chain.names]
         return _digest([repr((names, order, self.options)).encode()])
 
-    def kind(self, row: int) -> str | None:
-        """Return the grasp's kind of an arm, or None."""
-        grasp = self.chain.grasps.get(self.chain.names[row])
-        return grasp.kind if grasp else None
-
-    def arm(self, row: int) -> Arm:
-        """Return an arm by its row."""
-        return self.chain.arms[self.chain.names[row]]
-
-    def joint_start(self, row: int) -> int:
-        """Return where an arm's joints begin in q."""
-        return self.chain.joints[self.chain.names[row]].start
-
-    @cached_property
-    def held_rows(self) -> list[int]:
-        """Rows of the arms that hold, in order."""
-        return [row for row, name in enumerate(self.chain.names) if name in self.chain.grasps]
-
-    def parallel(self, row: int) -> bool:
-        """Return whether the object's filter takes an arm as a parallel sum, before the others."""
-        return self.kind(row) == "rigid" and self.arm(row).joint_count >= 6
-
-    @cached_property
-    def filter_order(self) -> list[int]:
-        """Rows of the arms that hold, in the order of the object's filter."""
-        return sorted(self.held_rows, key=lambda row: not self.parallel(row))
-
     def _type_of(self, name: str) -> str:
         grasp = self.chain.grasps.get(name) if self.by_grasp else None
         kind = grasp.kind if grasp else "none"

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.arm_stages import BASE_MOTION
+from holdfast.compiled.externals import BASE_MOTION
 from holdfast.compiled.folded import with_constants
-from holdfast.compiled.object_stages import unit_pose
 from holdfast.compiled.structure import Structure
 from holdfast.compiler.composition import Composition
 from holdfast.compiler.derivation import derived
@@ -21,11 +20,13 @@ from holdfast.compiler.trace import running_a_text
 from holdfast.compiler.values import array_of
 from holdfast.dynamics.arm.regrouping import regrouped
 from holdfast.model.arm import Arm
+from holdfast.model.checks import ROTATION_TOLERANCE
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.link import Link
+from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, Scalar, loops
+from holdfast.spatial.scalar import Array, Scalar, loops, sqrt, where
 from holdfast.state import Inputs, State
 
 Given = Mapping[str, Array]  # the caller's arrays, traced
@@ -88,6 +89,18 @@ def traced_state(chain: ClosedChain, given: Given) -> State:
     state = State(given["q"], given.get("qd", np.zeros(n)), pose, twist)
     state.__dict__["object_frame"] = unit_pose(pose, twist[3:])
     return state
+
+
+def unit_pose(wxyz_xyz: Array, unused: Iterable[Scalar] = ()) -> Pose:
+    """Return a pose; not-a-number if its quaternion is not of unit length within 1e-6.
+
+    So it is where its origin, or what else is not needed, is not finite: no result would tell.
+    """
+    length = sqrt(wxyz_xyz[:4] @ wxyz_xyz[:4])
+    length = where(abs(length - 1.0) <= ROTATION_TOLERANCE, length, float("nan"))
+    for x in (*wxyz_xyz[4:], *unused):
+        length = where(abs(x) < float("inf"), length, float("nan"))
+    return Pose.unchecked(rotation.from_quaternion(wxyz_xyz[:4] / length), wxyz_xyz[4:])
 
 
 def traced_inputs(chain: ClosedChain, given: Given) -> Inputs:

@@ -1,4 +1,4 @@
-"""A stage: one text compiled once and run for many items, in one phase or several."""
+"""A stage: one program compiled once and run for many items, in one phase or several."""
 
 from __future__ import annotations
 
@@ -7,18 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from holdfast.compiler import cpu
 from holdfast.compiler.cut import Pieces, by_phase
-from holdfast.compiler.expand import lowered
 from holdfast.compiler.program import Program, Shape
-from holdfast.compiler.trace import Text, trace_phases
 
 Ports = Mapping[str, Shape]
 
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """A text and what it computes in each phase, for one item.
+    """A program and what it computes in each phase, for one item.
 
     Attributes:
         name: for messages and for the machine code.
@@ -51,22 +48,6 @@ class Stage:
     def size(self, port: str) -> int:
         """Return how many numbers a port has."""
         return math.prod(self.shapes[port])
-
-
-def stage(name: str, text: Text, inputs: Sequence[Ports], outputs: Sequence[Sequence[str]]) -> Stage:
-    """Trace a text into a stage.
-
-    Args:
-        name: for messages.
-        text: a function, or a generator for several phases (`trace_phases`).
-        inputs: shape by port, in the order of the text's arguments, phase by phase.
-        outputs: ports of the results, in order, phase by phase; an input may have the name of an
-            output (a value that is replaced), told apart by a ' at its end.
-    """
-    program, counts = trace_phases(text, [list(phase.values()) for phase in inputs])
-    assert counts == tuple(len(ports) for ports in outputs), (name, counts, outputs)
-    # a processor without fma would call a library for each: it keeps products and sums apart
-    return stage_of(name, lowered(program, cpu.has_fma()), inputs, outputs, program.operation_count)
 
 
 def stage_of(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -14,8 +14,6 @@ from holdfast.compiler.graph import SERIAL, Graph
 from holdfast.compiler.node import Node
 from holdfast.compiler.program import Output, Program, Shape, pruned
 from holdfast.errors import HoldfastError
-
-Text = Callable[..., Any]
 
 
 def trace(function: Callable[..., tuple[Any, ...]], input_shapes: Iterable[Shape]) -> Program:
@@ -29,34 +27,13 @@ def trace(function: Callable[..., tuple[Any, ...]], input_shapes: Iterable[Shape
     Raises:
         CompileError: naming the line of the text that does what cannot be traced.
     """
-    return trace_phases(function, [tuple(input_shapes)])[0]
-
-
-def trace_phases(text: Text, phases: Sequence[Sequence[Shape]]) -> tuple[Program, tuple[int, ...]]:
-    """Return what a text in several phases computes, and how many results each phase has.
-
-    Such a text is a generator: called with the arrays of the first phase it yields the results it
-    can tell then, is given the arrays of the next one, and returns the last results. Between the
-    phases the world acts on what was yielded; variables of the text simply stay.
-
-    Args:
-        text: a function (one phase) or a generator function.
-        phases: the arguments' shapes, phase by phase.
-
-    Raises:
-        CompileError: naming the line of the text that does what cannot be traced.
-    """
-    graph = Graph()
-    shapes = [tuple(tuple(shape) for shape in phase) for phase in phases]
-    arrays = [[_inputs(graph, shape) for shape in phase] for phase in shapes]
+    graph, shapes = Graph(), tuple([tuple(shape) for shape in input_shapes])
+    arrays = [_inputs(graph, shape) for shape in shapes]
     with running_a_text():
-        results = _run(text, arrays)
-    for found in results:
-        if not isinstance(found, tuple):
-            raise CompileError(f"trace: expected the function to return a tuple of arrays, got {type(found).__name__}")
-    every = [x for found in results for x in found]
-    program = program_of(graph, sum(shapes, ()), [_result(graph, k, x) for k, x in enumerate(every)])
-    return program, tuple(len(found) for found in results)
+        found = function(*arrays)
+    if not isinstance(found, tuple):
+        raise CompileError(f"trace: expected the function to return a tuple of arrays, got {type(found).__name__}")
+    return program_of(graph, shapes, [_result(graph, k, x) for k, x in enumerate(found)])
 
 
 @contextmanager
@@ -76,27 +53,6 @@ def running_a_text() -> Iterator[None]:
             f"{place_of_failure(error)}: this cannot be traced ({type(error).__name__}: {error}); an algorithm's text"
             " uses + - * /, comparisons and holdfast.spatial.scalar on small arrays"
         ) from error
-
-
-def _run(text: Text, arrays: list[list[np.ndarray]]) -> list[tuple[Any, ...]]:
-    """Return the results of every phase."""
-    running = text(*arrays[0])
-    if not isinstance(running, Generator):
-        if len(arrays) > 1:
-            raise CompileError(f"trace: expected a generator for {len(arrays)} phases, got a plain function")
-        return [running]
-    results = []
-    try:
-        results.append(next(running))
-        for given in arrays[1:]:
-            results.append(running.send(tuple(given)))
-    except StopIteration as end:
-        if len(results) != len(arrays) - 1:
-            raise CompileError(
-                f"trace: expected {len(arrays)} phase(s), the text ends after {len(results) + 1}"
-            ) from end
-        return [*results, end.value]
-    raise CompileError(f"trace: expected {len(arrays)} phase(s), the text goes on")
 
 
 def program_of(graph: Graph, input_shapes: tuple[Shape, ...], results: list[tuple[Shape, list[Node]]]) -> Program:

@@ -13,9 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.compiled.forward_schedule import Judged, judged
-from holdfast.compiled.object_stages import unit_pose
 from holdfast.compiled.structure import Structure
-from holdfast.compiled.traced_chain import Given, traced_chain, traced_inputs
+from holdfast.compiled.traced_chain import Given, traced_chain, traced_inputs, unit_pose
 from holdfast.compiler.schedule import FIRST_BAD
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.margins import friction_conditions, least_margin, limit_conditions

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 
-from holdfast.compiled.arm_stages import BASE_MOTION
+from holdfast.compiled.externals import BASE_MOTION, externals, shapes
 from holdfast.compiled.structure import Structure
 from holdfast.compiled.traced_chain import traced
-from holdfast.compiled.wiring import externals, shapes
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External, Schedule
 from holdfast.model.closed_chain import ClosedChain

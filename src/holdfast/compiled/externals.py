@@ -1,0 +1,61 @@
+"""The arrays that computations of a chain take and return."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from itertools import accumulate
+
+from holdfast.compiler.program import Shape
+from holdfast.compiler.schedule import External
+from holdfast.model.closed_chain import ClosedChain
+
+BASE_MOTION = ("base_twist", "base_acceleration")  # parameters, if bases move
+LINKS = ("link_mass", "link_com", "link_inertia")  # parameters, if the links' inertias are
+
+
+def shapes(chain: ClosedChain) -> dict[str, Shape]:
+    """Return the shape of every array of a chain that computations take or return, by name."""
+    n, l, g = chain.joint_count, len(chain.arms), len(chain.grasps)
+    return {
+        "q": (n,),
+        "qd": (n,),
+        "qdd": (n,),
+        "tau": (n,),
+        "object_pose": (7,),
+        "object_twist": (6,),
+        "object_acceleration": (6,),
+        "object_wrench": (6,),
+        "link_wrench": (n, 6),
+        "grasp_wrench": (l, 6),
+        "base_wrench": (l, 6),
+        "contact_acceleration": (chain.contact_freedom_count,),
+        "gravity": (3,),
+        "object_mass": (),
+        "object_com": (3,),
+        "object_inertia": (3, 3),
+        "link_mass": (n,),
+        "link_com": (n, 3),
+        "link_inertia": (n, 3, 3),
+        "base_R": (l, 3, 3),
+        "base_p": (l, 3),
+        "base_twist": (l, 6),
+        "base_acceleration": (l, 6),
+        "grasp_R": (g, 3, 3),
+        "grasp_p": (g, 3),
+    }
+
+
+def externals(
+    inputs: Iterable[str], parameters: Iterable[str], outputs: Iterable[str], shape: Mapping[str, Shape]
+) -> dict[str, External]:
+    """Return a computation's arrays: inputs, then parameters, then outputs."""
+    return (
+        {name: External(shape[name], "input") for name in inputs}
+        | {name: External(shape[name], "parameter") for name in parameters}
+        | {name: External(shape[name], "output") for name in outputs}
+    )
+
+
+def starts(sizes: Iterable[int]) -> list[int]:
+    """Return where parts of these sizes begin when they lie in a row, and where the last one ends."""
+    return list(accumulate(sizes, initial=0))

@@ -1,0 +1,145 @@
+"""Loops of a text while it is traced: the schedule that follows, against the text on floats."""
+
+import numpy as np
+import pytest
+
+from holdfast.compiled.traced_chain import traced
+from holdfast.compiler.errors import CompileError
+from holdfast.compiler.interpret import interpret_schedule
+from holdfast.compiler.kernel import Kernel
+from holdfast.compiler.schedule import External
+from holdfast.spatial.scalar import array, each, maximum, scan, sqrt, where
+
+ON = (1, 3, 3, 5, 6)  # link that each arm sits on: some carry none, one carries two
+
+
+def tree(x):
+    """Return what a tree of three levels finds: arms outward, links to the root and back, a pass of two columns."""
+    gain = array([2.0 * x["k"][0], x["k"][1]])
+
+    def outward(q):
+        weight = q * q + gain[0]
+        return weight, lambda s: weight * s + q
+
+    arms = each(outward, x["arms"])
+    heaviest, _ = scan(lambda worst, arm: (maximum(worst, arm[0][0]), None), 0.0, arms)
+    parents = [max(0, (k - 1) // 2) for k in range(7)]
+    loads = {k: sum((arm[0] for arm, on in zip(arms, ON, strict=True) if on == k), np.zeros(3)) for k in range(7)}
+
+    def inward(t, load):
+        D = t[0] * t[0] + load @ load + 1.0
+        return load / D + t[1] * load, lambda s: (s * t[0] + load) / D
+
+    steps = {}
+    for first, last in ((3, 7), (1, 3), (0, 1)):  # branches meet between levels
+        level = range(first, last)
+        found = each(inward, [x["links"][k] for k in level], [loads[k] for k in level])
+        steps |= dict(zip(level, [step for _, step in found], strict=True))
+        for k, (up, _) in zip(level, found, strict=True):
+            loads[parents[k]] = loads[parents[k]] + up
+    down = dict(zip([0], each(lambda step, s: step(s), [steps[0]], [x["root"]]), strict=True))
+    for first, last in ((1, 3), (3, 7)):
+        level = range(first, last)
+        found = each(lambda step, s: step(s), [steps[k] for k in level], [down[parents[k]] for k in level])
+        down |= dict(zip(level, found, strict=True))
+    back = each(lambda arm, s: arm[1](s), arms, [down[k] for k in ON])
+    columns = each(lambda arm, s: array([arm[1](s), arm[1](2.0 * s)]), arms, back)
+    return {"back": np.concatenate(back), "columns": np.concatenate(columns).ravel(), "heaviest": array([heaviest])}
+
+
+def chained(x):
+    """Return a scan whose carry changes its shape on the way, gone back through, with a result of the glue."""
+
+    def wide(carry, t):
+        a, b = carry
+        c = a * t[0] + b[0]
+        return (c, b + t[1] * a), lambda s: (s * c[0] + a, s @ b)
+
+    def narrow(carry, t):
+        return carry + t[0], lambda s: (s + carry * t[1], s[0])
+
+    (a, b), first = scan(wide, (np.zeros(3), x["b"]), x["links"][:3])
+    total = sqrt(a @ a + 1.0)
+    c, then = scan(narrow, a / total + b, x["links"][3:])
+    s, found = scan(lambda s, step: step(s), c, then[::-1])
+    s, more = scan(lambda s, step: step(s), s * total, first[::-1])
+    longer, sizes = scan(lambda c, t: (np.concatenate([c, t * c[0]]), c @ c), x["b"], x["links"])
+    return {
+        "s": s,
+        "found": array([*found, *more]),
+        "total": where(total > 2.0, c, s),
+        "longer": longer,
+        "sizes": sizes,
+    }
+
+
+TEXTS = {
+    "tree": (tree, {"arms": (len(ON), 3), "links": (7, 2), "root": (3,), "k": (2,)}),
+    "chained": (chained, {"links": (5, 2), "b": (3,)}),
+}
+
+
+def numbers(shapes, seed):
+    """Return random inputs."""
+    random = np.random.default_rng(seed)
+    return {name: random.normal(size=shape) for name, shape in shapes.items()}
+
+
+@pytest.mark.parametrize("lanes", [2, 4, 8])
+@pytest.mark.parametrize("name", TEXTS)
+def test_same_bits(name, lanes):
+    """Interpreter, scalar code, lanes, batches and tails agree to the bit; the text on floats to rounding."""
+    text, shapes = TEXTS[name]
+    expected = text(numbers(shapes, 0))
+    externals = {what: External(shape, "parameter" if what == "k" else "input") for what, shape in shapes.items()}
+    externals |= {what: External(np.shape(x), "output") for what, x in expected.items()}
+    schedule = traced(externals, text)
+    kernel = Kernel(externals, lambda: schedule, lanes=lanes)
+    systems = [numbers(shapes, seed) for seed in range(2 * lanes + 1)]
+    found = [interpret_schedule(schedule, system) for system in systems]
+    for system, read in zip(systems, found, strict=True):
+        for what, x in text(system).items():
+            np.testing.assert_allclose(read[what], np.asarray(x), rtol=1e-12, atol=1e-12)
+        assert all(np.array_equal(a, b) for a, b in zip(kernel(*system.values()), read.values(), strict=True))
+    batch = kernel(*(np.stack([system[what] for system in systems]) for what in shapes))
+    for x, what in zip(batch, expected, strict=True):
+        assert np.array_equal(x, np.stack([read[what] for read in found]))
+
+
+def test_one_of_a_type_is_traced():
+    """However many items there are; others of another constant are of another type."""
+    traces = []
+
+    def text(x):
+        def one(q, c):
+            traces.append(c)
+            return q * c
+
+        return {"y": np.concatenate(each(one, x["q"], [2.0, 3.0, 2.0, 2.0, 3.0]))}
+
+    externals = {"q": External((5, 2), "input"), "y": External((10,), "output")}
+    schedule = traced(externals, text)
+    assert traces == [2.0, 3.0]
+    assert sorted(group.count for group in schedule.groups.values()) == [2, 3]
+    assert [wire.array for group in schedule.groups.values() for wire in group.wires.values()] == ["q", "y"] * 2
+
+
+def test_the_line_is_named():
+    """Of what cannot be traced, also inside a loop."""
+
+    def text(x):
+        return {"y": np.concatenate(each(lambda q: q if q[0] > 0.0 else -q, x["q"]))}
+
+    with pytest.raises(CompileError, match=r"test_composition.*each\(lambda q: q if q\[0\] > 0.0"):
+        traced({"q": External((5, 2), "input"), "y": External((10,), "output")}, text)
+
+
+def test_truths_do_not_leave_a_loop():
+    """They are no numbers."""
+
+    def text(x):
+        found = each(lambda q: q[0] > 0.0, x["q"])
+        return {"y": array([where(one, 1.0, 2.0) for one in found])}
+
+    with pytest.raises(CompileError, match="truth of a comparison"):
+        traced({"q": External((5, 2), "input"), "y": External((5,), "output")}, text)
