@@ -45,7 +45,7 @@ def test_hand_over():
     before, after = jumps[0], jumps[0] + 1
     assert run.object_twist[before, 4] == pytest.approx(0.4, abs=1e-12)
     assert run.object_twist[after:, 4] == pytest.approx(together, abs=1e-12)
-    assert np.array_equal(run.q[before], run.q[after])
+    assert np.abs(run.q[before] - run.q[after]).max() <= 1e-15  # closed again, to rounding
     impulse = np.array(grip.impulses)
     assert impulse[1, 4] == pytest.approx(LINK * (-0.2 - together), abs=1e-12)  # what right's mass gave away
     assert impulse[0, 4] == pytest.approx(LINK * (0.4 - together), abs=1e-12)
