@@ -16,7 +16,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.spatial.inertia import RigidInertia
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, Scalar, each
+from holdfast.spatial.scalar import Array, Scalar, concatenate, each
 from holdfast.spatial.spatial_vector import rotate, shift_wrench, unrotate
 from holdfast.state import Inputs, State
 
@@ -139,13 +139,13 @@ class Power(NamedTuple):
         external: of the external wrenches on object and links.
     """
 
-    drives: float
-    damping: float
-    base: float
-    external: float
+    drives: Scalar
+    damping: Scalar
+    base: Scalar
+    external: Scalar
 
     @property
-    def total(self) -> float:
+    def total(self) -> Scalar:
         """d(T + U)/dt [W]."""
         return self.drives + self.damping + self.base + self.external
 
@@ -162,18 +162,23 @@ def power(
         result: forward dynamics at that state, for the base wrenches.
         inputs: what else acts.
     """
-    given = (inputs or Inputs()).shaped(chain)
-    assert given.base_twists is not None and given.object_wrench is not None
-    damping = np.concatenate([arm.damping for arm in chain.arms.values()])
-    external = given.object_wrench @ state.object_twist
-    if given.link_wrenches is not None:
-        links = list(bodies(chain, state, given))[:-1]
-        external += sum(f @ rotate(body.R, body.twist) for f, body in zip(given.link_wrenches, links, strict=True))
+    found = power_of(chain, state, np.asarray(tau), result.base_wrench, (inputs or Inputs()).shaped(chain))
+    return Power(*map(float, found))
+
+
+def power_of(chain: ClosedChain, state: State, tau: Array, base_wrench: Array, inputs: Inputs) -> Power:
+    """Return the same for base wrenches (arms, 6) and shaped inputs, on any kind of numbers."""
+    assert inputs.base_twists is not None and inputs.object_wrench is not None
+    damping = concatenate(arm.damping for arm in chain.arms.values())
+    external = inputs.object_wrench @ state.object_twist
+    if inputs.link_wrenches is not None:
+        links = list(bodies(chain, state, inputs))[:-1]
+        external += sum(f @ rotate(body.R, body.twist) for f, body in zip(inputs.link_wrenches, links, strict=True))
     return Power(
-        float(np.asarray(tau) @ state.qd),
-        -float(damping @ state.qd**2),
-        float((result.base_wrench * given.base_twists).sum()),
-        float(external),
+        tau @ state.qd,
+        -(damping @ (state.qd * state.qd)),
+        base_wrench.ravel() @ inputs.base_twists.ravel(),
+        external,
     )
 
 

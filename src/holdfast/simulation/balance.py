@@ -13,11 +13,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast.dynamics.energy import power
+from holdfast.dynamics.energy import Power, power
 from holdfast.dynamics.result import ForwardResult
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.stops import MOMENT
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, array
 from holdfast.state import Inputs, State
 
 # Columns of every work and power array.
@@ -38,8 +38,12 @@ def power_terms(
         result: forward dynamics under tau - friction.
         inputs: external wrenches and base motion.
     """
-    p = power(chain, state, tau, result, inputs)
-    return np.array([p.drives, p.damping - friction @ state.qd, p.base, p.external])
+    return work_rates(power(chain, state, tau, result, inputs), friction, state.qd)
+
+
+def work_rates(p: Power, friction: Array, qd: Array) -> Array:
+    """Return power in the order of `WORK_TERMS`, friction's with the damping's, (4,) [W]."""
+    return array([p.drives, p.damping - friction @ qd, p.base, p.external])
 
 
 def imbalance(kinetic: Array, potential: Array, work: Array, impact: Array) -> Array:

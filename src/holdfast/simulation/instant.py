@@ -18,7 +18,7 @@ from holdfast.simulation.balance import power_terms
 from holdfast.simulation.friction import friction_torque, joint_friction
 from holdfast.simulation.runge_kutta import rotation_vector_rate
 from holdfast.simulation.world import World
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, concatenate
 from holdfast.state import Inputs, State
 
 # (t, state, memory) -> (torques (n,), memory): a pure function, memory None at the start
@@ -57,10 +57,22 @@ class Instant:
         Args:
             turn: (3,) u since the step's start [rad].
         """
-        w, v = self.state.object_twist[:3], self.state.object_twist[3:]
         found = self.result
-        attitude = rotation_vector_rate(turn, w)
-        return np.concatenate([self.state.qd, found.qdd, attitude, v, found.object_acceleration, self.power])
+        return rates(self.state, found.qdd, found.object_acceleration, self.power, turn)
+
+
+def rates(state: State, qdd: Array, acceleration: Array, power: Array, turn: Array) -> Array:
+    """Return d/dt of (q, qd, u, p, V(C), work), (2 n + 16,); see `Instant.rates`.
+
+    Args:
+        state: positions and velocities.
+        qdd: (n,) joint accelerations.
+        acceleration: (6,) of C.
+        power: (4,) [W].
+        turn: (3,) u since the step's start [rad].
+    """
+    w, v = state.object_twist[:3], state.object_twist[3:]
+    return concatenate([state.qd, qdd, rotation_vector_rate(turn, w), v, acceleration, power])
 
 
 def require_controller(controller: Any) -> None:

@@ -17,15 +17,17 @@ from holdfast.compiled.structure import Structure
 from holdfast.compiled.traced_chain import Given, traced_chain, traced_inputs, unit_pose
 from holdfast.compiler.schedule import FIRST_BAD
 from holdfast.dynamics.closed.tip_response import Route
+from holdfast.dynamics.energy import power_of
 from holdfast.dynamics.margins import friction_conditions, least_margin, limit_conditions
 from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, Gaps, after_step, largest_gaps
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import GraspKind
+from holdfast.simulation.balance import work_rates
 from holdfast.simulation.friction import friction_torque, joint_friction
-from holdfast.simulation.instant import WORST_CONDITION
+from holdfast.simulation.instant import WORST_CONDITION, rates
 from holdfast.simulation.rollout.law import ControlLaw
 from holdfast.simulation.rollout.law_text import asked
-from holdfast.simulation.runge_kutta import Tableau, rotation_vector_rate, runge_kutta_step
+from holdfast.simulation.runge_kutta import Tableau, runge_kutta_step
 from holdfast.simulation.step import displaced
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each, maximum, minimum, select, where
 from holdfast.spatial.spatial_vector import unrotate
@@ -90,7 +92,6 @@ class TracedSystem:
         self.inputs = traced_inputs(self.chain, given)
         self.route: Route = structure.options.route
         self.friction = joint_friction(structure.chain)
-        self.damping = np.concatenate([arm.damping for arm in structure.chain.arms.values()])
 
     @property
     def state(self) -> State:
@@ -111,18 +112,11 @@ class TracedSystem:
         drive, kept = asked(self.law, self.real, t, state, memory, self.given)
         lost = friction_torque(self.friction, state.qd)
         found = judged(self.chain, framed(state), drive - lost, self.inputs, self.given["generic_rank"], self.route)
-        bases = self.inputs.base_twists
-        assert bases is not None and self.inputs.object_wrench is not None
-        power = [
-            drive @ state.qd,
-            -((self.damping * state.qd + lost) @ state.qd),
-            found.whole.base_wrench.ravel() @ bases.ravel(),
-            self.inputs.object_wrench @ state.object_twist,
-        ]
+        power = work_rates(power_of(self.chain, state, drive, found.whole.base_wrench, self.inputs), lost, state.qd)
         worst = array([found.condition, found.status])
         if before is not None:
             worst = maximum(before.worst, worst)
-        return Evaluation(found, drive, kept, array(power), worst)
+        return Evaluation(found, drive, kept, power, worst)
 
 
 def framed(state: State) -> State:
@@ -131,11 +125,9 @@ def framed(state: State) -> State:
     return state
 
 
-def rates(state: State, at: Evaluation, turn: Array) -> Array:
-    """Return d/dt (q, qd, turn, p, V(C), work), where exp(turn) has brought the object here; see `Instant.rates`."""
-    w, v = state.object_twist[:3], state.object_twist[3:]
-    attitude = rotation_vector_rate(turn, w)
-    return concatenate([state.qd, at.found.whole.qdd, attitude, v, at.found.whole.object_acceleration, at.power])
+def slope(state: State, at: Evaluation, turn: Array) -> Array:
+    """Return d/dt (q, qd, turn, p, V(C), work), where exp(turn) has brought the object here."""
+    return rates(state, at.found.whole.qdd, at.found.whole.object_acceleration, at.power, turn)
 
 
 def step(structure: Structure, law: ControlLaw, tableau: Tableau, given: Given) -> dict[str, Any]:
@@ -155,7 +147,7 @@ def step(structure: Structure, law: ControlLaw, tableau: Tableau, given: Given) 
         there = displaced_by(y)
         t = system.time(float(next(times)))
         seen.append(system.evaluate(t, there, system.last("memory"), seen[-1] if seen else None))
-        return rates(there, seen[-1], y[2 * n : 2 * n + 3])
+        return slope(there, seen[-1], y[2 * n : 2 * n + 3])
 
     y, _ = runge_kutta_step(derivative, 0.0, np.zeros(2 * n + 16), h, tableau, first=system.last("slope"))
     rough = displaced_by(y)
@@ -168,7 +160,7 @@ def step(structure: Structure, law: ControlLaw, tableau: Tableau, given: Given) 
     margins = grasp_margins(system.real, given, end.object_frame.R, now.found.whole.grasp_wrench)
     found = now.found
     kept = dict(zip(STATE, (end.q, end.qd, end.object_pose, end.object_twist), strict=True)) | {
-        "slope": rates(end, now, np.zeros(3)),
+        "slope": slope(end, now, np.zeros(3)),
         **{name: getattr(found.whole, name) for name in KEPT if hasattr(found.whole, name)},
         "drive": now.drive,
         "memory": now.memory,
@@ -266,8 +258,8 @@ def evaluation(structure: Structure, law: ControlLaw, given: Given) -> dict[str,
     system = TracedSystem(structure, law, given)
     now = system.evaluate(system.time(0.0), system.state, system.last("before"), None)
     on = system.last("code")[()] < 0.5
-    slope = rates(system.state, now, np.zeros(3))
+    found = slope(system.state, now, np.zeros(3))
     return {
-        "last.slope": select(on, slope, system.last("slope")),
+        "last.slope": select(on, found, system.last("slope")),
         "last.memory": select(on, now.memory, system.last("memory")),
     }

@@ -1,0 +1,107 @@
+"""Machine code is traced from the very functions that the reference runs."""
+
+import ast
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import holdfast
+from holdfast.compiled.forward_schedule import forward_schedule
+from holdfast.compiled.structure import Options, Structure
+from holdfast.dynamics.projection import STEP_ROUNDS
+from holdfast.simulation.rollout.law import held_torques
+from holdfast.simulation.rollout.schedule import step_schedule
+from holdfast.simulation.runge_kutta import RK4
+from holdfast.simulation.step import take_step
+from holdfast.simulation.stepper import ReferenceStepper
+from holdfast.simulation.tolerance import Tolerance
+from holdfast.simulation.world import World
+from tests.dynamics.problems import random_problem
+
+ROOT = Path(holdfast.__file__).parent
+GRASPS = ("rigid", "hinge", None, "softfinger", "ball", "rigid")
+
+# What only one reading needs: questions whose answers are Python's truths.
+ON_FLOATS = {"rank", "consistency", "indeterminate", "forward", "result", "methods", "impulse", "split"}
+
+
+def functions_run(call, rooms) -> dict:
+    """Return how often each function of the given rooms ran during a call, by its code."""
+    found: dict = {}
+
+    def note(frame, event, _):
+        if event == "call" and any(f"/holdfast/{room}" in frame.f_code.co_filename for room in rooms):
+            found[frame.f_code] = found.get(frame.f_code, 0) + 1
+
+    sys.setprofile(note)
+    try:
+        call()
+    finally:
+        sys.setprofile(None)
+    return {code: n for code, n in found.items() if Path(code.co_filename).stem not in ON_FLOATS}
+
+
+def names(codes) -> set:
+    """Return functions as file and name, for messages."""
+    return {f"{Path(code.co_filename).stem}.{code.co_qualname}" for code in codes}
+
+
+@pytest.fixture(scope="module")
+def problem():
+    """Every grasp, an arm without one."""
+    return random_problem(0, grasps=GRASPS, joints=(7, 6, 4, 6, 5, 6), moving_base=False, extras=False)
+
+
+def test_forward_dynamics(problem):
+    """All that the reference runs on floats is traced; of arms of one type only one is."""
+    rooms = ("dynamics/arm", "dynamics/closed")
+    on_floats = functions_run(lambda: holdfast.forward_dynamics(problem.chain, problem.state, problem.tau), rooms)
+    traced = functions_run(lambda: forward_schedule(Structure(problem.chain, Options())), rooms)
+    assert names(on_floats) <= names(traced)
+    assert on_floats.keys() <= traced.keys()  # the same objects
+    assert {"object_filter", "rigid_step", "row_steps", "sequential", "chain_solution"} <= {
+        Path(code.co_filename).stem for code in traced
+    }
+
+
+def test_a_step(problem):
+    """Stages, projection and its rounds, gaps, forward dynamics."""
+    chain = problem.chain
+    world, tau = World(chain), problem.tau
+    stepper = ReferenceStepper(world, lambda t, state, memory: (tau, memory), 33, RK4, Tolerance(1e-6, 1e-9))
+    now, _ = stepper.start(0.0, problem.state, None)
+    rooms = ("dynamics/arm", "dynamics/closed", "dynamics/projection", "simulation/runge_kutta")
+    on_floats = functions_run(lambda: take_step(world, stepper.controller, now, 1e-4, 33, RK4), rooms)
+    law = held_torques(chain.joint_count)
+    traced = functions_run(lambda: step_schedule(Structure(chain, Options()), law, RK4), rooms)
+    assert names(on_floats) <= names(traced)
+    assert on_floats.keys() <= traced.keys()
+    for name in ("closer", "largest_gaps", "sequential", "runge_kutta_step"):
+        counts = [sum(n for code, n in found.items() if code.co_name == name) for found in (on_floats, traced)]
+        assert counts[0] == counts[1] > 0, name
+        assert name != "closer" or counts[0] == STEP_ROUNDS
+
+
+@pytest.mark.parametrize("path", [*(ROOT / "compiled").glob("*.py"), *(ROOT / "simulation" / "rollout").glob("*.py")])
+def test_nothing_is_computed_there(path):
+    """No products of matrices and no sines: what machine code computes of a chain is a text of another room."""
+    if path.name in ("turns.py",):
+        pytest.skip("works on what machine code has found")
+    allowed = {("traced_chain", "unit_pose"), ("advance", "grasp_margins")}
+    for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(function, ast.FunctionDef) and (path.stem, function.name) not in allowed:
+            products = [x for x in ast.walk(function) if isinstance(x, ast.BinOp) and isinstance(x.op, ast.MatMult)]
+            assert not products, (path.name, function.name)
+
+
+def test_numbers_of_both(problem):
+    """And they agree."""
+    fast = holdfast.compile(problem.chain)
+    s = problem.state
+    twist = problem.inputs.shaped(problem.chain).base_twists
+    found = fast.forward_dynamics(s.q, s.qd, problem.tau, s.object_pose, s.object_twist, base_twist=twist)
+    inputs = holdfast.Inputs(base_twists=twist)
+    expected = holdfast.forward_dynamics(problem.chain, s, problem.tau, inputs=inputs, check=False)
+    np.testing.assert_allclose(found.qdd, expected.qdd, rtol=1e-9, atol=1e-9)
