@@ -35,24 +35,29 @@ class Needed:
 
     def follow(self, results: Iterable[Node]) -> None:
         """Note what numbers of the glue are made of."""
-        seen: set[tuple[Group | None, Node]] = set()
-        waiting: list[tuple[Group | None, Node]] = [(None, node) for node in results]
-        while waiting:
-            at = waiting.pop()
-            if at in seen:
-                continue
-            seen.add(at)
-            group, node = at
-            for a in node.args:
-                waiting.append((group, a))
-            if group is None:
-                origin = self.traced.origins.get(node)
-                if origin is not None:
-                    waiting.append((self._first[origin.group], origin.node))
-            elif node.kind == "input":
-                self.inputs[group].add(node)
-                for other in self._like[group]:
-                    waiting += [(g and self._first[g], x) for g, x in self._sources(*self._given[other][node])]
+        seen: dict[Group | None, set[Node]] = {group: set() for group in (None, *self._like)}
+        elsewhere: list[tuple[Group | None, Node]] = [(None, node) for node in results]
+        while elsewhere:
+            group, node = elsewhere.pop()
+            known, here = seen[group], [node]
+            while here:
+                node = here.pop()
+                if node not in known:
+                    known.add(node)
+                    here += node.args
+                    if node.kind == "input":
+                        elsewhere += self._origin(node) if group is None else self._given_to(group, node)
+
+    def _origin(self, node: Node) -> list[tuple[Group | None, Node]]:
+        """Return what an input of the glue is an image of."""
+        origin = self.traced.origins.get(node)
+        return [] if origin is None else [(self._first[origin.group], origin.node)]
+
+    def _given_to(self, group: Group, node: Node) -> list[tuple[Group | None, Node]]:
+        """Note that an input of a region is needed; return what it is given."""
+        self.inputs[group].add(node)
+        sources = [self._sources(*self._given[other][node]) for other in self._like[group]]
+        return [(maker and self._first[maker], x) for found in sources for maker, x in found]
 
     def _sources(self, source: Source, k: int) -> Iterable[tuple[Group | None, Node]]:
         """Return what an input of a region is given, by any item."""

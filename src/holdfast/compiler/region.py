@@ -132,12 +132,15 @@ class Group:
 
     def phase(self, node: Node) -> int:
         """Return the phase that computes a number of the region."""
-        for n in self.region.graph.nodes[len(self._phases) : node.serial + 1]:
+        phases = self._phases
+        for n in self.region.graph.nodes[len(phases) : node.serial + 1]:
+            latest = 0
+            for a in n.args:
+                latest = max(latest, phases[a.serial])
             if n.kind == "input":
-                self._phases.append(self._given.get(n.serial, -1))  # -1: another group's, which shares the region
-            else:
-                self._phases.append(max([self._phases[a.serial] for a in n.args], default=0))
-        return self._phases[node.serial]
+                latest = self._given.get(n.serial, -1)  # -1: another group's, which shares the region
+            phases.append(latest)
+        return phases[node.serial]
 
 
 class Turns:
