@@ -143,3 +143,35 @@ def test_truths_do_not_leave_a_loop():
 
     with pytest.raises(CompileError, match="truth of a comparison"):
         traced({"q": External((5, 2), "input"), "y": External((5,), "output")}, text)
+
+
+def test_long_texts():
+    """Between loops and inside them: no recursion follows the operations."""
+
+    def long(x):
+        for _ in range(3000):
+            x = x / (1.25 + x * x)
+        return x
+
+    def text(x):
+        return {"y": np.concatenate(each(lambda q: long(q) + long(x["q"][0]), x["q"]))}
+
+    externals = {"q": External((2, 1), "input"), "y": External((2,), "output")}
+    found = interpret_schedule(traced(externals, text), {"q": np.array([[0.7], [-0.3]])})["y"]
+    expected = text({"q": np.array([[0.7], [-0.3]])})["y"]
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_read_in_lanes_and_shared():
+    """What one item after the other finds is read item by item, and one of it by all."""
+
+    def text(x):
+        _, found = scan(lambda c, q: (c + q, c * q), np.zeros(2), x["q"])
+        each_own = each(lambda q, own: q * own, x["q"], found)
+        return {"y": np.concatenate(each_own + each(lambda q: q - found[1], x["q"]))}
+
+    externals = {"q": External((5, 2), "input"), "y": External((20,), "output")}
+    schedule = traced(externals, text)
+    given = {"q": np.arange(10.0).reshape(5, 2) - 3.0}
+    assert np.array_equal(Kernel(externals, lambda: schedule, lanes=4)(given["q"])[0], text(given)["y"])
+    assert np.array_equal(interpret_schedule(schedule, given)["y"], text(given)["y"])

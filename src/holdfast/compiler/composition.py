@@ -53,7 +53,7 @@ class Composition:
         self._values = Values()
         self._regions: dict[Hashable, Region] = {}
         self._settled: set[Node] = set()
-        self._constant: dict[Node, bool] = {}
+        self._constants: list[bool] = []
         self._inside = False
 
     # ---- loops ----
@@ -294,11 +294,10 @@ class Composition:
 
     def constant(self, node: Node) -> bool:
         """Return whether a number outside depends on parameters only."""
-        known = self._constant.get(node)
-        if known is None:
-            known = node in self.parameters if node.kind == "input" else all(map(self.constant, node.args))
-            self._constant[node] = known
-        return known
+        known = self._constants
+        for n in self.graph.nodes[len(known) : node.serial + 1]:  # one after the other: texts may be long
+            known.append(n in self.parameters if n.kind == "input" else all(known[a.serial] for a in n.args))
+        return known[node.serial]
 
     def _settle(self, nodes: Sequence[Node]) -> None:
         """Call what computes the images that numbers outside are made of."""

@@ -53,7 +53,7 @@ class Derivation:
         self.needed = Needed(traced)
         self._arrays: dict[object, str] = {}
         self.stages = Stages()
-        self._ready: dict[Node, int] = {}
+        self._ready: list[int] = []
         self._last = {(step.group, step.phase): k for k, step in enumerate(traced.steps)}
 
     # ---- what the regions are given ----
@@ -102,10 +102,8 @@ class Derivation:
         if len(makers) == 1 and len({nodes for _, _, nodes in origins}) == 1:
             (maker, _, nodes), items = origins[0], tuple([i for _, i, _ in origins])
             alike = items == tuple(range(maker.count)) and group.count == maker.count
-            if not _wide(maker) and (not _wide(group) or len(set(items)) == 1 or alike):
-                return Wire(self._returned(maker, nodes), items)
-            if _wide(maker) and (not _wide(group) or alike):
-                return Wire(self._returned(maker, nodes), items)
+            if not _wide(group) or alike or (not _wide(maker) and len(set(items)) == 1):
+                return Wire(self._returned(maker, nodes, in_lanes=_wide(group) and alike), items)
         if any(_wide(maker) for maker in makers):
             return None
         return self._gathered(origins)
@@ -134,9 +132,15 @@ class Derivation:
                 self._return(maker, nodes, Wire(name, tuple([places[i] for i in range(maker.count)])))
         return Wire(self._arrays[key], tuple(range(len(origins))))
 
-    def _returned(self, maker: Group, nodes: Leaf) -> str:
-        """Return the array of numbers that a group returns, with a place for each of its items."""
-        key = (maker.name, nodes)
+    def _returned(self, maker: Group, nodes: Leaf, in_lanes: bool = False) -> str:
+        """Return the array of numbers that a group returns, with a place for each of its items.
+
+        Args:
+            maker: the group.
+            nodes: the numbers.
+            in_lanes: whether a group reads it whose items run side by side: no other array of these can be shared.
+        """
+        key = (maker.name, nodes, in_lanes and not _wide(maker))
         if key not in self._arrays:
             name = self._arrays[key] = f"{maker.name}.{len(self._arrays)}"
             self.internals[name] = Internal(maker.count, len(nodes))
@@ -269,17 +273,17 @@ class Derivation:
 
     def ready(self, node: Node) -> int:
         """Return before which step a number of the glue is known; -1: as soon as the parameters are."""
-        known = self._ready.get(node)
-        if known is None:
-            origin = self.traced.origins.get(node)
+        known = self._ready
+        for n in self.traced.graph.nodes[len(known) : node.serial + 1]:
+            origin = self.traced.origins.get(n)
             if origin is not None:
-                known = self._last[origin.group, max(1, origin.group.phase(origin.node))] + 1
-            elif node.kind == "input":
-                known = -1 if node in self.traced.parameters else 0
+                called = self._last.get((origin.group, max(1, origin.group.phase(origin.node))))
+                known.append(len(self.traced.steps) if called is None else called + 1)
+            elif n.kind == "input":
+                known.append(-1 if n in self.traced.parameters else 0)
             else:
-                known = max(map(self.ready, node.args), default=-1)
-            self._ready[node] = known
-        return known
+                known.append(max([known[a.serial] for a in n.args], default=-1))
+        return known[node.serial]
 
     def _seen(self, used: set[Node]) -> list[tuple[Group, list[int], Leaf, int]]:
         """Return what the glue sees of the groups: items, numbers and the phase that returns them."""
