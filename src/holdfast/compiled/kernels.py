@@ -17,7 +17,7 @@ from holdfast.compiler.kernel import Kernel
 from holdfast.compiler.schedule import External, Schedule
 
 # The rooms whose text becomes machine code.
-_ROOMS = ("spatial", "model", "dynamics", "compiler", "compiled")
+_ROOMS = ("spatial", "model", "state", "dynamics", "compiler", "compiled")
 
 _made: weakref.WeakValueDictionary[str, Kernel] = weakref.WeakValueDictionary()
 _lock = threading.Lock()
@@ -57,7 +57,7 @@ def _sources(*further: str) -> str:
     root = Path(holdfast.compiler.__file__).parent.parent
     digest = hashlib.sha256(metadata.version("holdfast").encode())
     for room in (*_ROOMS, *further):
-        for path in sorted((root / room).rglob("*.py")):
+        for path in sorted((root / room).rglob("*.py")) or [root / f"{room}.py"]:
             digest.update(path.name.encode())
             digest.update(path.read_bytes())
     return digest.hexdigest()
