@@ -53,7 +53,9 @@ def chain_solution(motion: ChainMotion, found: Solution, route: Route) -> ChainS
     rates = found.contact_acceleration
     if rates is None:
         alpha = found.object_acceleration
-        parts = each(lambda arm, c, qdd: relative(arm, c, qdd, alpha), motion.holding, motion.contacts, found.qdd)
+        parts = each(
+            lambda arm, c, qdd: contact_acceleration(arm, c, qdd, alpha), motion.holding, motion.contacts, found.qdd
+        )
         rates = concatenate(parts)
     holding = zip(chain.grasps, zip(found.qdd, found.wrenches, bases, strict=True), strict=True)
     none = np.zeros(6)
@@ -74,7 +76,7 @@ def unloaded(arm: ArmMotion, route: Route) -> tuple[Array, Array, Array]:
     return *responded(tip, np.zeros(6)), tip.pivots
 
 
-def relative(arm: ArmMotion, c: Contact, qdd: Array, alpha: Array) -> Array:
+def contact_acceleration(arm: ArmMotion, c: Contact, qdd: Array, alpha: Array) -> Array:
     """Return W_dot = h^T (A alpha(C) + a(C) - alpha+ - g) of one grasp (a.8)."""
     gap = shift_twist(c.offset, alpha) + c.a - tip_acceleration(arm, qdd) - c.g
     return gap[:3] @ c.h
