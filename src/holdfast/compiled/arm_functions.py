@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from holdfast.compiled.externals import LINKS, externals, shapes, starts
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiled.traced_chain import Given, traced, traced_chain, traced_inputs, traced_state
@@ -105,7 +107,7 @@ def _closure(chain: ClosedChain, x: Given) -> Found:
 
     def parts(c: Contact, tip: Pose) -> tuple[Array, Array, Array]:
         seen = tip_from_contact(c, origin + c.offset, tip)
-        attitude = {9: seen.R.ravel(), 3: seen.R[:, 0], 0: seen.p[:0]}[ATTITUDES.get(c.grasp.kind, 0)]
+        attitude = {"rigid": seen.R.ravel(), "hinge": seen.R[:, 0]}.get(c.grasp.kind, np.zeros(0))
         return attitude, -seen.p, c.velocity_gap
 
     found = each(parts, motion.contacts, [arm.at.tip for arm in motion.holding])

@@ -9,7 +9,7 @@ from holdfast.compiled.structure import Structure
 from holdfast.compiled.traced_chain import Given, traced, traced_chain, traced_inputs, traced_state
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External, Schedule
-from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
+from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.chain_solution import ChainSolution, chain_solution
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.closed.tip_response import Route
@@ -55,14 +55,12 @@ class Judged(NamedTuple):
     """Forward dynamics and how it is to be read.
 
     Attributes:
-        motion: the chain in motion.
         whole: accelerations and forces.
         rank: independent rows of the constraint.
         status: as `verdict` numbers them.
         condition: of the constraint.
     """
 
-    motion: ChainMotion
     whole: ChainSolution
     rank: Scalar
     status: Scalar
@@ -83,7 +81,7 @@ def judged(chain: ClosedChain, state: State, tau: Array, inputs: Inputs, generic
     motion = chain_motion(chain, state, tau, inputs)
     found = sequential(motion, route)
     status = verdict(found.rank, generic_rank[()], chain.constraint_row_count)
-    return Judged(motion, chain_solution(motion, found, route), found.rank, status, 1.0 / found.weakest_pivot)
+    return Judged(chain_solution(motion, found, route), found.rank, status, 1.0 / found.weakest_pivot)
 
 
 def verdict(rank: Scalar, generic_rank: Scalar, row_count: int) -> Scalar:

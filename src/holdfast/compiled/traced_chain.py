@@ -16,8 +16,7 @@ from holdfast.compiler.composition import Composition
 from holdfast.compiler.derivation import derived
 from holdfast.compiler.node import Node
 from holdfast.compiler.schedule import External, Schedule
-from holdfast.compiler.trace import running_a_text
-from holdfast.compiler.values import array_of
+from holdfast.compiler.trace import inputs, running_a_text
 from holdfast.dynamics.arm.regrouping import regrouped
 from holdfast.model.arm import Arm
 from holdfast.model.checks import ROTATION_TOLERANCE
@@ -44,8 +43,8 @@ def traced(
     numbers: dict[str, tuple[Node, ...]] = {}
     for name, external in externals.items():
         if external.role != "output":
-            numbers[name] = tuple([composition.graph.input() for _ in range(external.size)])
-            given[name] = array_of(numbers[name], external.shape)
+            given[name] = inputs(composition.graph, external.shape)
+            numbers[name] = tuple(given[name].flat)
             if external.role == "parameter":
                 composition.parameters.update(numbers[name])
     token = loops.set(composition)
@@ -62,16 +61,16 @@ def traced(
 def traced_chain(structure: Structure, given: Given) -> ClosedChain:
     """Return the chain with its run-time parameters in place; what is not given does not matter.
 
-    Grasps are left out where the computation does not depend on them: arms that hold differently are of one type then.
+    Grasps and the links' inertias are left out where the computation does not depend on them: arms that differ in
+    nothing else are of one type then.
     """
-    chain, links = structure.chain, structure.options.link_inertia
+    chain = structure.chain
     arms = {}
     for i, (name, arm) in enumerate(chain.arms.items()):
-        made = _with_links(arm, given, chain.joints[name]) if links else regrouped(with_constants(arm))
+        made = _with_links(structure, with_constants(arm), given, chain.joints[name])
         arms[name] = replace(made, base=_pose(given, "base", i), name="")
-    grasps = {
-        name: replace(grasp, frame=_pose(given, "grasp", i)) for i, (name, grasp) in enumerate(chain.grasps.items())
-    }
+    held = enumerate(chain.grasps.items() if structure.by_grasp else ())
+    grasps = {name: replace(grasp, frame=_pose(given, "grasp", i)) for i, (name, grasp) in held}
     body = chain.held_object
     if "object_mass" in given:
         mass: Scalar = given["object_mass"][()]
@@ -83,15 +82,19 @@ def traced_chain(structure: Structure, given: Given) -> ClosedChain:
 
 
 def traced_state(chain: ClosedChain, given: Given) -> State:
-    """Return the state; its object's frame is not-a-number if the quaternion is not of unit length."""
+    """Return the state; see `framed`."""
     n, twist = chain.joint_count, given.get("object_twist", np.zeros(6))
     pose = given.get("object_pose", np.eye(7)[0])
-    state = State(given["q"], given.get("qd", np.zeros(n)), pose, twist)
-    state.__dict__["object_frame"] = unit_pose(pose, twist[3:])
+    return framed(State(given["q"], given.get("qd", np.zeros(n)), pose, twist))
+
+
+def framed(state: State) -> State:
+    """Return the state; its object's frame is not-a-number if the quaternion is not of unit length."""
+    vars(state)["object_frame"] = unit_pose(state.object_pose, state.object_twist[3:])
     return state
 
 
-def unit_pose(wxyz_xyz: Array, unused: Iterable[Scalar] = ()) -> Pose:
+def unit_pose(wxyz_xyz: Array, unused: Iterable[Scalar]) -> Pose:
     """Return a pose; not-a-number if its quaternion is not of unit length within 1e-6.
 
     So it is where its origin, or what else is not needed, is not finite: no result would tell.
@@ -115,8 +118,12 @@ def _pose(given: Given, what: str, i: int) -> Pose:
     return Pose.unchecked(np.eye(3) if R is None else R[i], np.zeros(3) if p is None else p[i])
 
 
-def _with_links(arm: Arm, given: Given, joints: slice) -> Arm:
-    """Return the arm with links whose inertias are parameters."""
+def _with_links(structure: Structure, arm: Arm, given: Given, joints: slice) -> Arm:
+    """Return the arm with links whose inertias are parameters, constants, or do not matter."""
+    if not structure.by_links:
+        return replace(arm, links=(Link(0.0),) * arm.joint_count)
+    if not structure.options.link_inertia:
+        return regrouped(arm)
     rows = zip(given["link_mass"][joints], given["link_com"][joints], given["link_inertia"][joints], strict=True)
     links = [replace(Link(0.0, com, I, physical=False), mass=m) for m, com, I in rows]
-    return replace(with_constants(arm), links=tuple(links))
+    return replace(arm, links=tuple(links))

@@ -40,6 +40,7 @@ class Composition:
         groups: in order of their making.
         steps: the calls so far.
         scans: all scans.
+        inside: whether a region is being traced.
     """
 
     def __init__(self) -> None:
@@ -54,14 +55,12 @@ class Composition:
         self._regions: dict[Hashable, Region] = {}
         self._settled: set[Node] = set()
         self._constants: list[bool] = []
-        self._inside = False
+        self.inside = False
 
     # ---- loops ----
 
     def each(self, f: Callable[..., Any], items: list[tuple[Any, ...]]) -> list[Any]:
         """Return what `each` does, its regions traced."""
-        if self._inside or not items:
-            return [f(*x) for x in items]
         flat = [self._values.leaves((x, f)) for x in items]
         found: list[Any] = [None] * len(items)
         left = set(range(len(items)))
@@ -97,12 +96,6 @@ class Composition:
 
     def scan(self, f: Callable[..., Any], carry: Any, items: list[tuple[Any, ...]]) -> tuple[Any, list[Any]]:
         """Return what `scan` does, its regions traced."""
-        if self._inside or not items:
-            found = []
-            for x in items:
-                carry, one = f(carry, *x)
-                found.append(one)
-            return carry, found
         flat = [self._values.leaves((x, f)) for x in items]
         homes = self._all_again(flat)
         plan, kept = self._plan(f, carry, items, flat, homes)
@@ -110,8 +103,9 @@ class Composition:
         if turns.open:
             self._call_turns(turns)
         first = _once(numbers_of(carry), kept[0][0])
-        self._settle([x for x in first if isinstance(x, Node)])
-        scan = Scan(first, tuple((g, i, t) for (g, i), t in zip(order, plan, strict=True)), kept)
+        self.settle([x for x in first if isinstance(x, Node)])
+        handed = tuple([_once(numbers_of(t.carry), classes) for t, (classes, _) in zip(plan, kept[1:], strict=True)])
+        scan = Scan(first, tuple((g, i, t) for (g, i), t in zip(order, plan, strict=True)), kept, handed)
         self.scans.append(scan)
         rows: dict[Group, list[tuple[int, int]]] = {}
         for j, (group, i) in enumerate(order):
@@ -264,11 +258,11 @@ class Composition:
             carried = tuple([graph.input() for _ in range(max(carry[1], default=-1) + 1)])
             places = iter(carry[1])
             handed = (with_numbers(carry[0], lambda _: carried[next(places)]),)
-        self._inside = True
+        self.inside = True
         try:
             value = text(*handed, *args)
         finally:
-            self._inside = False
+            self.inside = False
         handed_on = None
         if carry is not None:
             handed_on, value = value
@@ -286,20 +280,20 @@ class Composition:
         given = []
         for port in ports:
             numbers = tuple([tuple([of_one[port.leaf][p] for p in port.places]) for of_one in leaves])
-            self._settle([node for of_one in numbers for node in of_one])
+            self.settle([node for of_one in numbers for node in of_one])
             given.append((port, numbers))
         for port, numbers in given:  # what they are made of may have closed a phase of this very group
-            known = all(self.constant(node) for of_one in numbers for node in of_one)
+            known = all(self._known_before(node) for of_one in numbers for node in of_one)
             group.take(Source(port.inputs, 0 if known else group.done + 1, numbers))
 
-    def constant(self, node: Node) -> bool:
+    def _known_before(self, node: Node) -> bool:
         """Return whether a number outside depends on parameters only."""
         known = self._constants
         for n in self.graph.nodes[len(known) : node.serial + 1]:  # one after the other: texts may be long
             known.append(n in self.parameters if n.kind == "input" else all(known[a.serial] for a in n.args))
         return known[node.serial]
 
-    def _settle(self, nodes: Sequence[Node]) -> None:
+    def settle(self, nodes: Sequence[Node]) -> None:
         """Call what computes the images that numbers outside are made of."""
         waiting = list(nodes)
         while waiting:
@@ -311,10 +305,6 @@ class Composition:
             origin = self.origins.get(node)
             if origin is not None and origin.group.phase(origin.node) > origin.group.done:
                 self._call(origin.group)
-
-    def finish(self, nodes: Sequence[Node]) -> None:
-        """Call what computes the results."""
-        self._settle(nodes)
 
     def _call(self, group: Group) -> None:
         if group.turns is not None:

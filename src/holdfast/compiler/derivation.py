@@ -7,14 +7,15 @@ from typing import Any, NamedTuple
 
 from holdfast.compiler.composition import Composition
 from holdfast.compiler.graph import SERIAL, Graph
-from holdfast.compiler.needed import Needed, first_of_each
+from holdfast.compiler.needed import Needed
 from holdfast.compiler.node import Node
-from holdfast.compiler.placement import Ports, Stages, as_node, inputs_of
+from holdfast.compiler.placement import Ports, Stages, inputs_of
 from holdfast.compiler.region import Group, Origin, Scan, Source
 from holdfast.compiler.schedule import Call, External, Internal, Schedule, Wire
 from holdfast.compiler.schedule import Group as Placed
 from holdfast.compiler.stage import Stage
-from holdfast.compiler.values import Leaf, numbers_of
+from holdfast.compiler.trace import as_node
+from holdfast.compiler.values import Leaf
 
 GLUE = "glue"
 
@@ -174,12 +175,11 @@ class Derivation:
                 self.internals[names[kept]] = Internal(len(scan.kept), len(classes))
         taken: dict[Group, dict[int, int]] = {}
         handed: dict[tuple[Group, Leaf, str], dict[int, int]] = {}
-        for k, (group, item, done) in enumerate(scan.order):
+        for k, (group, item, _) in enumerate(scan.order):
             taken.setdefault(group, {})[item] = k
             kept = scan.kept[k + 1]
             if kept in names and not (k == len(scan.order) - 1 and group.count == 1):
-                numbers = first_of_each(numbers_of(done.carry), kept[0])
-                nodes = tuple([as_node(group.region.graph, numbers[c]) for c in needed[kept]])
+                nodes = tuple([as_node(group.region.graph, scan.handed[k][c]) for c in needed[kept]])
                 handed.setdefault((group, nodes, names[kept]), {})[item] = k + 1
         for group, places in taken.items():
             source, kept = scan.source(group), scan.kept[places[0]]
@@ -352,9 +352,10 @@ def derived(
         status: as in `Schedule`.
         guarded: likewise.
     """
-    traced.finish([x for numbers in found.values() for x in numbers if isinstance(x, Node)])
+    results = [x for numbers in found.values() for x in numbers if isinstance(x, Node)]
+    traced.settle(results)
     derivation = Derivation(traced, externals, given)
-    derivation.needed.follow([x for numbers in found.values() for x in numbers if isinstance(x, Node)])
+    derivation.needed.follow(results)
     derivation.regions()
     derivation.results(found)
     return derivation.schedule(status, guarded)

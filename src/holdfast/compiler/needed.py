@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 from holdfast.compiler.composition import Composition
 from holdfast.compiler.node import Node
 from holdfast.compiler.region import Group, Source
-from holdfast.compiler.values import numbers_of
 
 
 class Needed:
@@ -73,11 +72,5 @@ class Needed:
                 if j == 0:
                     found.append((None, scan.first[k]))
                 else:
-                    maker, _, done = scan.order[j - 1]
-                    found.append((maker, first_of_each(numbers_of(done.carry), alike[0])[k]))
+                    found.append((scan.order[j - 1][0], scan.handed[j - 1][k]))
         return [(group, x) for group, x in found if isinstance(x, Node)]
-
-
-def first_of_each(numbers: Sequence[Any], classes: Sequence[int]) -> list[Any]:
-    """Return the first number of each class."""
-    return [numbers[classes.index(which)] for which in range(max(classes, default=-1) + 1)]

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from holdfast.compiler import cpu
-from holdfast.compiler.constant import Constant
 from holdfast.compiler.expand import lowered
 from holdfast.compiler.graph import SERIAL, Graph
 from holdfast.compiler.node import Node
@@ -90,10 +88,3 @@ def made_of(nodes: Iterable[Node]) -> list[Node]:
 def inputs_of(nodes: Iterable[Node]) -> set[Node]:
     """Return the inputs that numbers are made of."""
     return {node for node in made_of(nodes) if node.kind == "input"}
-
-
-def as_node(graph: Graph, x: Any) -> Node:
-    """Return a number as a node of a graph: a constant if it is known, 1 or 0 if it is the truth of a comparison."""
-    if isinstance(x, Node):
-        return graph.make("select", x, 1.0, 0.0) if x.is_truth else x
-    return graph.constant(x.value if isinstance(x, Constant) else float(x))

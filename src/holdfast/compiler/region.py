@@ -157,11 +157,13 @@ class Scan(NamedTuple):
         first: the carry's numbers before it, each once.
         order: group, item and traversal, one after the other.
         kept: by item and after the last, which numbers of the carry are kept, and what shape they have.
+        handed: by item, the numbers that it hands on, each once.
     """
 
     first: tuple[Any, ...]
     order: tuple[tuple[Group, int, Traversal], ...]
     kept: tuple[tuple[Classes, Hashable], ...]
+    handed: tuple[tuple[Any, ...], ...]
 
     def source(self, group: Group) -> Source:
         """Return what a group's region is handed."""

@@ -13,6 +13,7 @@ from holdfast.compiler.errors import CompileError, place_of_failure
 from holdfast.compiler.graph import SERIAL, Graph
 from holdfast.compiler.node import Node
 from holdfast.compiler.program import Output, Program, Shape, pruned
+from holdfast.compiler.values import array_of
 from holdfast.errors import HoldfastError
 
 
@@ -28,7 +29,7 @@ def trace(function: Callable[..., tuple[Any, ...]], input_shapes: Iterable[Shape
         CompileError: naming the line of the text that does what cannot be traced.
     """
     graph, shapes = Graph(), tuple([tuple(shape) for shape in input_shapes])
-    arrays = [_inputs(graph, shape) for shape in shapes]
+    arrays = [inputs(graph, shape) for shape in shapes]
     with running_a_text():
         found = function(*arrays)
     if not isinstance(found, tuple):
@@ -62,13 +63,16 @@ def program_of(graph: Graph, input_shapes: tuple[Shape, ...], results: list[tupl
     return pruned(input_shapes, instructions, outputs)
 
 
-def _inputs(graph: Graph, shape: Shape) -> np.ndarray:
-    entries = np.empty(math.prod(shape), dtype=object)
-    for i in range(len(entries)):
-        entries[i] = graph.input()
-    entries = entries.reshape(shape)
-    entries.flags.writeable = False  # a text that writes into its arguments is refused where it does
-    return entries
+def inputs(graph: Graph, shape: Shape) -> np.ndarray:
+    """Return an array of new inputs; a text that writes into its arguments is refused where it does."""
+    return array_of([graph.input() for _ in range(math.prod(shape))], shape)
+
+
+def as_node(graph: Graph, x: Any) -> Node:
+    """Return a number as a node of a graph: a constant if it is known, 1 or 0 if it is the truth of a comparison."""
+    if isinstance(x, Node):
+        return graph.make("select", x, 1.0, 0.0) if x.is_truth else x
+    return graph.constant(float(x))
 
 
 def _result(graph: Graph, number: int, result: Any) -> tuple[Shape, list[Node]]:
@@ -77,11 +81,9 @@ def _result(graph: Graph, number: int, result: Any) -> tuple[Shape, list[Node]]:
 
 
 def _output(graph: Graph, number: int, x: Any) -> Node:
-    if isinstance(x, Node):
-        if x.graph is not graph:
-            raise CompileError(f"trace: result {number} holds a value of another trace")
-        return graph.make("select", x, 1.0, 0.0) if x.is_truth else x
+    if isinstance(x, Node) and x.graph is not graph:
+        raise CompileError(f"trace: result {number} holds a value of another trace")
     try:
-        return graph.constant(float(x))
+        return as_node(graph, x)
     except (TypeError, ValueError) as error:
         raise CompileError(f"trace: expected numbers in result {number}, got {x!r}") from error

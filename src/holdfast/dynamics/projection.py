@@ -115,7 +115,7 @@ def project(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> t
     return state, chain_motion(chain, state, tau, given)
 
 
-class Gaps(NamedTuple):
+class Gap(NamedTuple):
     """How far the worst grasp is from holding.
 
     Attributes:
@@ -155,7 +155,7 @@ def closer(motion: ChainMotion, state: State, gaps: list[Array]) -> State:
     return moved(state, dq, dx)
 
 
-def largest_gaps(chain: ClosedChain, state: State, inputs: Inputs) -> Gaps:
+def largest_gaps(chain: ClosedChain, state: State, inputs: Inputs) -> Gap:
     """Return how far the worst grasp is from holding, 0 without any.
 
     Args:
@@ -171,7 +171,7 @@ def largest_gaps(chain: ClosedChain, state: State, inputs: Inputs) -> Gaps:
         shifts,
     )
     gaps, _ = scan(lambda worst, gap: ((maximum(worst[0], gap[0]), maximum(worst[1], gap[1])), None), (0.0, 0.0), found)
-    return Gaps(*gaps)
+    return Gap(*gaps)
 
 
 def largest(x: Array) -> Scalar:

@@ -22,7 +22,13 @@ _ARRAYS = (np.ndarray, list, tuple)
 
 
 class Loops(Protocol):
-    """What takes the loops of a text: the compiler while it traces one."""
+    """What takes the loops of a text: the compiler while it traces one.
+
+    Attributes:
+        inside: whether a loop is under way; those inside it are Python's own.
+    """
+
+    inside: bool
 
     def each(self, f: Callable[..., Any], items: list[tuple[Any, ...]]) -> list[Any]:
         """Take the place of `each`."""
@@ -39,13 +45,13 @@ loops: ContextVar[Loops | None] = ContextVar("loops", default=None)  # None: Pyt
 def each(f: Callable[..., Any], *items: Iterable[Any]) -> list[Any]:
     """Return f of every item, items that do not depend on each other; several lists go side by side, as in `zip`."""
     rows, taker = list(zip(*items, strict=True)), loops.get()
-    return [f(*row) for row in rows] if taker is None else taker.each(f, rows)
+    return taker.each(f, rows) if taker is not None and rows and not taker.inside else [f(*row) for row in rows]
 
 
 def scan(f: Callable[..., Any], carry: Any, *items: Iterable[Any]) -> tuple[Any, list[Any]]:
     """Return the last carry and what was found on the way: carry, found = f(carry, item), item after item."""
     rows, taker, found = list(zip(*items, strict=True)), loops.get(), []
-    if taker is not None:
+    if taker is not None and rows and not taker.inside:
         return taker.scan(f, carry, rows)
     for row in rows:
         carry, one = f(carry, *row)

@@ -100,8 +100,7 @@ def chain_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -
         [chain.grasps.get(name) for name in chain.arms],
     )
     body = object_motion(chain.held_object, frame, state.object_twist, inputs.object_wrench)
-    arms = {name: motion for name, (motion, _) in zip(chain.arms, found, strict=True)}
-    return ChainMotion(chain, arms, [held for _, held in found if held is not None], body)
+    return _together(chain, found, body)
 
 
 def arm_and_grasp(given: ArmInputs, grasp: Grasp | None, frame: Pose, twist: Array) -> tuple[ArmMotion, Contact | None]:
@@ -131,12 +130,15 @@ def chain_at_rest(chain: ClosedChain, state: State) -> ChainMotion:
         [state.q[part] for part in chain.joints.values()],
         [chain.grasps.get(name) for name in chain.arms],
     )
-    arms = {name: motion for name, (motion, _) in zip(chain.arms, found, strict=True)}
-    contacts = [held for _, held in found if held is not None]
-    return ChainMotion(chain, arms, contacts, object_motion(chain.held_object, frame, none, none))
+    return _together(chain, found, object_motion(chain.held_object, frame, none, none))
 
 
 def arm_at_rest(arm: Arm, q: Array, grasp: Grasp | None, frame: Pose) -> tuple[ArmMotion, Contact | None]:
     """Return an arm at rest, and its grasp if it has one; see `arm_and_grasp`."""
     none = np.zeros(6)
     return resting(arm, posture(arm, q)), None if grasp is None else contact(grasp, frame, none, none)
+
+
+def _together(chain: ClosedChain, found: list[tuple[ArmMotion, Contact | None]], body: ObjectMotion) -> ChainMotion:
+    arms = {name: motion for name, (motion, _) in zip(chain.arms, found, strict=True)}
+    return ChainMotion(chain, arms, [held for _, held in found if held is not None], body)

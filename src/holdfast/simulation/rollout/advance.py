@@ -14,12 +14,12 @@ import numpy as np
 
 from holdfast.compiled.forward_schedule import Judged, judged
 from holdfast.compiled.structure import Structure
-from holdfast.compiled.traced_chain import Given, traced_chain, traced_inputs, unit_pose
+from holdfast.compiled.traced_chain import Given, framed, traced_chain, traced_inputs
 from holdfast.compiler.schedule import FIRST_BAD
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.energy import power_of
 from holdfast.dynamics.margins import friction_conditions, least_margin, limit_conditions
-from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, Gaps, after_step, largest_gaps
+from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, Gap, after_step, largest_gaps
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import GraspKind
 from holdfast.simulation.balance import work_rates
@@ -119,12 +119,6 @@ class TracedSystem:
         return Evaluation(found, drive, kept, power, worst)
 
 
-def framed(state: State) -> State:
-    """Return the state; its object's frame is not-a-number if the quaternion is not of unit length."""
-    vars(state)["object_frame"] = unit_pose(state.object_pose, state.object_twist[3:])
-    return state
-
-
 def slope(state: State, at: Evaluation, turn: Array) -> Array:
     """Return d/dt (q, qd, turn, p, V(C), work), where exp(turn) has brought the object here."""
     return rates(state, at.found.whole.qdd, at.found.whole.object_acceleration, at.power, turn)
@@ -202,7 +196,7 @@ def contact_margin(kind: GraspKind, contact: Array, f: Array) -> Scalar:
     return minimum(strength, where(one_sided > 0.5, pressed, float("inf")))
 
 
-def verdict(system: TracedSystem, kept: Mapping[str, Array], worst: Array, drift: Gaps, gaps: Gaps) -> Scalar:
+def verdict(system: TracedSystem, kept: Mapping[str, Array], worst: Array, drift: Gap, gaps: Gap) -> Scalar:
     """Return why a system stands still after the step, as numbered above.
 
     Args:

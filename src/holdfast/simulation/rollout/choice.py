@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from holdfast.compiler.errors import CompileError
-from holdfast.compiler.trace import trace
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.instant import Controller
 from holdfast.simulation.limits import Signals
 from holdfast.simulation.rollout.fused import FusedStepper
 from holdfast.simulation.rollout.law import ControlLaw
-from holdfast.simulation.rollout.law_text import law_text
+from holdfast.simulation.rollout.law_text import law_program
 from holdfast.simulation.rollout.stagewise import StagewiseStepper, moving
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.stepper import ReferenceStepper, Stepper
@@ -68,8 +67,7 @@ def law_of(controller: Controller | ControlLaw, chain: ClosedChain) -> ControlLa
         return None
     law = ControlLaw(lambda t, state, memory, given: (controller(t, state, None)[0], memory))
     try:
-        text, shapes = law_text(law, chain)
-        trace(text, shapes.values())
+        law_program(law, chain)
     except CompileError:  # a part of it is the user's own, such as a path
         return None
     return law

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from holdfast.compiler.errors import CompileError
-from holdfast.compiler.program import Shape
+from holdfast.compiler.program import Program, Shape
+from holdfast.compiler.trace import trace
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout.law import ControlLaw
 from holdfast.spatial.scalar import Array, Scalar, array
@@ -33,8 +34,12 @@ def asked(
     return _answer(law.torque(t, state, memory, parameters), chain.joint_count, len(law.memory))
 
 
-def law_text(law: ControlLaw, chain: ClosedChain) -> tuple[Callable[..., tuple[Array, Array]], dict[str, Shape]]:
-    """Return a law as a function of arrays to torques and memory, and the arrays' shapes by name."""
+def law_program(law: ControlLaw, chain: ClosedChain) -> Program:
+    """Return a law as a program: t, q, qd, object_pose, object_twist, memory and parameters to torques and memory.
+
+    Raises:
+        CompileError: it cannot be traced.
+    """
     n, names = chain.joint_count, [f"control.{name}" for name in law.parameters]
 
     def text(
@@ -44,7 +49,8 @@ def law_text(law: ControlLaw, chain: ClosedChain) -> tuple[Callable[..., tuple[A
 
     parameters: dict[str, Shape] = {f"control.{name}": tuple(shape) for name, shape in law.parameters.items()}
     state: dict[str, Shape] = {"t": (), "q": (n,), "qd": (n,), "object_pose": (7,), "object_twist": (6,)}
-    return text, state | {"memory": (len(law.memory),)} | parameters
+    shapes = state | {"memory": (len(law.memory),)} | parameters
+    return trace(text, shapes.values())
 
 
 def _answer(found: Any, joint_count: int, memory_count: int) -> tuple[Array, Array]:

@@ -16,10 +16,9 @@ import numpy as np
 from holdfast.compiler import arithmetic
 from holdfast.compiler.node import Node
 from holdfast.compiler.program import Program
-from holdfast.compiler.trace import trace
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout.law import ControlLaw
-from holdfast.simulation.rollout.law_text import law_text
+from holdfast.simulation.rollout.law_text import law_program
 from holdfast.spatial.scalar import Array, Scalar, cos, sin, sqrt, where
 from holdfast.state import State
 
@@ -29,8 +28,7 @@ def travelling(law: ControlLaw, chain: ClosedChain) -> ControlLaw:
     try:
         pickle.dumps(law.torque)
     except Exception:  # whatever objects that the law holds raise
-        text, shapes = law_text(law, chain)
-        return replace(law, torque=TracedTorque(trace(text, shapes.values()), tuple(law.parameters)))
+        return replace(law, torque=TracedTorque(law_program(law, chain), tuple(law.parameters)))
     return law
 
 
