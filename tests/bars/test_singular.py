@@ -28,10 +28,12 @@ def solved(case: dict, **options):
 
 def planar_answer(case: dict) -> np.ndarray:
     """Return qdd and alpha_C of a planar chain in 50 digits: one grasp is enough out of the plane."""
-    system = KktSystem(case, arithmetic(50))
-    extra = {part.start + i for part in system.f[1:] for i in OUT_OF_PLANE}
-    keep = [i for i in range(system.size) if i not in extra]
-    x = system.numbers.solve(system.matrix[np.ix_(keep, keep)], system.rhs[keep])
+    numbers = arithmetic(50)
+    with numbers.precision():
+        system = KktSystem(case, numbers)
+        extra = {part.start + i for part in system.f[1:] for i in OUT_OF_PLANE}
+        keep = [i for i in range(system.size) if i not in extra]
+        x = numbers.solve(system.matrix[np.ix_(keep, keep)], system.rhs[keep])
     wanted = [i for part in (*system.qdd, system.alpha) for i in range(part.start, part.stop)]
     return np.array([float(x[keep.index(i)]) for i in wanted])
 

@@ -1,11 +1,12 @@
 """Two number systems for one oracle text: float64 and many decimal digits.
 
 The oracle is written on small NumPy arrays.  With many digits the arrays hold
-``mpmath.mpf`` objects, so the same lines of text run in either arithmetic.
+``gmpy2.mpfr`` objects, so the same lines of text run in either arithmetic.
 """
 
 import math
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,29 +21,29 @@ class Arithmetic:
         sin: sine of one scalar [rad].
         cos: cosine of one scalar [rad].
         solve: solves a square dense system ``A x = b``.
+        precision: returns the context in which all of it is computed.
     """
 
     array: Callable
     sin: Callable
     cos: Callable
     solve: Callable
+    precision: Callable[[], AbstractContextManager]
 
 
 def arithmetic(digits: int | None) -> Arithmetic:
     """Return float64 arithmetic (``digits=None``) or one of that many digits."""
     if digits is None:
-        return Arithmetic(_float_array, math.sin, math.cos, np.linalg.solve)
-    # A context of its own: the precision travels with the numbers and the
-    # process-wide mpmath setting stays as it was.
-    import mpmath
+        return Arithmetic(_float_array, math.sin, math.cos, np.linalg.solve, nullcontext)
+    import gmpy2
 
-    context = mpmath.mp.clone()
-    context.dps = digits
+    bits = math.ceil(digits * math.log2(10)) + 4
     return Arithmetic(
-        lambda values: _object_array(values, context.mpf),
-        context.sin,
-        context.cos,
+        lambda values: _object_array(values, gmpy2.mpfr),
+        gmpy2.sin,
+        gmpy2.cos,
         solve_by_elimination,
+        lambda: gmpy2.context(precision=bits),
     )
 
 
@@ -54,10 +55,9 @@ def _float_array(values) -> np.ndarray:
 def _object_array(values, scalar: Callable) -> np.ndarray:
     """Return the values as an object array; float64 inputs are taken as exact."""
     floats = np.array(values, dtype=float)
-    numbers = np.empty(floats.shape, dtype=object)
-    for index in np.ndindex(*floats.shape):
-        numbers[index] = scalar(float(floats[index]))
-    return numbers
+    numbers = np.empty(floats.size, dtype=object)
+    numbers[:] = [scalar(value) for value in floats.ravel().tolist()]
+    return numbers.reshape(floats.shape)
 
 
 def solve_by_elimination(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:

@@ -173,11 +173,12 @@ def solve(case: dict, digits: int | None = None, softness: float = 0.0) -> dict:
         ArithmeticError or numpy.linalg.LinAlgError: the KKT matrix is exactly singular.
     """
     numbers = arithmetic(digits)
-    system = KktSystem(case, numbers)
-    for part in system.f:
-        for i in range(part.start, part.stop):
-            system.matrix[i, i] -= softness
-    return system.answer(numbers.solve(system.matrix, system.rhs))
+    with numbers.precision():
+        system = KktSystem(case, numbers)
+        for part in system.f:
+            for i in range(part.start, part.stop):
+                system.matrix[i, i] -= softness
+        return system.answer(numbers.solve(system.matrix, system.rhs))
 
 
 def solve_min_norm(case: dict, cutoff: float = 1e-11) -> dict:
