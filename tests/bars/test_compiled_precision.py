@@ -87,8 +87,9 @@ def test_object_mass(scale):
     precision.test_object_mass_does_not_cost_digits(scale, "mixed")
 
 
+@pytest.mark.long
 def test_nearly_straight_arm():
-    """One arm 1e-6 rad from straight, for every run."""
+    """One arm 1e-6 rad from straight."""
     precision.test_nearly_straight_arms((1,))
 
 
@@ -106,7 +107,7 @@ def test_flat_parallelogram_is_refused():
         singular.solved(singular.planar_parallelogram(0.0))
 
 
-@pytest.mark.parametrize("angle", [0.5, 1e-1, 1e-2, 1e-3])
+@pytest.mark.parametrize("angle", [0.5, 1e-3, *(pytest.param(x, marks=pytest.mark.long) for x in (1e-1, 1e-2))])
 def test_parallelogram_near_flat_is_solved(angle):
     """Down to 1e-3 rad from flat it is solved, to 1e-8."""
     singular.test_parallelogram_near_flat_is_solved(angle)
@@ -128,7 +129,7 @@ def test_collinear_stretched_arms_are_refused(seed, opposed):
     singular.test_collinear_stretched_arms_are_refused(seed, opposed)
 
 
-@pytest.mark.parametrize("which", [(0,), (2,), (0, 1)])
+@pytest.mark.parametrize("which", [(0, 1), *(pytest.param(x, marks=pytest.mark.long) for x in ((0,), (2,)))])
 def test_straight_arms_among_three_are_not_singular(which):
     """One or two straight arms of three leave the chain regular."""
     singular.test_straight_arms_among_three_are_not_singular(which)

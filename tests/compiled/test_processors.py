@@ -33,7 +33,7 @@ def bits(*arrays):
 
 modules = []
 compiled = cpu._compiled
-cpu._compiled = lambda text, notes: modules.append(text) or compiled(text, notes)
+cpu._compiled = lambda text, *more: modules.append(text) or compiled(text, *more)
 
 random = np.random.default_rng(5)
 

@@ -38,7 +38,7 @@ def compilations(monkeypatch):
     """A list that grows with every compilation."""
     made = []
     compiled = cpu._compiled
-    monkeypatch.setattr(cpu, "_compiled", lambda text, notes: made.append(text) or compiled(text, notes))
+    monkeypatch.setattr(cpu, "_compiled", lambda text, *more: made.append(text) or compiled(text, *more))
     return made
 
 

@@ -55,7 +55,7 @@ def test_cache(level, monkeypatch, tmp_path):
     monkeypatch.setenv("HOLDFAST_CACHE", str(tmp_path / "cache"))
     made = []
     compiled = cpu._compiled
-    monkeypatch.setattr(cpu, "_compiled", lambda text, notes: made.append(text) or compiled(text, notes))
+    monkeypatch.setattr(cpu, "_compiled", lambda text, *more: made.append(text) or compiled(text, *more))
     source = "define i64 @run() {\n  ret i64 42\n}"
     for name, count in (("host", 1), (level, 2), (level, 2), ("host", 2), ("", 2)):
         monkeypatch.setenv("HOLDFAST_CPU", name)

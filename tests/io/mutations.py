@@ -1,19 +1,23 @@
 """Case files to spoil: places in them, and ways to replace what stands there."""
 
-import copy
 import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 CASES = json.loads((Path(__file__).parents[1] / "data" / "cases.json").read_text())["cases"]
+SMALL_CASE = json.dumps(
+    {
+        key: next(case for case in CASES if case["name"] == "mixed_4arm_all_types")[key]
+        for key in ("name", "gravity", "object", "arms", "expected")
+    }
+)
 Where = tuple[str | int, ...]
 
 
 def small_case() -> dict:
     """Return a case with one arm of every grasp, nothing optional left out but free-form notes."""
-    case = next(case for case in CASES if case["name"] == "mixed_4arm_all_types")
-    return {key: copy.deepcopy(case[key]) for key in ("name", "gravity", "object", "arms", "expected")}
+    return json.loads(SMALL_CASE)  # many times faster than a deep copy
 
 
 def arm_with(kind: str) -> int:

@@ -17,7 +17,7 @@ SQUEEZE = 100.0  # N
 RUBBER = Friction(0.5)
 STEP = 1e-3
 BALLS = ("ball", "ball")
-SEEDS = (9, 7, 4, 8)  # of random chains; h times their fastest rates are 0.64, 0.75, 4 and 325
+SEEDS = (9, 8)  # of random chains; h times their fastest rates are 0.64 and 325
 SLIP = re.compile(r"^grasp '\w+' (slips|lifts off|gives way)")
 
 
@@ -141,9 +141,8 @@ def test_damped_pandas():
 
 def test_random_damped_chains():
     """Right, or refused with a step that works; a thousand of them in `tests/bars`."""
-    schemes = 2 * ["rk4", "midpoint"]
-    found = [outcome(problem(seed, 2), scheme, seed == 7) for seed, scheme in zip(SEEDS, schemes, strict=True)]
-    assert [one.refused for one in found] == [False, False, True, True]
+    found = [outcome(problem(seed, 2), scheme) for seed, scheme in zip(SEEDS, ("rk4", "midpoint"), strict=True)]
+    assert [one.refused for one in found] == [False, True]
     assert all(one.stopped is None and one.position <= 1e-3 and one.velocity <= 1e-3 for one in found), found
 
 

@@ -37,6 +37,7 @@ class BatchKernel:
         make: Callable[[], Schedule],
         key: str = "",
         lanes: int | None = None,
+        quick: bool = False,
     ) -> None:
         """Take what is to be compiled.
 
@@ -45,7 +46,9 @@ class BatchKernel:
             make: returns the schedule; not called if the machine code is on disk.
             key: stands for the schedule there; without it, its text does.
             lanes: items or systems computed side by side.
+            quick: compile sooner what will not run for long; the bits are the same.
         """
+        self._quick = quick
         self.externals, self.lanes = externals, lanes or cpu.lanes()
         self._make, self._key = make, f"{key}/{self.lanes}" if key else ""
         self._compiling = threading.Lock()
@@ -83,7 +86,7 @@ class BatchKernel:
 
     @cached_property
     def _batch_code(self) -> cpu.Code:
-        return cpu.Code(self._batch_source, "batch", key=self._key and f"{self._key}/batch")
+        return cpu.Code(self._batch_source, "batch", key=self._key and f"{self._key}/batch", quick=self._quick)
 
     def _batch_source(self) -> tuple[str, cpu.Notes]:
         text, arena = batch_module(self.schedule, self.lanes)

@@ -25,6 +25,7 @@ _LOCK = threading.Lock()  # LLVM's compiler is used by one thread at a time
 # Of code generation; no pass over the text is needed. Level 1 leaves out the last scheduling of instructions, which
 # gains one percent at most and is a quarter of the time that LLVM takes: too much for long texts.
 _LEVEL, _LEVEL_OF_LONG, _LONG = 2, 1, 2**21  # characters
+_QUICK_LEVEL = 0  # a third of LLVM's time, and half as long again to run; every level gives the same bits
 
 # What each level of x86-64 adds to the one before (System V psABI, 3.1.1), by LLVM's names.
 _V2 = ("cx16", "popcnt", "sahf", "sse3", "sse4.1", "sse4.2", "ssse3")
@@ -112,19 +113,20 @@ class Code:
         notes: what was written down when it was compiled.
     """
 
-    def __init__(self, source: Source, *functions: str, key: str = "") -> None:
+    def __init__(self, source: Source, *functions: str, key: str = "", quick: bool = False) -> None:
         """Compile one module, or load what an earlier run made of it.
 
         Args:
             source: the module in LLVM's language, or what makes it and notes to keep with it.
             functions: the names of the functions to call.
             key: stands for the source on disk; without it, its text does.
+            quick: compile sooner what will not run for long.
         """
         made = None if key else _made(source)
-        key = cache.key_of(made[0] if made else key, *_fingerprint())
+        key = cache.key_of(made[0] if made else key, *_fingerprint(quick))
         stored = cache.load(key)
         if stored is None:
-            stored = _compiled(*(made or _made(source)))
+            stored = _compiled(*(made or _made(source)), quick)
             cache.store(key, stored)
         size = int.from_bytes(stored[:8], "little")
         self.notes: Notes = json.loads(stored[8 : 8 + size])
@@ -144,11 +146,11 @@ def _made(source: Source) -> tuple[str, Notes]:
         return source()
 
 
-def _compiled(text: str, notes: Notes) -> bytes:
+def _compiled(text: str, notes: Notes, quick: bool = False) -> bytes:
     """Return the notes and the object file of a module."""
     head = json.dumps(notes).encode()
     with _LOCK:
-        machine = _target_machine(_LEVEL if len(text) < _LONG else _LEVEL_OF_LONG)
+        machine = _target_machine(_QUICK_LEVEL if quick else _LEVEL if len(text) < _LONG else _LEVEL_OF_LONG)
         try:
             module = binding.parse_assembly(text)
             module.verify()
@@ -178,9 +180,9 @@ def _fma_of_the_c_library() -> int:
     return ctypes.cast(fma, ctypes.c_void_p).value or 0
 
 
-def _fingerprint() -> tuple[str, ...]:
+def _fingerprint(quick: bool) -> tuple[str, ...]:
     """Return what besides the text decides the code."""
     versions = (llvmlite.__version__, str(binding.llvm_version_info))
-    levels = f"{_LEVEL} {_LEVEL_OF_LONG} {_LONG}"
+    levels = str(_QUICK_LEVEL) if quick else f"{_LEVEL} {_LEVEL_OF_LONG} {_LONG}"
     made_for = target()
     return (*versions, binding.get_process_triple(), made_for.cpu, made_for.feature_text, levels)

@@ -85,6 +85,9 @@ MIDPOINT = Tableau(
     np.zeros((0, 2)),
 )
 
+# One stage, for steps of length zero, of which only the end is of interest.
+EULER = Tableau("euler", 1, np.zeros(1), np.zeros((1, 1)), np.ones(1), np.zeros((0, 1)))
+
 
 @functools.cache
 def dop853() -> Tableau:

@@ -18,9 +18,12 @@ ROTATION_TOLERANCE = 1e-6  # further from orthogonal or unit length is an error;
 
 def numbers(value: Any, shape: tuple[int, ...] | None, what: str, error: type[HoldfastError] = ModelError) -> Array:
     """Return a read-only finite copy of the shape (None: of any), floats unless it holds traced scalars."""
-    a = real_array(value, what, _numbers_of(shape), error)
-    with np.errstate(over="ignore"):  # a long double may be infinite as a float
-        a = np.array(a) if a.dtype == object else a.astype(float, order="C")
+    if type(value) is np.ndarray and value.dtype == float:
+        a = np.array(value, order="C")
+    else:
+        a = real_array(value, what, _numbers_of(shape), error)
+        with np.errstate(over="ignore"):  # a long double may be infinite as a float
+            a = np.array(a) if a.dtype == object else a.astype(float, order="C")
     if shape is not None and a.shape != shape:
         raise error(f"{what}: expected shape {shape}, got shape {a.shape}")
     if a.dtype != object and not np.isfinite(a).all():

@@ -39,7 +39,7 @@ class FusedStepper:
     @classmethod
     def of(cls, world: World, law: ControlLaw, scheme: Tableau, generic_rank: int) -> FusedStepper:
         """Return the stepper of a law."""
-        return cls(world, StepKernel(world.chain, law, scheme, generic_rank), scheme, generic_rank)
+        return cls(world, StepKernel(world.chain, law, scheme, generic_rank, quick=True), scheme, generic_rank)
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
         """Return the chain at a given state, projected onto the grasps; see `Stepper`."""

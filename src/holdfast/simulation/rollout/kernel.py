@@ -35,9 +35,15 @@ class StepKernel:
     """
 
     def __init__(
-        self, chain: ClosedChain, law: ControlLaw, tableau: Tableau, generic_rank: int, base_motion: bool = False
+        self,
+        chain: ClosedChain,
+        law: ControlLaw,
+        tableau: Tableau,
+        generic_rank: int,
+        base_motion: bool = False,
+        quick: bool = False,
     ) -> None:
-        """Take what is to be stepped; compiled at the first step."""
+        """Take what is to be stepped; compiled at the first step, sooner if `quick`."""
         self.chain, self.law = chain, law
         structure = Structure(chain, Options(base_motion=base_motion))
         externals = step_externals(structure, law)
@@ -47,8 +53,12 @@ class StepKernel:
         def key(of: str) -> str:
             return key_of(f"{of}/{what}", structure, "simulation", "control") if law.key else ""
 
-        self._step = BatchKernel(externals, lambda: step_schedule(structure, law, tableau), key(f"step/{tableau.name}"))
-        self._evaluation = BatchKernel(externals, lambda: evaluation_schedule(structure, law), key("evaluation"))
+        self._step = BatchKernel(
+            externals, lambda: step_schedule(structure, law, tableau), key(f"step/{tableau.name}"), quick=quick
+        )
+        self._evaluation = BatchKernel(
+            externals, lambda: evaluation_schedule(structure, law), key("evaluation"), quick=quick
+        )
         self.carried = carried_shapes(chain, law)
         self.externals = externals
         own = parameters_of(chain, generic_rank) | {"contact": _contact(chain)}

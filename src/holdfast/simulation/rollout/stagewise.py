@@ -15,7 +15,7 @@ from holdfast.simulation.instant import Controller, Instant, answer
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.law import ControlLaw, held_torques
 from holdfast.simulation.rollout.rows import failure, gaps_of, instant_of, state_of, state_rows
-from holdfast.simulation.runge_kutta import RK4, Tableau, rotation_vector_rate, weighted
+from holdfast.simulation.runge_kutta import EULER, Tableau, rotation_vector_rate, weighted
 from holdfast.simulation.step import Gaps, displaced
 from holdfast.simulation.stepper import NO_GAPS, Advance
 from holdfast.simulation.tolerance import Tolerance
@@ -75,7 +75,7 @@ class StagewiseStepper:
     ) -> StagewiseStepper:
         """Return the stepper of a controller; a `law` that gives the same torques is asked in its place."""
         ours = held_torques(world.chain.joint_count) if law is None else law
-        kernel = StepKernel(world.chain, ours, RK4, generic_rank, base_motion=moving(world))
+        kernel = StepKernel(world.chain, ours, EULER, generic_rank, base_motion=moving(world), quick=True)
         return cls(world, controller if law is None else None, kernel, generic_rank, scheme, tolerance)
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
