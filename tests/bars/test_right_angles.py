@@ -26,7 +26,7 @@ COMPILED_EVERY = 20  # every compiled chain is another code: half a second
 @pytest.mark.long
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 def test_right_angles(chunk, no_cache):  # noqa: F811
-    """All answers within 1e-9 or the rounding of Lambda (other methods: 1e-7), or refused by name; counts are printed."""
+    """All answers within 1e-9 or the rounding of Lambda (other methods: 1e-7), or refused by name; counts printed."""
     seen: Counter[str] = Counter()
     worst: dict[str, float] = {}
 
