@@ -9,12 +9,12 @@ import numpy as np
 
 from holdfast.cli import complain
 from holdfast.errors import ResultError, SceneError
-from holdfast.io.fingerprint import fingerprint
 from holdfast.io.kept_robots import kept_robots
 from holdfast.io.result_meta import ResultMeta
 from holdfast.io.result_reader import Result, load_result
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.fingerprint import fingerprint
 from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint

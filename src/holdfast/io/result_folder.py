@@ -26,7 +26,6 @@ from msgspec.structs import replace
 
 from holdfast.errors import ResultError
 from holdfast.io.atomic import remove, write_atomically
-from holdfast.io.fingerprint import fingerprint
 from holdfast.io.kept_robots import kept_files
 from holdfast.io.result_arrays import write_arrays
 from holdfast.io.result_chunk import write_chunk
@@ -42,6 +41,7 @@ from holdfast.io.result_meta import (
 )
 from holdfast.io.result_resume import resumed
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.fingerprint import fingerprint
 from holdfast.robots.urdf.source import Source
 from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.checkpoint import Checkpoint

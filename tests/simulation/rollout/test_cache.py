@@ -6,7 +6,15 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
+
+from holdfast import simulate
+from holdfast.compiler.composition import Composition
+from holdfast.control.object_tracking import ObjectTracking
+from holdfast.control.paths import RestToRest
+from tests.simulation.gantries import squeezed
 
 ROOT = Path(__file__).parents[3]
 
@@ -55,3 +63,21 @@ def test_next_process(tmp_path):
     assert run(tmp_path, "keyed", "gain", "offset")[:2] == [2, traces]
     assert run(tmp_path, "", "gain") == [2, traces, bits]
     assert run(tmp_path, "", "gain") == [0, traces, bits]
+
+
+def test_controllers_of_the_library(monkeypatch):
+    """Their numbers are their key: an equal one is not traced again, one with a function of the user's is."""
+    traces, made = [], Composition.__init__
+    monkeypatch.setattr(Composition, "__init__", lambda self: traces.append(1) or made(self))
+
+    def traced(damping: float, path: Callable[[float], Any] | None = None) -> int:
+        chain, state = squeezed(("rigid", "rigid"), None)
+        hold = RestToRest(state.object_frame).at
+        controller = ObjectTracking(chain, path or hold, joint_damping=damping)
+        before = len(traces)
+        assert simulate(chain, state, controller, 0.05, 1e-3).stopped is None
+        return len(traces) - before
+
+    assert [traced(0.123), traced(0.123), traced(0.124)] == [1, 0, 1]
+    here = RestToRest(squeezed(("rigid", "rigid"), None)[1].object_frame)
+    assert traced(0.123, lambda t: here.at(t)) == 1

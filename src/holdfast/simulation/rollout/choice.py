@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from holdfast.compiler.errors import CompileError
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.simulation.instant import Controller
 from holdfast.simulation.limits import Signals
 from holdfast.simulation.rollout.fused import FusedStepper
@@ -65,11 +66,13 @@ def law_of(controller: Controller | ControlLaw, chain: ClosedChain) -> ControlLa
         return controller
     if not getattr(controller, "traceable", False):
         return None
-    law = ControlLaw(lambda t, state, memory, given: (controller(t, state, None)[0], memory))
-    try:
-        law_program(law, chain)
-    except CompileError:  # a part of it is the user's own, such as a path
-        return None
+    key = exact_fingerprint(controller)
+    law = ControlLaw(lambda t, state, memory, given: (controller(t, state, None)[0], memory), key=key or "")
+    if key is None:  # a part of it is the user's own, such as a path
+        try:
+            law_program(law, chain)
+        except CompileError:
+            return None
     return law
 
 
