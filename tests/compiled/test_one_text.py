@@ -71,10 +71,10 @@ def test_a_step():
     problem = random_problem(0, grasps=GRASPS[:4], joints=(6, 4, 2, 4), moving_base=False, extras=False)
     chain = problem.chain
     world, tau = World(chain), problem.tau
-    stepper = ReferenceStepper(world, lambda t, state, memory: (tau, memory), 16, RK4, Tolerance(1e-6, 1e-9))
+    stepper = ReferenceStepper(world, lambda t, state, memory: (tau, memory), 18, RK4, Tolerance(1e-6, 1e-9))
     now, _ = stepper.start(0.0, problem.state, None)
     rooms = ("dynamics/arm", "dynamics/closed", "dynamics/projection", "simulation/runge_kutta")
-    on_floats = functions_run(lambda: take_step(world, stepper.controller, now, 1e-4, 16, RK4), rooms)
+    on_floats = functions_run(lambda: take_step(world, stepper.controller, now, 1e-4, 18, RK4), rooms)
     law = held_torques(chain.joint_count)
     traced = functions_run(lambda: step_schedule(Structure(chain, Options()), law, RK4), rooms)
     assert names(on_floats) <= names(traced)
