@@ -20,14 +20,6 @@ OUT = Path(__file__).parent / "out"
 MEETING, GRIP, LET_GO, END = [1, 0, 0, 0, 0, 0, 0.6], 0.4, 0.5, 0.8  # wxyz_xyz; s
 
 
-class Carrying(ObjectTracking):
-    """Computed torque along a path by whoever holds the box at the time."""
-
-    def for_chain(self, chain: hf.ClosedChain) -> Carrying:
-        """Return the controller for the grasps there are now; a simulation asks after every event."""
-        return replace(self, chain=chain)
-
-
 def main(out: Path = OUT) -> dict[str, float | str]:
     """Return the figures that this example prints."""
     arms = {"left": panda([1, 0, 0, 0, -0.55, 0, 0]), "right": panda([0, 0, 0, 1, 0.55, 0, 0])}
@@ -43,7 +35,7 @@ def main(out: Path = OUT) -> dict[str, float | str]:
     # The box passes the meeting place at 0.4 s, at its highest speed; there the right hand closes around it.
     path = RestToRest(start.object_frame, displacement=[0.2, 0, 0], duration=2 * GRIP)
     events = [Attach(GRIP, "right", right, here=True), Release(LET_GO, "left")]
-    run = hf.simulate(alone, start, Carrying(alone, path.at), END, step=0.02, events=events)
+    run = hf.simulate(alone, start, ObjectTracking(alone, path.at), END, step=0.02, events=events)
 
     # Two samples have the time of the grip: just before and just after it.
     before, after = run.object_twist[(run.t >= GRIP - 1e-9) & (run.t <= GRIP + 1e-9)]
