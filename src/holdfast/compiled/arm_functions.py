@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,8 +19,11 @@ from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.consistency import tip_from_contact
-from holdfast.dynamics.energy import total_kinetic_energy, total_potential_energy
+from holdfast.dynamics.energy import centre_of_mass, total_kinetic_energy, total_momentum, total_potential_energy
 from holdfast.dynamics.inverse import torques
+from holdfast.dynamics.kinematics import link_frames
+from holdfast.dynamics.object_level import object_mobility
+from holdfast.dynamics.projection import after_step
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import TRANSMITTED
@@ -32,6 +35,7 @@ Found = Mapping[str, Any]
 # Numbers of a grasp's attitude that its position rows are made of: R of tip from contact, or its x axis.
 ATTITUDES: dict[str | None, int] = {"rigid": 9, "hinge": 3}
 
+CLOSED = "closed."  # before the names of a state's arrays: what is returned for them
 _OBJECT = ("object_mass", "object_com", "object_inertia")
 
 
@@ -43,7 +47,8 @@ class Computation:
         inputs: the caller's arrays.
         parameters: run-time parameters; those of links, if they matter, are added as the options say.
         text: what is computed, by name.
-        results: by name, how many numbers of it each arm has; an energy is one number for all.
+        results: by name, how many numbers of it each arm has.
+        whole: by name, the shape of what is one for the chain, an array of `shapes` where it is None.
         by_grasp: whether it is of the arms that hold, each kind in its way.
         by_links: whether the links' inertias matter.
         acting: whether wrenches on the links do.
@@ -52,7 +57,8 @@ class Computation:
     inputs: tuple[str, ...]
     parameters: tuple[str, ...]
     text: Callable[[ClosedChain, Given], Found]
-    results: Mapping[str, Callable[[int, str | None], int]]
+    results: Mapping[str, Callable[[int, str | None], int]] = field(default_factory=dict)
+    whole: Mapping[str, Shape | None] = field(default_factory=dict)
     by_grasp: bool = False
     by_links: bool = True
     acting: bool = False
@@ -67,9 +73,11 @@ class Computation:
         chain, options = structure.chain, structure.options
         inputs = (*self.inputs, "link_wrench") if options.link_wrenches else self.inputs
         parameters = (*self.parameters, *LINKS) if options.link_inertia else self.parameters
-        found = {name: (self.starts(chain, name)[-1],) for name in self.results}
-        outputs: dict[str, Shape] = found or {"energy": ()}
-        return externals(inputs, parameters, outputs, shapes(chain) | outputs)
+        known = shapes(chain)
+        outputs: dict[str, Shape] = {name: (self.starts(chain, name)[-1],) for name in self.results}
+        for name, shape in self.whole.items():
+            outputs[name] = known[name.removeprefix(CLOSED)] if shape is None else shape
+        return externals(inputs, parameters, outputs, known | outputs)
 
     def starts(self, chain: ClosedChain, result: str) -> list[int]:
         """Return where each arm's part of a result begins, and where the last one ends."""
@@ -123,6 +131,35 @@ def _potential_energy(chain: ClosedChain, x: Given) -> Found:
     return {"energy": total_potential_energy(chain, traced_state(chain, x))}
 
 
+def _momentum(chain: ClosedChain, x: Given) -> Found:
+    return {"momentum": total_momentum(chain, traced_state(chain, x), x["base_twist"], x["about"])}
+
+
+def _centre_of_mass(chain: ClosedChain, x: Given) -> Found:
+    return {"centre_of_mass": centre_of_mass(chain, traced_state(chain, x))}
+
+
+def _object_mobility(chain: ClosedChain, x: Given) -> Found:
+    return {"object_mobility": object_mobility(chain, traced_state(chain, x))}
+
+
+def _tip_poses(chain: ClosedChain, x: Given) -> Found:
+    return {"frame": _by_arm(lambda arm, q: _frame(posture(arm, q).tip), chain, x)}
+
+
+def _link_poses(chain: ClosedChain, x: Given) -> Found:
+    return {"frame": _by_arm(lambda arm, q: concatenate(map(_frame, link_frames(posture(arm, q)))), chain, x)}
+
+
+def _frame(pose: Pose) -> Array:
+    return concatenate([pose.R.ravel(), pose.p])
+
+
+def _project(chain: ClosedChain, x: Given) -> Found:
+    found = after_step(chain, traced_state(chain, x), traced_inputs(chain, x))
+    return {f"{CLOSED}{name}": getattr(found, name) for name in ("q", "qd", "object_pose", "object_twist")}
+
+
 COMPUTATIONS: dict[str, Computation] = {
     "inverse_dynamics": Computation(
         ("q", "qd", "qdd", "grasp_wrench"),
@@ -149,12 +186,42 @@ COMPUTATIONS: dict[str, Computation] = {
         ("q", "qd", "object_pose", "object_twist"),
         (*_OBJECT, "base_R", "base_twist"),
         _kinetic_energy,
-        {},
+        whole={"energy": ()},
     ),
     "potential_energy": Computation(
         ("q", "object_pose"),
         ("gravity", *_OBJECT, "base_R", "base_p"),
         _potential_energy,
-        {},
+        whole={"energy": ()},
+    ),
+    "momentum": Computation(
+        ("q", "qd", "object_pose", "object_twist"),
+        ("about", *_OBJECT, "base_R", "base_p", "base_twist"),
+        _momentum,
+        whole={"momentum": (6,)},
+    ),
+    "centre_of_mass": Computation(
+        ("q", "object_pose"),
+        (*_OBJECT, "base_R", "base_p"),
+        _centre_of_mass,
+        whole={"centre_of_mass": (3,)},
+    ),
+    "object_mobility": Computation(
+        ("q", "object_pose"),
+        (*_OBJECT, "base_R", "base_p", "grasp_R", "grasp_p"),
+        _object_mobility,
+        whole={"object_mobility": (6, 6)},
+        by_grasp=True,
+    ),
+    "tip_poses": Computation(("q",), ("base_R", "base_p"), _tip_poses, {"frame": lambda *_: 12}, by_links=False),
+    "link_poses": Computation(
+        ("q",), ("base_R", "base_p"), _link_poses, {"frame": lambda N, _: 12 * N}, by_links=False
+    ),
+    "project": Computation(
+        ("q", "qd", "object_pose", "object_twist"),
+        (*_OBJECT, "base_R", "base_p", "base_twist", "grasp_R", "grasp_p"),
+        _project,
+        whole={f"{CLOSED}{name}": None for name in ("q", "qd", "object_pose", "object_twist")},
+        by_grasp=True,
     ),
 }

@@ -30,6 +30,7 @@ def shapes(chain: ClosedChain) -> dict[str, Shape]:
         "base_wrench": (l, 6),
         "contact_acceleration": (chain.contact_freedom_count,),
         "gravity": (3,),
+        "about": (3,),
         "object_mass": (),
         "object_com": (3,),
         "object_inertia": (3, 3),

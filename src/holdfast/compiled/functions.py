@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
 from holdfast.compiled import arrays
-from holdfast.compiled.arm_functions import ATTITUDES
+from holdfast.compiled.arm_functions import ATTITUDES, CLOSED
 from holdfast.compiled.function import CompiledFunction
+from holdfast.compiled.not_compiled import missing
 from holdfast.compiled.structure import Options
 from holdfast.compiled.turns import align, log
 from holdfast.dynamics.consistency import POSITION_ROWS, GraspResidual
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
+
+
+class Frames(NamedTuple):
+    """Where frames are in the world.
+
+    Attributes:
+        R: (..., 3, 3) their axes to world axes.
+        p: (..., 3) their origins [m].
+    """
+
+    R: Array
+    p: Array
 
 
 class ChainFunctions:
@@ -165,6 +178,131 @@ class ChainFunctions:
         """
         return self._energy("potential_energy", (q, object_pose), parameters, threads)
 
+    def momentum(
+        self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, threads: int = 1, **parameters: Any
+    ) -> Array:
+        """Return [angular; linear] momentum of links and object about a world point, as `holdfast.momentum`.
+
+        Args:
+            q: (n,) or (batch, n) joint positions [rad or m].
+            qd: joint rates.
+            object_pose: (7,) wxyz_xyz of the object frame.
+            object_twist: (6,) [omega; v of C], world axes.
+            threads: how many threads share a batch.
+            **parameters: for this call, any of about (3,) the point, by default the world's origin,
+                object_mass (), object_com (3,), object_inertia (3, 3), base_pose (arms, 7),
+                base_twist (arms, 6), and the links' if asked for.
+
+        Returns:
+            (6,), world axes [N m s, N s].
+
+        Raises:
+            StateError: wrong shapes or numbers.
+        """
+        return self._function("momentum")((q, qd, object_pose, object_twist), parameters, threads)["momentum"]
+
+    def centre_of_mass(self, q: Any, object_pose: Any, *, threads: int = 1, **parameters: Any) -> Array:
+        """Return the mass centre of links and object, as `holdfast.centre_of_mass`.
+
+        Args:
+            q: (n,) or (batch, n) joint positions [rad or m].
+            object_pose: (7,) wxyz_xyz of the object frame.
+            threads: how many threads share a batch.
+            **parameters: for this call, any of object_mass (), object_com (3,), object_inertia
+                (3, 3), base_pose (arms, 7), and the links' if asked for.
+
+        Returns:
+            (3,), world axes [m].
+
+        Raises:
+            StateError: wrong shapes or numbers.
+        """
+        return self._function("centre_of_mass")((q, object_pose), parameters, threads)["centre_of_mass"]
+
+    def object_mobility(self, q: Any, object_pose: Any, *, threads: int = 1, **parameters: Any) -> Array:
+        """Return the closed chain's mobility at C, as `holdfast.object_mobility`: alpha(C) changes by P w.
+
+        Args:
+            q: (n,) or (batch, n) joint positions [rad or m], taken as they are.
+            object_pose: (7,) wxyz_xyz of the object frame.
+            threads: how many threads share a batch.
+            **parameters: for this call, any of object_mass (), object_com (3,), object_inertia
+                (3, 3), base_pose (arms, 7), grasp_pose (grasps, 7), and the links' if asked for.
+
+        Returns:
+            (6, 6) symmetric, world axes about C.
+
+        Raises:
+            StateError: wrong shapes or numbers.
+        """
+        return self._function("object_mobility")((q, object_pose), parameters, threads)["object_mobility"]
+
+    def tip_poses(self, q: Any, *, threads: int = 1, **parameters: Any) -> dict[str, Frames]:
+        """Return where every arm's tip frame is in the world, as `holdfast.tip_pose`.
+
+        Args:
+            q: (n,) or (batch, n) joint positions [rad or m].
+            threads: how many threads share a batch.
+            **parameters: for this call, base_pose (arms, 7).
+
+        Returns:
+            By arm name, R (3, 3) tip axes to world axes, and p (3,) the tip's origin [m].
+
+        Raises:
+            StateError: wrong shapes or numbers.
+        """
+        return {
+            arm: Frames(R[..., 0, :, :], p[..., 0, :])
+            for arm, (R, p) in self._frames("tip_poses", q, parameters, threads)
+        }
+
+    def link_poses(self, q: Any, *, threads: int = 1, **parameters: Any) -> dict[str, Frames]:
+        """Return where every arm's link frames are in the world, as `holdfast.link_poses`.
+
+        Args:
+            q: (n,) or (batch, n) joint positions [rad or m].
+            threads: how many threads share a batch.
+            **parameters: for this call, base_pose (arms, 7).
+
+        Returns:
+            By arm name, base to tip, R (N, 3, 3) link axes to world axes, and p (N, 3) the origins,
+            on the links' joints [m].
+
+        Raises:
+            StateError: wrong shapes or numbers.
+        """
+        return dict(self._frames("link_poses", q, parameters, threads))
+
+    def project(
+        self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, threads: int = 1, **parameters: Any
+    ) -> dict[str, Array]:
+        """Return the state moved onto the grasps, positions and velocities, in the kinetic metric.
+
+        Two of the rounds of `holdfast.project` on the positions, which close to rounding what an integrator's
+        step leaves open, then velocities once. States further off are closer after it, not closed: `closure` tells.
+
+        Args:
+            q: (n,) or (batch, n) joint positions [rad or m].
+            qd: joint rates.
+            object_pose: (7,) wxyz_xyz of the object frame.
+            object_twist: (6,) [omega; v of C], world axes.
+            threads: how many threads share a batch.
+            **parameters: for this call, any of object_mass (), object_com (3,), object_inertia (3, 3),
+                base_pose (arms, 7), base_twist (arms, 6), grasp_pose (grasps, 7), and the links' if asked for.
+
+        Returns:
+            q, qd, object_pose and object_twist by these names.
+
+        Raises:
+            StateError: wrong shapes or numbers.
+        """
+        found = self._function("project")((q, qd, object_pose, object_twist), parameters, threads)
+        return {name.removeprefix(CLOSED): x for name, x in found.items()}
+
+    def __getattr__(self, name: str) -> NoReturn:
+        """Say of a function of the library's that is not compiled why it is not."""
+        raise missing(name, type(self).__name__)
+
     def _function(self, name: str) -> CompiledFunction:
         """Return a computation, compiled when first asked for."""
         made: dict[str, CompiledFunction] = self.__dict__.setdefault("_functions", {})
@@ -180,6 +318,13 @@ class ChainFunctions:
             N = self.chain.arms[arm].joint_count
             matrices[arm] = found[..., part].reshape(*found.shape[:-1], (part.stop - part.start) // N, N)
         return matrices
+
+    def _frames(self, name: str, q: Any, parameters: Mapping[str, Any], threads: int) -> Iterator[tuple[str, Frames]]:
+        function = self._function(name)
+        found = function((q,), parameters, threads)["frame"]
+        for arm, part in function.parts["frame"].items():
+            frames = found[..., part].reshape(*found.shape[:-1], -1, 12)
+            yield arm, Frames(frames[..., :9].reshape(*frames.shape[:-1], 3, 3), frames[..., 9:])
 
     def _energy(self, name: str, given: tuple[Any, ...], parameters: Mapping[str, Any], threads: int) -> Any:
         found = self._function(name)(given, parameters, threads)["energy"]

@@ -30,6 +30,7 @@ def parameters_of(chain: ClosedChain, generic_rank: int | None) -> dict[str, Arr
         "object_wrench": np.zeros(6),
         "link_wrench": np.zeros((n, 6)),
         "gravity": np.array(chain.gravity),
+        "about": np.zeros(3),
         "generic_rank": np.array(-1.0 if generic_rank is None else float(generic_rank)),
         "object_mass": np.array(body.mass),
         "object_com": np.array(body.com),

@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 from holdfast.dynamics.arm.posture import Posture, posture
 from holdfast.dynamics.arm.velocity import link_twists
 from holdfast.dynamics.result import ForwardResult
+from holdfast.errors import StateError
+from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
@@ -30,9 +32,18 @@ class Body(NamedTuple):
     origin: Array
 
     @property
+    def mass_moment(self) -> Array:
+        """(4,) the mass [kg] and `com`."""
+        return concatenate([[self.inertia.m], self.com])
+
+    @property
     def com(self) -> Array:
         """(3,) mass times mass centre, world axes from the world's origin [kg m]."""
         return self.inertia.m * self.origin + self.R @ self.inertia.h
+
+    def momentum(self, about: Array) -> Array:
+        """Return [angular; linear] momentum about a world point, (6,) world axes [N m s, N s]."""
+        return shift_wrench(self.origin - about, rotate(self.R, self.inertia.apply(self.twist)))
 
     @property
     def kinetic_energy(self) -> Scalar:
@@ -104,8 +115,16 @@ def arm_potential_energy(arm: Arm, q: Array, gravity: Array) -> Scalar:
 
 def centre_of_mass(chain: ClosedChain, state: State) -> Array:
     """Return the mass centre of arms and object, (3,) world axes [m]."""
-    every = list(bodies(chain, state))
-    return np.sum([body.com for body in every], axis=0) / sum(body.inertia.m for body in every)
+    parts = [state.q[part] for part in chain.joints.values()]
+    held = held_body(chain.held_object, state.object_frame, np.zeros(6))
+    sums = sum(each(arm_mass_moment, chain.arms.values(), parts)) + held.mass_moment
+    return sums[1:] / sums[0]
+
+
+def arm_mass_moment(arm: Arm, q: Array) -> Array:
+    """Return the links' mass [kg] and first moment from the world's origin [kg m], (4,)."""
+    resting = links(arm, q, np.zeros(arm.joint_count), np.zeros(6))
+    return sum((body.mass_moment for body in resting), start=np.zeros(4))
 
 
 def momentum(chain: ClosedChain, state: State, about: ArrayLike | None = None, inputs: Inputs | None = None) -> Array:
@@ -118,15 +137,29 @@ def momentum(chain: ClosedChain, state: State, about: ArrayLike | None = None, i
         state: positions and velocities.
         about: (3,) world point; default the world's origin.
         inputs: base motion.
+
+    Raises:
+        StateError: wrong shape of `about` or the inputs.
     """
-    point = np.zeros(3) if about is None else np.asarray(about, dtype=float)
-    return np.sum(
-        [
-            shift_wrench(body.origin - point, rotate(body.R, body.inertia.apply(body.twist)))
-            for body in bodies(chain, state, inputs)
-        ],
-        axis=0,
+    twists = (inputs or Inputs()).shaped(chain).base_twists
+    assert twists is not None
+    point = np.zeros(3) if about is None else checks.numbers(about, (3,), "about", StateError)
+    return total_momentum(chain, state, twists, point)
+
+
+def total_momentum(chain: ClosedChain, state: State, base_twists: Array, about: Array) -> Array:
+    """Return the momentum of links and object, (6,); see `momentum`."""
+    parts = list(chain.joints.values())
+    q, qd = ([x[part] for part in parts] for x in (state.q, state.qd))
+    arms = each(
+        lambda arm, q, qd, twist: arm_momentum(arm, q, qd, twist, about), chain.arms.values(), q, qd, base_twists
     )
+    return sum(arms) + held_body(chain.held_object, state.object_frame, state.object_twist).momentum(about)
+
+
+def arm_momentum(arm: Arm, q: Array, qd: Array, base_twist: Array, about: Array) -> Array:
+    """Return the momentum of one arm's links, (6,)."""
+    return sum((body.momentum(about) for body in links(arm, q, qd, base_twist)), start=np.zeros(6))
 
 
 class Power(NamedTuple):

@@ -38,7 +38,11 @@ def link_poses(arm: Arm, q: ArrayLike) -> list[Pose]:
     Raises:
         StateError: positions of a wrong number, or not finite.
     """
-    at = _posture(arm, q)
+    return link_frames(_posture(arm, q))
+
+
+def link_frames(at: Posture) -> list[Pose]:
+    """Return the pose of every link frame of a posture in the world."""
     return [Pose.unchecked(R, at.tip.p - reach) for R, reach in zip(at.R, at.reach, strict=True)]
 
 

@@ -11,7 +11,7 @@ from holdfast.dynamics.closed.tip_response import tip_response
 from holdfast.dynamics.constraint import constraint_rows
 from holdfast.errors import SingularChainError
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, each
 from holdfast.state import State
 
 IMMOBILE = 1e-9  # of the largest scaled mobility: the object does not move there
@@ -24,7 +24,7 @@ def object_mobility(chain: ClosedChain, state: State) -> Array:
     arm's resistance taken in; along directions the grasps forbid it is zero. O(n) + O(l).
     """
     motion = chain_at_rest(chain, state)
-    tips = [tip_response(arm, "auto") for arm in motion.holding]
+    tips = each(lambda arm: tip_response(arm, "auto"), motion.holding)
     return object_filter(motion.contacts, tips, motion.body.free).mobility
 
 

@@ -21,7 +21,7 @@ from holdfast.simulation.step import Gaps
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
-from holdfast.spatial.spatial_vector import rotate, shift_wrench
+from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.spatial.vector import cross
 from holdfast.state import State
 
@@ -97,7 +97,7 @@ def sample(
         potential=np.array(sum(body.potential_energy(chain.gravity) for body in every)),
         work=sums.work,
         impact=np.array(sums.impact),
-        momentum=np.sum([_momentum(body) for body in every], axis=0),
+        momentum=np.sum([body.momentum(np.zeros(3)) for body in every], axis=0),
         momentum_rate=_wrenches(at, every),
         base_impulse=sums.base_impulse,
         condition=np.array(found.condition),
@@ -123,11 +123,6 @@ def spins(chain: ClosedChain, state: State) -> Array:
 def _rotors(chain: ClosedChain, state: State) -> float:
     """Return the kinetic energy of the drives' rotors [J]."""
     return 0.5 * float(np.concatenate([arm.armature for arm in chain.arms.values()]) @ state.qd**2)
-
-
-def _momentum(body: Body) -> Array:
-    """Return [angular; linear] momentum about the world's origin, as `energy.momentum` sums it up."""
-    return shift_wrench(body.origin, rotate(body.R, body.inertia.apply(body.twist)))
 
 
 def _wrenches(at: Instant, every: list[Body]) -> Array:
