@@ -1,4 +1,4 @@
-"""Random schedules: items side by side and one after the other, with values between them that are replaced.
+"""Random schedules: items side by side and one after the other, with values between them that are handed on.
 
 object -> items of every group, in lanes -> one after the other, "s" handed on -> turn
        <- items of every group, in lanes <- one after the other, "t" handed on <-
@@ -81,8 +81,8 @@ class Writer:
         self.internals = {
             "frame": Internal(1, 2),
             "alpha": Internal(1, 3),
-            "s": Internal(1, 3, replaced=True),
-            "t": Internal(1, 2, replaced=True),
+            "s": Internal(total + 1, 3),
+            "t": Internal(total + 1, 2),
         }
         self.groups: dict[str, Group] = {}
         self.prepare: list[Call] = []
@@ -90,18 +90,18 @@ class Writer:
 
     def schedule(self, guarded: tuple[str, ...]) -> Schedule:
         """Return the schedule."""
-        groups = range(len(self.counts))
+        groups, total = range(len(self.counts)), sum(self.counts)
+        runs = self._runs()
+        back = self.draw.choice([[(k, items[::-1]) for k, items in reversed(runs)], self._runs()])
         self._alone("object", [{"g": (2,)}, {"y": (3,)}], [{}, {"frame": (2,), "s'": (3,)}])
         for k in groups:
             self._items(k)
-            self._filter(k)
+            self._filter(k, _places(runs, k), _places(back, k))
         self._all("items", 1)
-        runs = self._runs()
         self.calls += [Call(f"filter{k}", 0, items) for k, items in runs]
-        self._alone("turn", [{"s": (3,)}], [{"t'": (2,), "sum": (3,)}])
-        back = self.draw.choice([[(k, items[::-1]) for k, items in reversed(runs)], self._runs()])
+        self._alone("turn", [{"s": (3,)}], [{"t'": (2,), "sum": (3,)}], {"s": Wire("s", (total,))})
         self.calls += [Call(f"filter{k}", 1, items) for k, items in back]
-        self._alone("end", [{"t": (2,), "y": (3,)}], [{"alpha": (3,)}])
+        self._alone("end", [{"t": (2,), "y": (3,)}], [{"alpha": (3,)}], {"t": Wire("t", (total,))})
         self._all("items", 2)
         self._group("status", stage_of("status", _same(), [{"code": ()}], [("status",)]), 1, {}, False)
         self.calls.append(Call("status", 0, (0,)))
@@ -109,8 +109,10 @@ class Writer:
             self.externals, self.internals, self.groups, tuple(self.prepare), tuple(self.calls), "status", guarded
         )
 
-    def _alone(self, name: str, inputs: list[Ports], outputs: list[Ports]) -> None:
-        self._group(name, random_stage(self.draw, name, inputs, outputs), 1, {}, False)
+    def _alone(
+        self, name: str, inputs: list[Ports], outputs: list[Ports], wires: dict[str, Wire] | None = None
+    ) -> None:
+        self._group(name, random_stage(self.draw, name, inputs, outputs), 1, wires or {}, False)
         for phase in range(len(inputs)):
             (self.prepare if phase < len(inputs) - 1 else self.calls).append(Call(name, phase, (0,)))
 
@@ -134,12 +136,16 @@ class Writer:
         self._group(name, stage, count, wires, self.side_by_side[k])
         self.prepare.append(Call(name, 0, every))
 
-    def _filter(self, k: int) -> None:
+    def _filter(self, k: int, out: list[int], back: list[int]) -> None:
+        """The items of a group one after the other, out and back; each is handed a value and hands one on."""
         count = self.counts[k]
         every = tuple(range(count))
         inputs = [{"m": (2,), "s": (3,)}, {"t": (2,)}]
         stage = random_stage(self.draw, f"filter{k}", inputs, [{"s'": (3,)}, {"t'": (2,), "from": (2,)}])
-        self._group(f"filter{k}", stage, count, {"m": Wire(f"m{k}", every), "from": Wire(f"from{k}", every)}, False)
+        wires = {"m": Wire(f"m{k}", every), "from": Wire(f"from{k}", every)}
+        for port, places in (("s", out), ("t", back)):
+            wires |= {port: Wire(port, tuple(places)), f"{port}'": Wire(port, tuple(i + 1 for i in places))}
+        self._group(f"filter{k}", stage, count, wires, False)
 
     def _runs(self) -> list[tuple[int, tuple[int, ...]]]:
         """Return all items of all groups in a random order, or in order or reversed; runs of a group together."""
@@ -164,6 +170,12 @@ class Writer:
     def _group(self, name: str, stage: Stage, count: int, wires: dict[str, Wire], side_by_side: bool) -> None:
         alone = {port: Wire(port.removesuffix("'"), (0,) * count) for port in stage.shapes}
         self.groups[name] = Group(stage, count, {p: wires.get(p, alone[p]) for p in alone}, side_by_side)
+
+
+def _places(runs: list[tuple[int, tuple[int, ...]]], group: int) -> list[int]:
+    """Return when each item of a group has its turn."""
+    turns = {one: turn for turn, one in enumerate((k, i) for k, items in runs for i in items)}
+    return [turns[group, i] for i in range(sum(k == group for k, _ in turns))]
 
 
 def _same():

@@ -48,7 +48,7 @@ def test_programs(program, values):
 @few
 @given(schedules(), st.integers(0, 2**32), st.booleans(), st.integers(1, 4))
 def test_schedules(schedule, seed, wild, count):
-    """Random schedules: items in lanes, arrays that are replaced, statuses and guards."""
+    """Random schedules: items in lanes, values that are handed on, statuses and guards."""
     check(schedule, [inputs_of(schedule, seed + k, wild) for k in range(count)])
 
 

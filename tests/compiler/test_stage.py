@@ -32,9 +32,3 @@ def test_stage():
         assert np.array_equal(found, x)
     np.testing.assert_allclose(ct, C @ (np.sin(A) * B), rtol=1e-14)
     assert sines.shape == t.shape == (2,) and none.shape == (0,)
-
-
-def test_replaced_values():
-    """A value that is replaced comes in under its name and leaves with a mark."""
-    made = stage("count", lambda n: (n + 1.0,), [{"n": ()}], [("n'",)])
-    assert made.shapes == {"n": (), "n'": ()}

@@ -52,7 +52,6 @@ class Layout:
             for name, g in schedule.groups.items()
         }
         self._externals = {name: k for k, name in enumerate(schedule.externals)}
-        self._replaced = {name: 1 for name, i in schedule.internals.items() if i.replaced}  # the slot read now
         packing = self._packing()
         self.external_areas: dict[str, Area] = {}
         if systems > 1:
@@ -60,8 +59,7 @@ class Layout:
                 rounded = -(-external.size // systems) * systems  # rows come and go in square blocks
                 self.external_areas[name] = self._area(1, rounded, 1)
         self._internal_areas = {
-            name: self._area(i.items * (2 if i.replaced else 1), i.size, packing.get(name, 1))
-            for name, i in schedule.internals.items()
+            name: self._area(i.items, i.size, packing.get(name, 1)) for name, i in schedule.internals.items()
         }
         self.packed: dict[tuple[str, str], Area] = {}
         self._memories: dict[tuple[str, int], Area] = {}
@@ -103,7 +101,7 @@ class Layout:
         """Return where the memory of a phase is for an item."""
         return self._at(self._memories[group, phase], item)
 
-    def place(self, group: str, port: str, item: int, written: bool) -> Place:
+    def place(self, group: str, port: str, item: int) -> Place:
         """Return where a port's numbers are for an item (the first one, if several run side by side)."""
         wire = self._group(group).wires[port]
         if (group, port) in self.packed:
@@ -112,18 +110,7 @@ class Layout:
             if self.systems == 1:
                 return Place(self._externals[wire.array], wire.places[item])
             return Place(None, self.external_areas[wire.array].start + wire.places[item] * self.systems)
-        internal, area = self.schedule.internals[wire.array], self._internal_areas[wire.array]
-        slot = self._replaced.get(wire.array, 0)
-        if internal.replaced and written:
-            slot = 1 - slot
-        return self._at(area, wire.places[item] + slot * internal.items)
-
-    def replaced(self, group: str, ports: tuple[str, ...]) -> None:
-        """Note that the arrays of these ports have been written: from now on the new ones are read."""
-        for port in ports:
-            array = self._group(group).wires[port].array
-            if array in self._replaced:
-                self._replaced[array] = 1 - self._replaced[array]
+        return self._at(self._internal_areas[wire.array], wire.places[item])
 
     def _group(self, name: str) -> Group:
         return self.schedule.groups[name]

@@ -52,18 +52,17 @@ class Module:
             places: list[Place | None] = []
             for k in made.reads:
                 if k < count:
-                    places.append(layout.place(call.group, stage.input_ports[k], item, written=False))
+                    places.append(layout.place(call.group, stage.input_ports[k], item))
                 else:
                     places.append(layout.memory(call.group, k - count, item))
             for k in made.writes:
                 if k < len(out_ports):
-                    places.append(layout.place(call.group, out_ports[k], item, written=True))
+                    places.append(layout.place(call.group, out_ports[k], item))
                 else:
                     places.append(layout.memory(call.group, call.phase, item))
             if made.scratch:
                 places.append(None)
             runs.append(places)
-            layout.replaced(call.group, out_ports)
         if len(runs) <= _UNROLLED:
             for places in runs:
                 n = self.label()

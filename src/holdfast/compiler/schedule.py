@@ -46,12 +46,10 @@ class Internal(NamedTuple):
     Attributes:
         items: how many items it has.
         size: numbers of each.
-        replaced: whether stages read it and write it anew, one after the other.
     """
 
     items: int
     size: int
-    replaced: bool = False
 
 
 class Wire(NamedTuple):
