@@ -2,7 +2,8 @@
 
 NumPy's last digits belong to the processor's BLAS, so its packages run under several kernels of it. Machine code is
 made for every level of instructions that this processor has, and for 64-bit ARM, which is emulated. Settings share a
-cache of machine code: what all of them compile to the same text is compiled once.
+cache of machine code: what all of them compile to the same text is compiled once. Tests that compare machine code with
+itself run in the first row only, and for every level of instructions.
 """
 
 from __future__ import annotations
@@ -20,6 +21,13 @@ from tests.processors import environment, levels, settings
 ROOT = Path(__file__).parents[1]
 PACKAGES = [f"tests/{name}" for name in ("spatial", "dynamics", "laws", "simulation", "compiled")]
 PROCESSORS = "tests/compiled/test_processors.py"  # sets its processors itself: once is enough
+OF_ITSELF = [  # machine code against machine code: NumPy's kernels have no part in it
+    *(
+        f"tests/compiled/test_{name}.py"
+        for name in ("batches", "cache_of_chains", "composition", "one_text", "pickling")
+    ),
+    *(f"tests/simulation/rollout/test_{name}.py" for name in ("cache", "told")),
+]
 ARM = "tests/compiler/test_aarch64.py"
 MACHINE_CODE = [  # those that run it; what is written of programs and schedules before is the same everywhere
     *(f"tests/compiler/test_{name}.py" for name in ("arithmetic", "bound", "builtin", "kernel", "llvm", "schedule")),
@@ -45,9 +53,15 @@ class Row(NamedTuple):
 
 def rows() -> list[Row]:
     """Return all runs."""
-    numeric = [Row(name, setting, [*PACKAGES, "--ignore", PROCESSORS]) for name, setting in settings().items()]
+    first, *others = settings().items()
+    numeric = [Row(*first, [*PACKAGES, *_without([PROCESSORS])])]
+    numeric += [Row(name, setting, [*PACKAGES, *_without([PROCESSORS, *OF_ITSELF])]) for name, setting in others]
     of_levels = [Row(x, {"HOLDFAST_CPU": x}, MACHINE_CODE) for x in levels(False) + levels(True)]
     return [*numeric, *of_levels, Row("bits of all with fma", {}, [PROCESSORS]), Row("aarch64 (QEMU)", {}, [ARM])]
+
+
+def _without(files: list[str]) -> list[str]:
+    return [f"--ignore={file}" for file in files]
 
 
 def run(row: Row, cache: Path) -> tuple[int, dict[str, int], float]:
