@@ -83,7 +83,7 @@ def _split(p: Problem, found: holdfast.ForwardResult) -> float:
     parts = holdfast.split(p.chain, p.state, found.grasp_wrench)
     metric = np.r_[np.full(3, 1 / parts.length), np.ones(3)]
     motion, internal = parts.motion * metric, parts.internal * metric
-    size = max(1.0, float(np.abs(found.grasp_wrench).max()))
+    size = max(1.0, float(np.abs([motion, internal]).max()))  # contacts 3 mm apart: both are thousands of newtons
     return abs(float((motion * internal).sum())) / size**2  # the smallest is orthogonal to all that move nothing
 
 

@@ -22,7 +22,8 @@ from tests.systems.as_chain import Problem
 from tests.systems.right_angle_systems import RIGHT_ANGLES, right_angle_system
 
 # Wrong by 1e-4 .. 1e5 when a pivot was judged by its own computed diagonal, status OK or INDETERMINATE_FORCES.
-ONCE_WRONG = [6, 67, 73, 84, 164, 166, 168, 225, 232, 263, 315]
+# 3931: refused as an overflow, where a grasp's row sees columns of the mobility by the rounding of zero only.
+ONCE_WRONG = [6, 67, 73, 84, 164, 166, 168, 225, 232, 263, 315, 3931]
 
 
 GIVE = 1e-16  # of the most that any tip gives way to a force: what Lambda is rounded by

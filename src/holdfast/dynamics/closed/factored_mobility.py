@@ -15,6 +15,7 @@ from holdfast.spatial.linalg import largest_first
 from holdfast.spatial.scalar import Array, Scalar, array, where
 
 ROUNDING = 1e-14  # a pivot below this part of its size is zero
+NOTHING = 1e-32  # of sigma: what such a column adds to it is less than the rounding of its rounding
 
 
 class FactoredMobility(NamedTuple):
@@ -53,15 +54,18 @@ def updated(P: FactoredMobility, c: Array, d: Scalar, least: Scalar) -> tuple[Fa
 
     Bierman's update: with alpha_0 = d, alpha_j = alpha_{j-1} + D_j f_j^2, f_j = c w_j:
     D_j *= alpha_{j-1} / alpha_j,  w_j -= (f_j / alpha_{j-1}) sum_{i<j} D_i f_i w_i.
-    A row that repeats earlier ones (sigma <= least) leaves P as it is.
+    A row that repeats earlier ones (sigma <= least) leaves P as it is. So do columns that it hardly sees, f_j the
+    rounding of zero: alpha would be so small that f_j / alpha overflows.
     """
     f = [c @ w for w in P.w]
-    sigma = sum((D * fj * fj for D, fj in zip(P.D, f, strict=True)), start=d)
+    shares = [D * fj * fj for D, fj in zip(P.D, f, strict=True)]
+    sigma = sum(shares, start=d)
     alive = sigma > least
+    seen = where(alive, NOTHING * sigma, float("inf"))
     alpha, k = d, np.zeros(6)
     D_new, w_new = [], []
-    for D, w, seen in zip(P.D, P.w, f, strict=True):
-        fj = where(alive, seen, 0.0)
+    for D, w, fj, share in zip(P.D, P.w, f, shares, strict=True):
+        fj = where(share > seen, fj, 0.0)
         v = D * fj
         above = alpha + v * fj
         some = alpha > 0.0
