@@ -4,7 +4,6 @@ import ast
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import holdfast
@@ -95,14 +94,3 @@ def test_nothing_is_computed_there(path):
         if isinstance(function, ast.FunctionDef) and (path.stem, function.name) not in allowed:
             products = [x for x in ast.walk(function) if isinstance(x, ast.BinOp) and isinstance(x.op, ast.MatMult)]
             assert not products, (path.name, function.name)
-
-
-def test_numbers_of_both(problem):
-    """And they agree."""
-    fast = holdfast.compile(problem.chain)
-    s = problem.state
-    twist = problem.inputs.shaped(problem.chain).base_twists
-    found = fast.forward_dynamics(s.q, s.qd, problem.tau, s.object_pose, s.object_twist, base_twist=twist)
-    inputs = holdfast.Inputs(base_twists=twist)
-    expected = holdfast.forward_dynamics(problem.chain, s, problem.tau, inputs=inputs, check=False)
-    np.testing.assert_allclose(found.qdd, expected.qdd, rtol=1e-9, atol=1e-9)

@@ -31,7 +31,10 @@ def test_calm_steps_are_left_alone():
     np.testing.assert_array_equal(numbers(found.instant.state), numbers(alone.instant.state))
 
 
-@pytest.mark.parametrize(("scheme", "step"), [(RK4, 0.02), (MIDPOINT, 0.005)], ids=["rk4", "midpoint"])
+@pytest.mark.parametrize(
+    ("scheme", "step"),
+    [pytest.param(RK4, 0.02, id="rk4"), pytest.param(MIDPOINT, 0.005, id="midpoint", marks=pytest.mark.long)],
+)
 def test_long_steps_are_parted(scheme, step):
     """Its end is that of as many steps as its drift asks for; work and the worst gaps are those of all of them."""
     whole, now = moving(scheme)
