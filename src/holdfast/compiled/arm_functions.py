@@ -36,6 +36,7 @@ Found = Mapping[str, Any]
 ATTITUDES: dict[str | None, int] = {"rigid": 9, "hinge": 3}
 
 CLOSED = "closed."  # before the names of a state's arrays: what is returned for them
+_STATE = ("q", "qd", "object_pose", "object_twist")
 _OBJECT = ("object_mass", "object_com", "object_inertia")
 
 
@@ -157,7 +158,7 @@ def _frame(pose: Pose) -> Array:
 
 def _project(chain: ClosedChain, x: Given) -> Found:
     found = after_step(chain, traced_state(chain, x), traced_inputs(chain, x))
-    return {f"{CLOSED}{name}": getattr(found, name) for name in ("q", "qd", "object_pose", "object_twist")}
+    return {f"{CLOSED}{name}": getattr(found, name) for name in _STATE}
 
 
 COMPUTATIONS: dict[str, Computation] = {
@@ -171,7 +172,7 @@ COMPUTATIONS: dict[str, Computation] = {
     "mass_matrix": Computation(("q",), (), _mass_matrices, {"mass_matrix": lambda N, _: N * N}),
     "jacobian": Computation(("q",), ("base_R",), _jacobians, {"jacobian": lambda N, _: 6 * N}, by_links=False),
     "closure": Computation(
-        ("q", "qd", "object_pose", "object_twist"),
+        _STATE,
         ("base_R", "base_p", "base_twist", "grasp_R", "grasp_p"),
         _closure,
         {
@@ -183,7 +184,7 @@ COMPUTATIONS: dict[str, Computation] = {
         by_links=False,
     ),
     "kinetic_energy": Computation(
-        ("q", "qd", "object_pose", "object_twist"),
+        _STATE,
         (*_OBJECT, "base_R", "base_twist"),
         _kinetic_energy,
         whole={"energy": ()},
@@ -195,7 +196,7 @@ COMPUTATIONS: dict[str, Computation] = {
         whole={"energy": ()},
     ),
     "momentum": Computation(
-        ("q", "qd", "object_pose", "object_twist"),
+        _STATE,
         ("about", *_OBJECT, "base_R", "base_p", "base_twist"),
         _momentum,
         whole={"momentum": (6,)},
@@ -218,10 +219,10 @@ COMPUTATIONS: dict[str, Computation] = {
         ("q",), ("base_R", "base_p"), _link_poses, {"frame": lambda N, _: 12 * N}, by_links=False
     ),
     "project": Computation(
-        ("q", "qd", "object_pose", "object_twist"),
+        _STATE,
         (*_OBJECT, "base_R", "base_p", "base_twist", "grasp_R", "grasp_p"),
         _project,
-        whole={f"{CLOSED}{name}": None for name in ("q", "qd", "object_pose", "object_twist")},
+        whole={f"{CLOSED}{name}": None for name in _STATE},
         by_grasp=True,
     ),
 }

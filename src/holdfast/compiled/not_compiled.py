@@ -18,9 +18,9 @@ REASONS = {
     "joint_margins": "it is a difference of numbers that are given",
     "joint_mass_matrix": "it is of one arm; `mass_matrix` gives those of all arms",
     "largest_margin": f"it is a convex programme: {_ROUNDS}",
-    "last_joint_wrenches": f"{_OF_A_RESULT}",
+    "last_joint_wrenches": _OF_A_RESULT,
     "margin_range": f"it is a convex programme: {_ROUNDS}",
-    "momentum_rate": f"{_OF_A_RESULT}",
+    "momentum_rate": _OF_A_RESULT,
     "motion_basis": _SINGULAR_VALUES,
     "object_inertia": "it refuses an object held fast, by eigenvalues; try numpy.linalg.inv of `object_mobility`",
     "power": f"{_OF_A_RESULT}; the systems of a rollout have their `work`",
@@ -30,7 +30,7 @@ REASONS = {
     "state_from_joints": "it is of rigid grasps only; try `tip_poses`",
     "tip_jacobian": "it is of one arm; `jacobian` gives those of all arms",
     "tip_pose": "it is of one arm; `tip_poses` gives those of all arms",
-    "wrist_wrenches": f"{_OF_A_RESULT}",
+    "wrist_wrenches": _OF_A_RESULT,
 }
 
 

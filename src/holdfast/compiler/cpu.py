@@ -146,7 +146,7 @@ def _made(source: Source) -> tuple[str, Notes]:
         return source()
 
 
-def _compiled(text: str, notes: Notes, quick: bool = False) -> bytes:
+def _compiled(text: str, notes: Notes, quick: bool) -> bytes:
     """Return the notes and the object file of a module."""
     head = json.dumps(notes).encode()
     with _LOCK:
