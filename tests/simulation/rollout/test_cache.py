@@ -65,8 +65,9 @@ def test_next_process(tmp_path):
     assert run(tmp_path, "", "gain") == [0, traces, bits]
 
 
-def test_controllers_of_the_library(monkeypatch):
+def test_controllers_of_the_library(monkeypatch, tmp_path):
     """Their numbers are their key: an equal one is not traced again, one with a function of the user's is."""
+    monkeypatch.setenv("HOLDFAST_CACHE", str(tmp_path))  # whatever runs before have left
     traces, made = [], Composition.__init__
     monkeypatch.setattr(Composition, "__init__", lambda self: traces.append(1) or made(self))
 
