@@ -65,8 +65,10 @@ if TYPE_CHECKING:
     from holdfast.robots.urdf import load_urdf, load_urdf_arms, urdf_chain
     from holdfast.scenario.build import load_scene
     from holdfast.simulation.events import Attach, Release
+    from holdfast.simulation.rollout.compile_rollout import compile_rollout
     from holdfast.simulation.rollout.law import ControlLaw
-    from holdfast.simulation.rollout.rollout import Rollout, RolloutRecord, compile_rollout
+    from holdfast.simulation.rollout.record import RolloutRecord
+    from holdfast.simulation.rollout.rollout import Rollout
     from holdfast.simulation.rollout.systems import Fate, RolloutSystems
     from holdfast.simulation.schedule import TorqueSchedule
     from holdfast.simulation.simulate import simulate
@@ -104,7 +106,7 @@ _LATER = {
     "Release": "holdfast.simulation.events",
     "RestToRest": "holdfast.control.paths",
     "Rollout": "holdfast.simulation.rollout.rollout",
-    "RolloutRecord": "holdfast.simulation.rollout.rollout",
+    "RolloutRecord": "holdfast.simulation.rollout.record",
     "RolloutSystems": "holdfast.simulation.rollout.systems",
     "Split": "holdfast.dynamics.split",
     "Status": "holdfast.dynamics.result",
@@ -118,7 +120,7 @@ _LATER = {
     "close": "holdfast.dynamics.closing",
     "closure": "holdfast.dynamics.consistency",
     "compile": "holdfast.compiled.chain",
-    "compile_rollout": "holdfast.simulation.rollout.rollout",
+    "compile_rollout": "holdfast.simulation.rollout.compile_rollout",
     "contact_attitudes": "holdfast.dynamics.contact_attitude",
     "diagnose": "holdfast.dynamics.diagnose",
     "export_csv": "holdfast.io.export",

@@ -75,7 +75,7 @@ def test_a_step():
     rooms = ("dynamics/arm", "dynamics/closed", "dynamics/projection", "simulation/runge_kutta")
     on_floats = functions_run(lambda: take_step(world, stepper.controller, now, 1e-4, 18, RK4), rooms)
     law = held_torques(chain.joint_count)
-    traced = functions_run(lambda: step_schedule(Structure(chain, Options()), law, RK4), rooms)
+    traced = functions_run(lambda: step_schedule(Structure(chain, Options()), law, {}, RK4), rooms)
     assert names(on_floats) <= names(traced)
     assert on_floats.keys() <= traced.keys()
     for name in ("closer", "largest_gaps", "sequential", "runge_kutta_step"):

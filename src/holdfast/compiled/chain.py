@@ -20,7 +20,7 @@ from holdfast.compiled.functions import ChainFunctions
 from holdfast.compiled.kernels import kernel
 from holdfast.compiled.parameters import parameters_of, taken
 from holdfast.compiled.result import CompiledResult, ResultLayout
-from holdfast.compiled.structure import Options, Structure
+from holdfast.compiled.structure import Options, Structure, optional_parameters
 from holdfast.compiler.bound import Bound
 from holdfast.compiler.builtin import Entry
 from holdfast.compiler.kernel import Kernel
@@ -33,7 +33,6 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 
 _INPUTS = ("q", "qd", "tau", "object_pose", "object_twist")
-_OPTIONS = ("link_inertia", "link_wrench")
 _DOC = "Return accelerations and grasp forces; see `CompiledChain.forward_dynamics`."
 
 
@@ -66,7 +65,6 @@ def compile(
         CompileError: this computer cannot.
     """
     checks.instance(chain, ClosedChain, "compile: chain")
-    checks.instance(parameters, (list, tuple, set, frozenset), "compile: parameters", StateError)
     if generic_rank is not None:
         whole = isinstance(generic_rank, int | np.integer) and not isinstance(generic_rank, bool)
         if not whole or not 0 <= generic_rank <= chain.constraint_row_count:
@@ -83,12 +81,8 @@ def compile(
             f"compile: '{name}' runs as reference only; machine code is made of `sequential` (same answers). Try"
             " method='auto', 'recursive' or 'mass_matrix'"
         )
-    for name in parameters:
-        if name not in _OPTIONS:
-            raise StateError(f"compile: no optional parameter {name!r}.{checks.did_you_mean(str(name), _OPTIONS)}")
     route: Route = "auto" if method == "sequential" else method  # type: ignore[assignment]
-    options = Options(route, "link_inertia" in parameters, "link_wrench" in parameters)
-    return CompiledChain(chain, options, generic_rank)
+    return CompiledChain(chain, optional_parameters(parameters, "compile", route), generic_rank)
 
 
 class CompiledChain(ChainFunctions):

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from holdfast.dynamics.closed.tip_response import Route
+from holdfast.errors import StateError
+from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
+
+OPTIONAL = ("link_inertia", "link_wrench")  # run-time parameters that are asked for by name
 
 
 @dataclass(frozen=True)
@@ -29,6 +33,24 @@ class Options:
     link_inertia: bool = False
     link_wrenches: bool = False
     base_motion: bool = False
+
+
+def optional_parameters(parameters: Sequence[str], what: str, route: Route = "auto") -> Options:
+    """Return the options of the parameters that a user asks for: `link_inertia`, `link_wrench`.
+
+    Args:
+        parameters: their names.
+        what: who asks, for messages.
+        route: how each arm answers at its tip.
+
+    Raises:
+        StateError: another name.
+    """
+    checks.instance(parameters, (list, tuple, set, frozenset), f"{what}: parameters", StateError)
+    for name in parameters:
+        if name not in OPTIONAL:
+            raise StateError(f"{what}: no optional parameter {name!r}.{checks.did_you_mean(str(name), OPTIONAL)}")
+    return Options(route, "link_inertia" in parameters, "link_wrench" in parameters)
 
 
 @dataclass(frozen=True, eq=False)

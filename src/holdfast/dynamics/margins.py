@@ -65,6 +65,35 @@ class JointMargins(NamedTuple):
     effort: Array
 
 
+class JointLimits(NamedTuple):
+    """What the joints of a chain may do, (n,) each; infinite where nothing limits.
+
+    Attributes:
+        low: lowest position [rad or m].
+        high: highest position.
+        rate: largest |qd| [rad/s or m/s].
+        effort: largest |tau| [N m or N].
+    """
+
+    low: Array
+    high: Array
+    rate: Array
+    effort: Array
+
+    @property
+    def limited(self) -> Array:
+        """(3, n) whether position, rate and effort have a limit."""
+        position = np.isfinite(self.low) | np.isfinite(self.high)
+        return np.array([position, np.isfinite(self.rate), np.isfinite(self.effort)])
+
+
+def joint_limits(chain: ClosedChain) -> JointLimits:
+    """Return the limits of all joints, arms in order, base to tip."""
+    joints = [joint for arm in chain.arms.values() for joint in arm.joints]
+    rows = [(*joint.position_limits, joint.rate_limit, joint.effort_limit) for joint in joints]
+    return JointLimits(*np.array(rows, dtype=float).reshape(-1, 4).T)
+
+
 def grasp_margins(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> Array:
     """Return the margin of every grasp, in the order of `chain.grasps`, (grasps,) [N].
 
@@ -150,10 +179,9 @@ def joint_margins(chain: ClosedChain, state: State, tau: ArrayLike) -> JointMarg
     """
     state.fits(chain)
     efforts = checks.numbers(tau, (chain.joint_count,), "tau", StateError)
-    joints = [joint for arm in chain.arms.values() for joint in arm.joints]
-    ends = [joint.position_limits for joint in joints]
-    return JointMargins(
-        array([minimum(q - low, high - q) for (low, high), q in zip(ends, state.q, strict=True)]),
-        array([joint.rate_limit - abs(rate) for joint, rate in zip(joints, state.qd, strict=True)]),
-        array([joint.effort_limit - abs(effort) for joint, effort in zip(joints, efforts, strict=True)]),
-    )
+    return margins_of_joints(joint_limits(chain), state.q, state.qd, efforts)
+
+
+def margins_of_joints(limits: JointLimits, q: Array, qd: Array, tau: Array) -> JointMargins:
+    """Return how far joints are from their limits; positions, rates and torques (..., n) on any leading axes."""
+    return JointMargins(minimum(q - limits.low, limits.high - q), limits.rate - abs(qd), limits.effort - abs(tau))

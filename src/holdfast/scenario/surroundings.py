@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from holdfast.model import checks
 from holdfast.scenario.scene import BaseMotionData, SwayData, WrenchData
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, Scalar, concatenate, cos, sin
 from holdfast.spatial.vector import cross
 from holdfast.state import Inputs
 
@@ -35,8 +36,10 @@ class SwayingBase:
         frequency: (6,), sizes up to 10 kHz [Hz].
         phase: (6,) [rad].
         smooth_start: at least 1e-6 [s].
+        traceable: it may become part of machine code.
     """
 
+    traceable: ClassVar[bool] = True
     rest: Pose
     amplitude: Array
     frequency: Array
@@ -50,7 +53,7 @@ class SwayingBase:
         if (fastest := float(np.abs(self.frequency).max())) > FASTEST:
             raise ModelError(f"base motion: frequency: expected at most {FASTEST:g} Hz, got {fastest:g}")
 
-    def __call__(self, t: float) -> tuple[Pose, Array, Array]:
+    def __call__(self, t: Scalar) -> tuple[Pose, Array, Array]:
         """Return pose, twist and acceleration (plain derivative) of the base at time t, world axes."""
         x, rate, acceleration = self.coordinates(t)
         (roll, pitch, _), p = x[:3], x[3:]
@@ -63,14 +66,14 @@ class SwayingBase:
         omega_dot = acceleration[2] * yaw_axis + acceleration[1] * pitch_axis + acceleration[0] * roll_axis
         omega_dot = omega_dot + rate[1] * cross(turning, pitch_axis) + rate[0] * cross(tilting, roll_axis)
         pose = Pose(rotation.from_euler_zyx(x[2], pitch, roll) @ self.rest.R, self.rest.p + p)
-        return pose, np.concatenate([omega, rate[3:]]), np.concatenate([omega_dot, acceleration[3:]])
+        return pose, concatenate([omega, rate[3:]]), concatenate([omega_dot, acceleration[3:]])
 
-    def coordinates(self, t: float) -> tuple[Array, Array, Array]:
+    def coordinates(self, t: Scalar) -> tuple[Array, Array, Array]:
         """Return the six coordinates, their rates and accelerations."""
         s, ds, dds = quintic(t / self.smooth_start)
         ds, dds = ds / self.smooth_start, dds / self.smooth_start**2
         w = 2.0 * np.pi * self.frequency
-        sine, cosine = np.sin(w * t + self.phase), np.cos(w * t + self.phase)
+        sine, cosine = sin(w * t + self.phase), cos(w * t + self.phase)
         return (
             self.amplitude * s * sine,
             self.amplitude * (ds * sine + s * w * cosine),

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from holdfast.dynamics.margin_range import margin_range
-from holdfast.dynamics.margins import conditions, grasp_margins, joint_margins
+from holdfast.dynamics.margins import conditions, grasp_margins, joint_limits, joint_margins
 from holdfast.dynamics.result import Status
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
@@ -56,12 +56,8 @@ class Signals:
     def limited(self) -> Array:
         """Which of them something limits, as indices: what has to be looked at."""
         chain = self.chain
-        joints = [joint for arm in chain.arms.values() for joint in arm.joints]
         grasps = [name in chain.grasps and bool(conditions(chain.grasps[name])) for name in chain.names]
-        position = [np.isfinite(joint.position_limits).any() for joint in joints]
-        rate = [np.isfinite(joint.rate_limit) for joint in joints]
-        effort = [np.isfinite(joint.effort_limit) for joint in joints]
-        return np.flatnonzero(np.array([*grasps, *position, *rate, *effort]))
+        return np.flatnonzero(np.array([*grasps, *joint_limits(chain).limited.flat]))
 
     def of(self, at: Instant) -> Array:
         """Return all margins at an instant, (arms + 3 n,).

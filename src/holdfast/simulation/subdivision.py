@@ -6,18 +6,19 @@ p + 1 in the step h for a scheme of order p, it says how many equal parts the st
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from holdfast.errors import ClosureError
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import Advance, Stepper
+from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
 MOST_PARTS = 32
@@ -59,10 +60,20 @@ class SubdividingStepper:
         """Return how many parts a step needs."""
         if isinstance(reached.failure, ClosureError):
             return MOST_PARTS
-        drift = float(reached.gaps.position[0])
-        if reached.failure is not None or drift <= self.limit:
+        if reached.failure is not None:
             return 1
-        return math.ceil(min(MOST_PARTS, (drift / self.limit) ** (1.0 / (self.scheme.order + 1))))
+        return int(parts_needed(reached.gaps.position[0], self.limit, self.scheme.order))
+
+
+def parts_needed(drift: ArrayLike, limit: float, order: int) -> Array:
+    """Return into how many equal parts steps must go for less drift than a limit, of the drifts' shape.
+
+    Args:
+        drift: position gaps that whole steps left before projection [m or rad].
+        limit: of the same.
+        order: of the scheme.
+    """
+    return np.ceil(np.clip((np.asarray(drift) / limit) ** (1.0 / (order + 1)), 1, MOST_PARTS)).astype(int)
 
 
 def in_parts(stepper: Stepper, now: Instant, until: float, parts: int) -> Advance:

@@ -7,17 +7,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.frozen import FrozenDict
+from holdfast.spatial.scalar import Array, Scalar, array
 from holdfast.state import Inputs
 
 # t [s] -> pose of the base (a Pose or wxyz_xyz), its twist (6,) and acceleration (6,), world axes
-BaseMotion = Callable[[float], tuple[Any, ArrayLike, ArrayLike]]
+BaseMotion = Callable[[Any], tuple[Any, ArrayLike, ArrayLike]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class World:
                     f" {type(self.base_motion[name]).__name__}"
                 )
 
-    def at(self, t: float) -> tuple[ClosedChain, Inputs]:
+    def at(self, t: Scalar) -> tuple[ClosedChain, Inputs]:
         """Return the chain with its bases where they are at time t [s], and the inputs then."""
         inputs = self.inputs(t) if callable(self.inputs) else self.inputs
         if not isinstance(inputs, Inputs):
@@ -62,17 +62,22 @@ class World:
         if not self.base_motion:
             return self.chain, inputs
         shaped = inputs.shaped(self.chain)
-        twists, accelerations = np.array(shaped.base_twists), np.array(shaped.base_accelerations)
+        assert shaped.base_twists is not None and shaped.base_accelerations is not None
+        twists, accelerations = list(shaped.base_twists), list(shaped.base_accelerations)
         poses = {}
         for i, name in enumerate(self.chain.names):
             if name in self.base_motion:
-                poses[name], twists[i], accelerations[i] = _motion(name, self.base_motion[name](t))
-        moving = replace(shaped, base_twists=twists, base_accelerations=accelerations)
+                poses[name], twists[i], accelerations[i] = motion_of(name, self.base_motion[name](t))
+        moving = replace(shaped, base_twists=array(twists), base_accelerations=array(accelerations))
         return mounted(self.chain, poses), moving
 
 
-def _motion(name: str, found: Any) -> tuple[Any, Any, Any]:
-    """Return what a base's motion returned, its pose as it is (see `mounted`)."""
+def motion_of(name: str, found: Any) -> tuple[Any, Array, Array]:
+    """Return what a base's motion returned: its pose as it is (see `mounted`), twist and acceleration.
+
+    Raises:
+        StateError: it returned something else.
+    """
     what = f"base motion of '{name}'"
     if not isinstance(found, tuple | list) or len(found) != 3:
         raise StateError(f"{what}: expected (pose, twist, acceleration), got {type(found).__name__}")

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from holdfast.spatial.scalar import Array, array, concatenate, cos, maximum, sin, sqrt, where
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, cos, maximum, sin, sqrt, where
 from holdfast.spatial.vector import cross, dot, product
 
 
@@ -125,6 +125,11 @@ def to_euler_zyx(R: Array) -> Array:
 def is_rotation(R: Array, tolerance: float) -> bool:
     """Return whether R^T R = I and det R = +1 within the tolerance."""
     return bool(np.abs(product(R.T, R) - np.eye(3)).max() <= tolerance and dot(R[0], cross(R[1], R[2])) > 0)
+
+
+def skewness(R: Array) -> Scalar:
+    """Return the sum of |R^T R - 1| over all entries: how far the columns are from orthogonal unit vectors."""
+    return abs(product(R.T, R) - np.eye(3)).sum()
 
 
 def nearest(R: Array) -> Array:

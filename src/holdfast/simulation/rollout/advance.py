@@ -18,7 +18,13 @@ from holdfast.compiled.traced_chain import Given, framed, traced_chain, traced_i
 from holdfast.compiler.schedule import FIRST_BAD
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.energy import power_of
-from holdfast.dynamics.margins import friction_conditions, least_margin, limit_conditions
+from holdfast.dynamics.margins import (
+    friction_conditions,
+    joint_limits,
+    least_margin,
+    limit_conditions,
+    margins_of_joints,
+)
 from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, Gap, after_step, largest_gaps
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import GraspKind
@@ -27,14 +33,16 @@ from holdfast.simulation.friction import friction_torque, joint_friction
 from holdfast.simulation.instant import WORST_CONDITION, rates
 from holdfast.simulation.rollout.law import ControlLaw
 from holdfast.simulation.rollout.law_text import asked
+from holdfast.simulation.rollout.traced_motion import Motions, sound
 from holdfast.simulation.runge_kutta import Tableau, runge_kutta_step
 from holdfast.simulation.step import displaced
+from holdfast.simulation.world import World
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each, maximum, minimum, select, where
 from holdfast.spatial.spatial_vector import unrotate
 from holdfast.state import State
 
-# Why a system stands still, as the machine code numbers it; 0: it does not. The last is found afterwards.
-RUNNING, SLIPPED, SINGULAR, OPEN, BROKEN, TOO_LONG = range(6)
+# Why a system stands still, as the machine code numbers it; 0: it does not. TOO_LONG is found afterwards.
+RUNNING, SLIPPED, SINGULAR, OPEN, BROKEN, TOO_LONG, LIMITED = range(7)
 
 STATE = ("q", "qd", "object_pose", "object_twist")
 
@@ -80,16 +88,17 @@ class TracedSystem:
     """One system while a step is traced.
 
     Attributes:
-        chain: its chain, parameters in place.
-        law: its law.
+        real: the chain as the caller has it.
         given: the caller's arrays.
-        inputs: what acts on it.
+        world: its chain, parameters in place, and what acts on it.
+        law: its law.
     """
 
-    def __init__(self, structure: Structure, law: ControlLaw, given: Given) -> None:
+    def __init__(self, structure: Structure, law: ControlLaw, motions: Motions, given: Given) -> None:
         self.real, self.law, self.given = structure.chain, law, given
-        self.chain = traced_chain(structure, given)
-        self.inputs = traced_inputs(self.chain, given)
+        chain = traced_chain(structure, given)
+        moving = {name: sound(name, motion) for name, motion in motions.items()}
+        self.world = World(chain, moving, traced_inputs(chain, given))
         self.route: Route = structure.options.route
         self.friction = joint_friction(structure.chain)
 
@@ -111,8 +120,9 @@ class TracedSystem:
         """Return torques, then forward dynamics and the power."""
         drive, kept = asked(self.law, self.real, t, state, memory, self.given)
         lost = friction_torque(self.friction, state.qd)
-        found = judged(self.chain, framed(state), drive - lost, self.inputs, self.given["generic_rank"], self.route)
-        power = work_rates(power_of(self.chain, state, drive, found.whole.base_wrench, self.inputs), lost, state.qd)
+        chain, inputs = self.world.at(t)
+        found = judged(chain, framed(state), drive - lost, inputs, self.given["generic_rank"], self.route)
+        power = work_rates(power_of(chain, state, drive, found.whole.base_wrench, inputs), lost, state.qd)
         worst = array([found.condition, found.status])
         if before is not None:
             worst = maximum(before.worst, worst)
@@ -124,10 +134,10 @@ def slope(state: State, at: Evaluation, turn: Array) -> Array:
     return rates(state, at.found.whole.qdd, at.found.whole.object_acceleration, at.power, turn)
 
 
-def step(structure: Structure, law: ControlLaw, tableau: Tableau, given: Given) -> dict[str, Any]:
+def step(structure: Structure, law: ControlLaw, motions: Motions, tableau: Tableau, given: Given) -> dict[str, Any]:
     """Return what a system carries on after one step: `take_step`, refused systems staying where they are."""
-    system = TracedSystem(structure, law, given)
-    n, h, start = system.chain.joint_count, given["step"][()], system.state
+    system = TracedSystem(structure, law, motions, given)
+    n, h, start = structure.chain.joint_count, given["step"][()], system.state
     held = given["held"][()] > 0.5
     seen: list[Evaluation] = []
     times = iter(tableau.c[1:])
@@ -144,13 +154,13 @@ def step(structure: Structure, law: ControlLaw, tableau: Tableau, given: Given) 
         return slope(there, seen[-1], y[2 * n : 2 * n + 3])
 
     y, _ = runge_kutta_step(derivative, 0.0, np.zeros(2 * n + 16), h, tableau, first=system.last("slope"))
-    rough = displaced_by(y)
-    drift = largest_gaps(system.chain, rough, system.inputs)
-    closed = after_step(system.chain, rough, system.inputs)
+    rough, t = displaced_by(y), system.time(1.0)
+    chain, inputs = system.world.at(t)
+    drift = largest_gaps(chain, rough, inputs)
+    closed = after_step(chain, rough, inputs)
     end = State(*(select(held, getattr(rough, name), getattr(closed, name)) for name in STATE))
-    t = system.time(1.0)
     now = system.evaluate(t, end, system.last("memory"), seen[-1] if seen else None)
-    gaps = largest_gaps(system.chain, end, system.inputs)
+    gaps = largest_gaps(chain, end, inputs)
     margins = grasp_margins(system.real, given, end.object_frame.R, now.found.whole.grasp_wrench)
     found = now.found
     kept = dict(zip(STATE, (end.q, end.qd, end.object_pose, end.object_twist), strict=True)) | {
@@ -196,6 +206,13 @@ def contact_margin(kind: GraspKind, contact: Array, f: Array) -> Scalar:
     return minimum(strength, where(one_sided > 0.5, pressed, float("inf")))
 
 
+def limits_margin(chain: ClosedChain, kept: Mapping[str, Array]) -> Scalar:
+    """Return the least margin of any joint limit [rad, m, their rates, N m or N]; infinite if there is none."""
+    limits = joint_limits(chain)
+    margins = margins_of_joints(limits, kept["q"], kept["qd"], kept["drive"])
+    return reduce(minimum, array(margins)[limits.limited], float("inf"))
+
+
 def verdict(system: TracedSystem, kept: Mapping[str, Array], worst: Array, drift: Gap, gaps: Gap) -> Scalar:
     """Return why a system stands still after the step, as numbered above.
 
@@ -210,7 +227,9 @@ def verdict(system: TracedSystem, kept: Mapping[str, Array], worst: Array, drift
     # x - x, which tells as much, is folded to zero
     total = sum(sum(abs(entry) for entry in x.flat) for name, x in kept.items() if name != "margin")
     least = reduce(minimum, margins) if margins else float("inf")
-    fault = where(least < given["least_margin"][()], float(SLIPPED), float(RUNNING))
+    beyond = limits_margin(system.real, kept) < given["least_joint_margin"][()]
+    fault = where(beyond, float(LIMITED), float(RUNNING))
+    fault = where(least < given["least_margin"][()], float(SLIPPED), fault)
     fault = where(worst[0] <= WORST_CONDITION, fault, float(SINGULAR))
     fault = where(worst[1] < FIRST_BAD, fault, float(SINGULAR))
     fault = where(drift.position <= FARTHEST, fault, float(OPEN))
@@ -247,9 +266,9 @@ def carried(
     return {f"last.{name}": x for name, x in found.items()}
 
 
-def evaluation(structure: Structure, law: ControlLaw, given: Given) -> dict[str, Array]:
+def evaluation(structure: Structure, law: ControlLaw, motions: Motions, given: Given) -> dict[str, Array]:
     """Return the slope where a system is, under other torques or parameters; the law's memory moves on anew."""
-    system = TracedSystem(structure, law, given)
+    system = TracedSystem(structure, law, motions, given)
     now = system.evaluate(system.time(0.0), system.state, system.last("before"), None)
     on = system.last("code")[()] < 0.5
     found = slope(system.state, now, np.zeros(3))

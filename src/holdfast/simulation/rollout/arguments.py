@@ -15,8 +15,9 @@ from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.spatial.scalar import Array
 
 CHAINS = ("object_wrench", "gravity", "object_mass", "object_com", "object_inertia", "base_pose", "grasp_pose")
+LINKS = ("link_mass", "link_com", "link_inertia", "link_wrench")
 _OWN = ("systems", "q", "qd", "object_pose", "object_twist", "memory", "t", "step", "steps", "duration", "every")
-_TAKEN = (*CHAINS, *_OWN, "record", "least_margin", "threads", "self")
+_TAKEN = (*CHAINS, *LINKS, *_OWN, "record", "least_margin", "stop_at_limits", "largest_drift", "threads", "self")
 
 
 def require_free_names(parameters: Mapping[str, Any]) -> None:
@@ -38,21 +39,29 @@ def told(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dict[str, 
 
     Args:
         kernel: a step under a law.
-        given: any of the law's parameters and of `CHAINS`.
+        given: any of the law's parameters, of `CHAINS`, and of `LINKS` where the machine code takes them.
         count: how many systems; an array has a row for each of them, or is for all.
 
     Raises:
         StateError: an unknown name, a wrong shape, numbers that are not finite (of the chain's).
     """
     laws, chains = kernel.law.parameters, {}
+    known = [*CHAINS, *(name for name in LINKS if name in kernel.externals)]
     found: dict[str, Array] = {}
     for name, x in given.items():
         if name in laws:
             found[f"control.{name}"] = _rows(fitting(name, x, laws[name], count), laws[name])
-        elif name in CHAINS:
+        elif name == "base_pose" and kernel.motions:
+            raise StateError(f"base_pose: expected none, as {', '.join(kernel.motions)} moves as `base_motion` says")
+        elif name in known:
             chains[name] = x
+        elif name in LINKS:
+            option = "link_wrench" if name == "link_wrench" else "link_inertia"
+            raise StateError(
+                f"{name}: the machine code was made without it; try compile_rollout(..., parameters=['{option}'])"
+            )
         else:
-            raise StateError(f"no parameter '{name}'.{checks.did_you_mean(name, (*laws, *CHAINS))}")
+            raise StateError(f"no parameter '{name}'.{checks.did_you_mean(name, (*laws, *known))}")
     for name, x in (taken(chains, kernel.externals, kernel.chain) if chains else {}).items():
         shape = kernel.externals[name].shape
         found[name] = _rows(fitting(name, x, shape, count), shape)
@@ -69,7 +78,8 @@ def acting(kernel: StepKernel, said: Mapping[str, Array]) -> tuple[dict[str, Arr
     Raises:
         StateError: the law was never told one of its parameters, or the systems are of another chain.
     """
-    inputs: dict[str, Array] = {"object_wrench": np.zeros(6)}
+    wrenches = [name for name in ("object_wrench", "link_wrench") if name in kernel.externals]
+    inputs = {name: np.zeros(kernel.externals[name].shape) for name in wrenches}
     parameters: dict[str, Array] = {}
     for name, x in said.items():
         external = kernel.externals.get(name)
@@ -115,6 +125,17 @@ def number(name: str, value: Any, infinite: bool = False) -> float:
     if np.isnan(x) or not (infinite or np.isfinite(x)):
         raise StateError(f"{name}: expected a {'' if infinite else 'finite '}number, got {value!r}")
     return x
+
+
+def whole_number(name: str, value: Any) -> int:
+    """Return an integer of at least one.
+
+    Raises:
+        StateError: it is none.
+    """
+    if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < 1:
+        raise StateError(f"{name}: expected an integer >= 1, got {value!r}")
+    return int(value)
 
 
 def paces(step: Any, count: int) -> Array:

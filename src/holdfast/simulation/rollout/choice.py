@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from holdfast.compiler.errors import CompileError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
@@ -30,9 +32,8 @@ def stepper_for(
 ) -> Stepper:
     """Return the stepper that suits a run; all of them give the same answers to rounding.
 
-    A `ControlLaw`, or a controller that says it is `traceable`, becomes part of the machine code;
-    any other one is asked from Python. So are moving bases, and schemes that estimate their
-    errors go stage by stage.
+    A `ControlLaw`, or a controller or base motion that says it is `traceable`, becomes part of the machine code;
+    any other one is asked from Python, stage by stage. So go schemes that estimate their errors.
 
     Args:
         world: the chain and what acts on it.
@@ -50,7 +51,7 @@ def stepper_for(
     if (few and not scheme.adaptive) or _acting_on_links(world):
         return ReferenceStepper(world, controller, generic_rank, scheme, tolerance)
     law = law_of(controller, world.chain)
-    if law is None or scheme.adaptive or moving(world):
+    if law is None or scheme.adaptive or not _traceable(world):
         return StagewiseStepper.of(world, controller, generic_rank, scheme, tolerance, law)
     return FusedStepper.of(world, law, scheme, generic_rank)
 
@@ -74,6 +75,12 @@ def law_of(controller: Controller | ControlLaw, chain: ClosedChain) -> ControlLa
         except CompileError:
             return None
     return law
+
+
+def _traceable(world: World) -> bool:
+    """Return whether all that changes with time can be part of the machine code."""
+    motions = world.base_motion.values()
+    return not moving(replace(world, base_motion={})) and all(getattr(m, "traceable", False) for m in motions)
 
 
 def _acting_on_links(world: World) -> bool:

@@ -1,4 +1,4 @@
-"""Steps whose controller is part of the machine code: several ends cost about as much as one."""
+"""Steps whose controller and base motions are part of the machine code: several ends cost about as much as one."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from holdfast.state import Inputs, State
 
 @dataclass(frozen=True, eq=False)
 class FusedStepper:
-    """Steps of a chain on fixed bases under a control law, external wrenches constant; see `Stepper`.
+    """Steps of a chain under a control law, base motions traceable, external wrenches constant; see `Stepper`.
 
     Attributes:
         world: the chain and what acts on it.
@@ -39,7 +39,8 @@ class FusedStepper:
     @classmethod
     def of(cls, world: World, law: ControlLaw, scheme: Tableau, generic_rank: int) -> FusedStepper:
         """Return the stepper of a law."""
-        return cls(world, StepKernel(world.chain, law, scheme, generic_rank, quick=True), scheme, generic_rank)
+        kernel = StepKernel(world.chain, law, scheme, generic_rank, motions=world.base_motion, quick=True)
+        return cls(world, kernel, scheme, generic_rank)
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
         """Return the chain at a given state, projected onto the grasps; see `Stepper`."""
@@ -72,24 +73,23 @@ class FusedStepper:
         return self._instant(systems, 0, t, memory), gaps_of(systems, 0)
 
     def _run(self, systems: Systems, begin: float, steps: Array, held: bool) -> None:
+        acting = self.world.inputs
+        assert isinstance(acting, Inputs)
         inputs = {
             "begin": np.array(begin),
             "step": steps,
             "held": np.array(float(held)),
             "least_margin": np.array(-np.inf),
-            "object_wrench": self._inputs.object_wrench,
+            "least_joint_margin": np.array(-np.inf),
+            "object_wrench": acting.shaped(self.world.chain).object_wrench,
         }
         self.kernel.run(systems, inputs, {}, 1, 1)
 
     def _instant(self, systems: Systems, row: int, t: float, memory: Any) -> Instant:
         tau = systems["drive"][row].copy()
         kept = systems["memory"][row].copy() if "memory" in systems else memory
-        return instant_of(systems, row, t, self.world.chain, self._inputs, tau, kept, self.generic_rank)
-
-    @property
-    def _inputs(self) -> Inputs:
-        assert isinstance(self.world.inputs, Inputs)
-        return self.world.inputs.shaped(self.world.chain)
+        chain, inputs = self.world.at(t)
+        return instant_of(systems, row, t, chain, inputs.shaped(chain), tau, kept, self.generic_rank)
 
     def _flat(self, memory: Any) -> Array | None:
         return memory if "memory" in self.kernel.carried else None

@@ -11,12 +11,15 @@ from holdfast.compiled.kernels import key_of
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiler.batch_kernel import BatchKernel
+from holdfast.dynamics.margins import joint_limits
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.model.grasp import WrenchLimits
 from holdfast.simulation.friction import joint_friction
 from holdfast.simulation.rollout.law import ControlLaw
 from holdfast.simulation.rollout.schedule import carried_shapes, evaluation_schedule, step_externals, step_schedule
+from holdfast.simulation.rollout.traced_motion import Motions
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.spatial.scalar import Array
 
@@ -29,6 +32,7 @@ class StepKernel:
     Attributes:
         chain: the chain.
         law: the control law.
+        motions: of the bases that move.
         carried: shapes of what a system is between two steps.
         externals: the arrays its machine code takes and returns.
         parameters: the chain's own, by the machine code's names.
@@ -40,24 +44,31 @@ class StepKernel:
         law: ControlLaw,
         tableau: Tableau,
         generic_rank: int,
-        base_motion: bool = False,
+        *,
+        motions: Motions | None = None,
+        options: Options | None = None,
         quick: bool = False,
     ) -> None:
         """Take what is to be stepped; compiled at the first step, sooner if `quick`."""
-        self.chain, self.law = chain, law
-        structure = Structure(chain, Options(base_motion=base_motion))
+        self.chain, self.law, self.motions = chain, law, dict(motions or {})
+        structure = Structure(chain, options or Options())
         externals = step_externals(structure, law)
-        friction = hashlib.sha256(joint_friction(chain).tobytes()).hexdigest()
-        what = f"{law.key}/{list(law.parameters.items())}/{len(law.memory)}/{friction}"
+        joints = hashlib.sha256(np.array([joint_friction(chain), *joint_limits(chain)]).tobytes()).hexdigest()
+        moving = exact_fingerprint(self.motions)
+        what = f"{law.key}/{list(law.parameters.items())}/{len(law.memory)}/{joints}/{moving}"
 
         def key(of: str) -> str:
-            return key_of(f"{of}/{what}", structure, "simulation", "control") if law.key else ""
+            known = law.key and moving is not None
+            return key_of(f"{of}/{what}", structure, "simulation", "control", "scenario") if known else ""
 
         self._step = BatchKernel(
-            externals, lambda: step_schedule(structure, law, tableau), key(f"step/{tableau.name}"), quick=quick
+            externals,
+            lambda: step_schedule(structure, law, self.motions, tableau),
+            key(f"step/{tableau.name}"),
+            quick=quick,
         )
         self._evaluation = BatchKernel(
-            externals, lambda: evaluation_schedule(structure, law), key("evaluation"), quick=quick
+            externals, lambda: evaluation_schedule(structure, law, self.motions), key("evaluation"), quick=quick
         )
         self.carried = carried_shapes(chain, law)
         self.externals = externals

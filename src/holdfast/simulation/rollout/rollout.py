@@ -1,91 +1,48 @@
-"""`holdfast.compile_rollout`: many systems stepped in machine code, control law included."""
+"""Many systems stepped in machine code, control law included."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from holdfast.compiled import arrays
 from holdfast.compiled.faults import faulty, largest_positions
+from holdfast.compiled.structure import Options
 from holdfast.compiled.verdict import generic_rank, system
 from holdfast.compiler.schedule import External
-from holdfast.errors import ModelError, StateError
+from holdfast.dynamics.consistency import POSITION_TOLERANCE
+from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.rollout.advance import BROKEN, SINGULAR, SLIPPED, TOO_LONG
-from holdfast.simulation.rollout.arguments import acting, fitting, number, paces, require_free_names, told, whole_steps
+from holdfast.simulation.rollout.advance import BROKEN, LIMITED, OPEN, SINGULAR, SLIPPED, TOO_LONG
+from holdfast.simulation.rollout.arguments import (
+    acting,
+    fitting,
+    number,
+    paces,
+    told,
+    whole_number,
+    whole_steps,
+)
 from holdfast.simulation.rollout.confirmation import contradicted
 from holdfast.simulation.rollout.kernel import StepKernel
-from holdfast.simulation.rollout.law import ControlLaw, held_torques
+from holdfast.simulation.rollout.law import ControlLaw
+from holdfast.simulation.rollout.record import RolloutRecord
 from holdfast.simulation.rollout.rows import STATE
+from holdfast.simulation.rollout.subdivision import subdivided
 from holdfast.simulation.rollout.systems import RolloutSystems
-from holdfast.simulation.rollout.traced_law import travelling
+from holdfast.simulation.rollout.traced_motion import Motions
+from holdfast.simulation.rollout.travelling import travelling_law, travelling_motion
 from holdfast.simulation.runge_kutta import scheme as scheme_of
-from holdfast.spatial.frozen import Frozen
+from holdfast.simulation.world import World
 from holdfast.spatial.scalar import Array
 
-HALVINGS = 50  # of a step, when the instant of a slip is sought
+HALVINGS = 50  # of a step, when the instant of a slip or limit is sought
+Least = Mapping[int, float]  # margins below which a system stops, by the code that it gets
+ANY: Least = {SLIPPED: -np.inf, LIMITED: -np.inf}
 RECORDED = ("q", "qd", "object_pose", "object_twist", "grasp_wrench")
-
-
-def compile_rollout(
-    chain: ClosedChain, law: ControlLaw | None = None, *, scheme: str = "rk4", generic_rank: int | None = None
-) -> Rollout:
-    """Compile steps of a chain under a control law to machine code of this computer.
-
-    A step is the scheme's stages, two Newton rounds back onto the grasps in position, then in
-    velocity, in the kinetic metric; bases stand still.
-
-    Args:
-        chain: arms, object and grasps.
-        law: torques; without one they are given to every call as `tau`, and held for each step.
-        scheme: `rk4`, or `midpoint`: half the evaluations, second order.
-        generic_rank: rank of the grasp constraint away from singular configurations; found from the
-            first systems if not given.
-
-    Raises:
-        ModelError: no such scheme, or one that estimates errors; a parameter of the law has a taken name.
-        CompileError: (when first started) the law does what cannot be traced; the line is named.
-    """
-    if scheme_of(scheme).adaptive:
-        raise ModelError(f"rollout: scheme: expected 'rk4' or 'midpoint', got '{scheme}'; it is for `simulate`")
-    if not isinstance(law, ControlLaw | None):
-        raise ModelError(
-            f"rollout: law: expected a ControlLaw or None, got {type(law).__name__}; try ControlLaw(function)"
-        )
-    if not isinstance(chain, ClosedChain):
-        raise ModelError(f"rollout: chain: expected a ClosedChain, got {type(chain).__name__}")
-    if law is not None:
-        require_free_names(law.parameters)
-    return Rollout(chain, law or held_torques(chain.joint_count), scheme, generic_rank)
-
-
-@dataclass(frozen=True, eq=False)
-class RolloutRecord(Frozen):
-    """Systems at the recorded times; the first axis of every array is the time, the second the system.
-
-    Attributes:
-        t: (records,) [s].
-        arrays: what was asked for, by name, (records, systems, ...); of a system that stands still,
-            its last good state.
-        systems: at the end.
-        stopped: (systems,) when each stopped [s], infinite if it did not; the instant of a slip
-            is refined within its step.
-    """
-
-    t: Array
-    arrays: Mapping[str, Array]
-    systems: RolloutSystems
-    stopped: Array
-
-    def __getitem__(self, name: str) -> Array:
-        """Return a recorded array."""
-        if name not in self.arrays:
-            raise KeyError(f"'{name}' was not recorded.{checks.did_you_mean(name, self.arrays)}")
-        return self.arrays[name]
 
 
 class Rollout:
@@ -96,15 +53,29 @@ class Rollout:
         law: the control law.
         scheme: the Runge-Kutta scheme's name.
         generic_rank: rank of the grasp constraint in general, or None while it is not known.
+        base_motion: of the bases that move, by arm name.
+        options: what the machine code takes.
     """
 
-    def __init__(self, chain: ClosedChain, law: ControlLaw, scheme: str, generic_rank: int | None) -> None:
+    def __init__(
+        self,
+        chain: ClosedChain,
+        law: ControlLaw,
+        scheme: str,
+        generic_rank: int | None,
+        base_motion: Motions,
+        options: Options,
+    ) -> None:
         self.chain, self.law, self.scheme, self.generic_rank = chain, law, scheme, generic_rank
-        self._kernel = StepKernel(chain, law, scheme_of(scheme), -1 if generic_rank is None else generic_rank)
+        self.base_motion, self.options = base_motion, options
+        rank = -1 if generic_rank is None else generic_rank
+        self._kernel = StepKernel(chain, law, scheme_of(scheme), rank, motions=base_motion, options=options)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what makes the rollout again: machine code is compiled, or found on disk."""
-        return Rollout, (self.chain, travelling(self.law, self.chain), self.scheme, self.generic_rank)
+        law = travelling_law(self.law, self.chain)
+        motions = {name: travelling_motion(name, motion) for name, motion in self.base_motion.items()}
+        return Rollout, (self.chain, law, self.scheme, self.generic_rank, motions, self.options)
 
     def start(
         self,
@@ -134,17 +105,49 @@ class Rollout:
             StateError: wrong shapes, or no system at all.
         """
         systems = self._given(q, qd, object_pose, object_twist, memory, number("t", t))
-        said = told(self._kernel, given, len(systems))
-        inputs, parameters = acting(self._kernel, said)
-        first = systems.copy()
-        self._run(systems, inputs, parameters, 1, threads, -np.inf)
-        if self.generic_rank is None and self._know_rank(systems, parameters):
-            systems = first
-            self._run(systems, inputs, parameters, 1, threads, -np.inf)
-        for name in ("work", "count"):
-            systems.arrays[name][...] = 0.0
-        systems.tell(said, self.law)
-        return systems
+        systems.tell(told(self._kernel, given, len(systems)), self.law)
+        return self._begun(systems, whole_number("threads", threads))
+
+    def take_over(self, systems: RolloutSystems, *, threads: int = 1, **given: Any) -> RolloutSystems:
+        """Return systems of another rollout of the same arms and object under this one's grasps and law.
+
+        Grasps that close do so with the impulse that brings all grasps to rest in themselves, as `Attach` in
+        `simulate`; a system in which one is open by more than 1e-6 m or rad stands still. Those that open let go.
+        Time, work and what stands still stay; the law's memory too where it has as many numbers, and what systems
+        were told where it still means something. The worst margins begin anew.
+
+        Args:
+            systems: what another rollout's `start` or `step` returned; left as they are.
+            threads: how many share the systems.
+            **given: as for `start`.
+
+        Raises:
+            StateError: other joints, or wrong shapes.
+        """
+        joints, others = self.chain.joint_names(), systems.chain.joint_names()
+        if joints != others:
+            raise StateError(
+                f"systems: expected those of a rollout with the joints {', '.join(joints)}, got {', '.join(others)}"
+            )
+        begun = systems.copy()
+        same = list(systems.chain.grasps) == list(self.chain.grasps)
+        kept = {name: x for name, x in begun.told.items() if self._takes(name, x) and (same or name[:6] != "grasp_")}
+        memory = begun.arrays.get("memory", np.zeros((len(systems), 0)))
+        found = self._kernel.systems(
+            {name: begun.arrays[name] for name in STATE}, memory if memory.shape[1] == len(self.law.memory) else None
+        )
+        for array, x in ((found[key], begun.arrays.get(key)) for key in found):
+            if x is not None and x.shape == array.shape:
+                array[~begun.running] = x[~begun.running]
+        made = RolloutSystems(self.chain, found, begun.t, np.zeros(len(systems)))
+        made.tell(kept | told(self._kernel, given, len(systems)), self.law)
+        made = self._begun(made, whole_number("threads", threads))
+        made.arrays["work"][...] = begun.arrays["work"]
+        apart = made.running & (made.drift[:, 0] > POSITION_TOLERANCE)
+        for name in STATE:
+            made.arrays[name][apart] = begun.arrays[name][apart]
+        made.arrays["code"][apart] = OPEN
+        return made
 
     def step(
         self,
@@ -153,40 +156,54 @@ class Rollout:
         *,
         steps: int = 1,
         least_margin: float = -np.inf,
+        stop_at_limits: bool = False,
+        largest_drift: float | None = None,
         threads: int = 1,
         **given: Any,
     ) -> RolloutSystems:
         """Advance systems in place by a number of steps, and return them.
 
         A system that cannot, because the constraint is singular, a margin would fall below
-        `least_margin`, or the step is too long, stands still from then on; see `fate`. A slip or a singularity
-        that the step does not show in halves and quarters, at the cost of a few steps, is a step too long.
+        `least_margin`, a joint would pass a limit, or the step is too long, stands still from then on; see `fate`. A
+        slip, limit or singularity that the step does not show in halves and quarters, at the cost of a few steps, is
+        a step too long.
 
         Args:
             systems: what `start` returned.
             step: h [s]; one for all, or (systems,).
             steps: how many.
             least_margin: of every one-sided contact at every step's end [N]; 0 stops slipping systems.
+            stop_at_limits: whether a joint beyond a limit of its position, rate or effort at a step's end stops its
+                system.
+            largest_drift: a step that leaves a system's grasps open by more than this before projection is taken in
+                equal parts for that system, as in `simulate` [m or rad]; None: every step is taken whole.
             threads: how many share the systems; no bit depends on it.
             **given: the law's parameters, shared or (systems, ...); object_wrench (6,), gravity,
-                object_mass, object_com, object_inertia, base_pose, grasp_pose as in
-                `CompiledChain.forward_dynamics`. What is not given stays as the systems were told last,
-                in `start` or in a step; before that it is the chain's.
+                object_mass, object_com, object_inertia, base_pose, grasp_pose, and those asked for of link_wrench,
+                link_mass, link_com, link_inertia, as in `CompiledChain.forward_dynamics`. What is not given stays as
+                the systems were told last, in `start` or in a step; before that it is the chain's.
 
         Raises:
             StateError: wrong shapes, unknown names, a step that is not positive.
         """
-        if not isinstance(steps, int | np.integer) or steps < 1:
-            raise StateError(f"steps: expected an integer >= 1, got {steps!r}")
+        steps, threads = whole_number("steps", steps), whole_number("threads", threads)
+        least = _least(least_margin, stop_at_limits)
+        limit = None if largest_drift is None else checks.number(largest_drift, "largest_drift", above=0.0)
+        self._tell(systems, paces(step, len(systems)), given, threads)
         going = systems.running
-        self._advance(systems, paces(step, len(systems)), int(steps), least_margin, threads, given)
-        stopped = going & np.isin(systems.arrays["code"], (SLIPPED, SINGULAR))
+        if limit is None:
+            self._advance(systems, systems.pace, steps, least, threads)
+        else:
+            order = scheme_of(self.scheme).order
+            for _ in range(steps):
+                subdivided(systems, limit, order, lambda some, h: self._advance(some, h, 1, least, threads))
+        stopped = going & np.isin(systems.arrays["code"], (SLIPPED, LIMITED, SINGULAR))
         if stopped.any():
             wrong = contradicted(
                 systems.copy(stopped),
                 _free(systems, stopped),
-                least_margin,
-                lambda some, h: self._advance(some, h, 1, -np.inf),
+                least,
+                lambda some, h: self._advance(some, h, 1, ANY),
             )
             systems.arrays["code"][np.flatnonzero(stopped)[wrong]] = TOO_LONG
         return systems
@@ -200,6 +217,8 @@ class Rollout:
         every: int = 1,
         record: Sequence[str] = RECORDED,
         least_margin: float = -np.inf,
+        stop_at_limits: bool = False,
+        largest_drift: float | None = None,
         threads: int = 1,
         **given: Any,
     ) -> RolloutRecord:
@@ -212,6 +231,8 @@ class Rollout:
             every: steps from one record to the next.
             record: names of the arrays to record: attributes of `RolloutSystems`.
             least_margin: as for `step`.
+            stop_at_limits: as for `step`.
+            largest_drift: as for `step`.
             threads: as for `step`.
             **given: as for `step`.
 
@@ -221,23 +242,23 @@ class Rollout:
         """
         step = float(paces(step, 1)[0])
         steps = whole_steps(number("duration", duration), step)
-        if not isinstance(every, int | np.integer) or every < 1:
-            raise StateError(f"every: expected an integer >= 1, got {every!r}")
+        every = whole_number("every", every)
         for name in record:
             if not isinstance(getattr(RolloutSystems, name, None), property):
                 known = [n for n, x in vars(RolloutSystems).items() if isinstance(x, property)]
                 raise StateError(f"record: no array '{name}'.{checks.did_you_mean(name, known)}")
         at, begin = systems.copy(), _common_time(systems)
-        done = np.minimum(np.arange(0, steps + int(every), int(every)), steps)
+        stops = {"least_margin": least_margin, "stop_at_limits": stop_at_limits}
+        done = np.minimum(np.arange(0, steps + every, every), steps)
         kept = {name: [np.array(getattr(at, name))] for name in record}
         for some_steps in np.diff(done):
-            self.step(at, step, steps=some_steps, least_margin=least_margin, threads=threads, **given)
+            self.step(at, step, steps=some_steps, largest_drift=largest_drift, threads=threads, **stops, **given)
             for name, rows in kept.items():
                 rows.append(np.array(getattr(at, name)))
         stopped = np.where(at.running, np.inf, at.t)
-        slipped = systems.running & (at.arrays["code"] == SLIPPED)
-        if slipped.any():
-            stopped[slipped] = self._slip_times(at, slipped, step, least_margin)
+        violated = systems.running & np.isin(at.arrays["code"], (SLIPPED, LIMITED))
+        if violated.any():
+            stopped[violated] = self._refined(at, violated, step, _least(**stops))
         return RolloutRecord(begin + done * step, {name: np.array(rows) for name, rows in kept.items()}, at, stopped)
 
     def _given(self, q: Any, qd: Any, object_pose: Any, object_twist: Any, memory: Any, t: float) -> RolloutSystems:
@@ -260,67 +281,89 @@ class Rollout:
         found["code"][bad] = BROKEN
         return RolloutSystems(self.chain, found, np.full(count, t), np.zeros(count))
 
-    def _slip_times(self, at: RolloutSystems, rows: Array, step: float, least_margin: float) -> Array:
-        """Return when systems slip, by halving the step that would go too far."""
+    def _refined(self, at: RolloutSystems, rows: Array, step: float, least: Least) -> Array:
+        """Return when systems slip or pass a limit, by halving the step that would go too far.
+
+        Which of both a system does first becomes its fate.
+        """
         begin = _free(at, rows)
-        low, high = np.zeros(len(begin)), np.full(len(begin), step)
+        low, high, code = np.zeros(len(begin)), np.full(len(begin), step), at.arrays["code"][rows]
         for _ in range(HALVINGS):
             middle, trial = 0.5 * (low + high), begin.copy()
-            self._advance(trial, middle, 1, least_margin)
+            self._advance(trial, middle, 1, least)
+            shown = np.isin(trial.arrays["code"], (SLIPPED, LIMITED))
+            code = np.where(shown, trial.arrays["code"], code)
             low, high = np.where(trial.running, middle, low), np.where(trial.running, high, middle)
+        at.arrays["code"][rows] = code
         return begin.t + low
 
-    def _advance(
-        self,
-        systems: RolloutSystems,
-        step: Array,
-        steps: int,
-        least_margin: float,
-        threads: int = 1,
-        given: Mapping[str, Any] | None = None,
-    ) -> None:
-        """Take steps in place, and believe what they show."""
-        said = told(self._kernel, given or {}, len(systems))
+    def _takes(self, name: str, x: Array) -> bool:
+        """Return whether the machine code takes what systems were told under a name."""
+        external = self._kernel.externals.get(name)
+        return external is not None and x.shape[1:] == external.shape
+
+    def _begun(self, systems: RolloutSystems, threads: int) -> RolloutSystems:
+        """Return systems at states as they are brought onto the grasps, and all that is known there."""
+        first = systems.copy()
+        self._advance(systems, systems.pace, 1, ANY, threads)
+        if self.generic_rank is None and self._know_rank(systems):
+            systems = first
+            self._advance(systems, systems.pace, 1, ANY, threads)
+        for name in ("work", "count"):
+            systems.arrays[name][...] = 0.0
+        return systems
+
+    def _tell(self, systems: RolloutSystems, pace: Array, given: Mapping[str, Any], threads: int) -> None:
+        """Tell systems what a call says; whatever is refused is refused before anything is changed."""
+        said = told(self._kernel, given, len(systems))
         inputs, parameters = acting(self._kernel, systems.told | said)
-        self._run(systems, inputs, parameters, steps, threads, least_margin, step, said)
-
-    def _run(
-        self,
-        systems: RolloutSystems,
-        inputs: Mapping[str, Array],
-        parameters: Mapping[str, Array],
-        steps: int,
-        threads: int,
-        least_margin: float,
-        pace: Array | None = None,
-        said: Mapping[str, Array] | None = None,
-    ) -> None:
-        """Take steps of the pace, or one of length zero; whatever is refused is refused before anything is changed."""
-        if not isinstance(threads, int | np.integer) or threads < 1:
-            raise StateError(f"threads: expected an integer >= 1, got {threads!r}")
-        least = np.array(number("least_margin", least_margin, infinite=True))
         self._kernel.require_own(systems.arrays)
-        changed = False
-        if pace is not None:
-            systems.at_pace(pace)
-            changed = systems.tell(said or {}, self.law)
-        own = {"begin": systems.begin, "step": systems.pace, "held": np.array(0.0), "least_margin": least}
-        if changed:  # where the step begins to lead was found under other torques
-            self._kernel.renew(systems.arrays, {**inputs, **own}, parameters, int(threads))
-        self._kernel.run(systems.arrays, {**inputs, **own}, parameters, steps, int(threads))
+        systems.at_pace(pace)
+        if systems.tell(said, self.law):  # where the step begins to lead was found under other torques
+            self._kernel.renew(systems.arrays, inputs | _moment(systems, ANY), parameters, threads)
 
-    def _know_rank(self, systems: RolloutSystems, parameters: Mapping[str, Array]) -> bool:
+    def _advance(self, systems: RolloutSystems, pace: Array, steps: int, least: Least, threads: int = 1) -> None:
+        """Take steps in place under what systems were told, and believe what they show."""
+        inputs, parameters = acting(self._kernel, systems.told)
+        systems.at_pace(pace)
+        self._kernel.run(systems.arrays, inputs | _moment(systems, least), parameters, steps, threads)
+
+    def _know_rank(self, systems: RolloutSystems) -> bool:
         """Find the generic rank, near a system whose rank is low if all are; return whether one's is lower."""
         if not systems.running.any():
             return False
         found = np.where(systems.running, systems.arrays["rank"], -1.0)
         row, most = int(np.argmax(found)), int(found.max())
         if most < self.chain.constraint_row_count:
-            at = {name: systems.arrays[name] for name in STATE} | self._kernel.parameters | dict(parameters)
-            most = generic_rank(*system(self.chain, at, row), most)
+            _, parameters = acting(self._kernel, systems.told)
+            at = {name: systems.arrays[name] for name in STATE} | self._kernel.parameters | parameters
+            chain, state = system(self.chain, at, row)
+            chain, _ = World(chain, self.base_motion).at(float(systems.t[row]))
+            most = generic_rank(chain, state, most)
         self.generic_rank = most
         self._kernel.parameters["generic_rank"] = np.array(float(most))
         return bool((found[systems.running] < most).any())
+
+
+def _moment(systems: RolloutSystems, least: Least) -> dict[str, Array]:
+    """Return what the machine code is told besides torques and wrenches: when it is, and what stops a system."""
+    return {
+        "begin": systems.begin,
+        "step": systems.pace,
+        "held": np.array(0.0),
+        "least_margin": np.array(least[SLIPPED]),
+        "least_joint_margin": np.array(least[LIMITED]),
+    }
+
+
+def _least(least_margin: float, stop_at_limits: bool) -> Least:
+    """Return the margins below which systems stop."""
+    if not isinstance(stop_at_limits, bool | np.bool_):
+        raise StateError(f"stop_at_limits: expected True or False, got {stop_at_limits!r}")
+    return {
+        SLIPPED: number("least_margin", least_margin, infinite=True),
+        LIMITED: 0.0 if stop_at_limits else -np.inf,
+    }
 
 
 def _free(systems: RolloutSystems, rows: Array) -> RolloutSystems:

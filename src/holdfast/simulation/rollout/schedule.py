@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from holdfast.compiled.externals import BASE_MOTION, externals, shapes
+from holdfast.compiled.externals import BASE_MOTION, LINKS, externals, shapes
 from holdfast.compiled.structure import Structure
 from holdfast.compiled.traced_chain import traced
 from holdfast.compiler.program import Shape
@@ -12,6 +12,7 @@ from holdfast.compiler.schedule import External, Schedule
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout import advance
 from holdfast.simulation.rollout.law import ControlLaw
+from holdfast.simulation.rollout.traced_motion import Motions
 from holdfast.simulation.runge_kutta import Tableau
 
 PARAMETERS = ("gravity", "generic_rank", "object_mass", "object_com", "object_inertia", "base_R", "base_p")
@@ -42,14 +43,18 @@ def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]
         "step": (),
         "held": (),
         "least_margin": (),
+        "least_joint_margin": (),
         "generic_rank": (),
         "contact": (len(chain.grasps), 6),
     }
     told = {f"control.{name}": tuple(shape) for name, shape in law.parameters.items()}
-    inputs = ["begin", "step", "held", "least_margin", "object_wrench", *told]
+    options = structure.options
+    inputs = ["begin", "step", "held", "least_margin", "least_joint_margin", "object_wrench", *told]
+    inputs += ["link_wrench"] if options.link_wrenches else []
     parameters = [
         *PARAMETERS,
-        *(BASE_MOTION if structure.options.base_motion else ()),
+        *(LINKS if options.link_inertia else ()),
+        *(BASE_MOTION if options.base_motion else ()),
         "grasp_R",
         "grasp_p",
         "contact",
@@ -58,11 +63,11 @@ def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]
     return externals(inputs, parameters, (), shapes(chain) | own | told) | carried
 
 
-def step_schedule(structure: Structure, law: ControlLaw, tableau: Tableau) -> Schedule:
+def step_schedule(structure: Structure, law: ControlLaw, motions: Motions, tableau: Tableau) -> Schedule:
     """Return the schedule of one step."""
-    return traced(step_externals(structure, law), lambda given: advance.step(structure, law, tableau, given))
+    return traced(step_externals(structure, law), lambda given: advance.step(structure, law, motions, tableau, given))
 
 
-def evaluation_schedule(structure: Structure, law: ControlLaw) -> Schedule:
+def evaluation_schedule(structure: Structure, law: ControlLaw, motions: Motions) -> Schedule:
     """Return the schedule that finds the slope at a step's start anew, under other torques or parameters."""
-    return traced(step_externals(structure, law), lambda given: advance.evaluation(structure, law, given))
+    return traced(step_externals(structure, law), lambda given: advance.evaluation(structure, law, motions, given))

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.compiled.structure import Options
 from holdfast.errors import HoldfastError, MethodNotApplicable, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -75,7 +76,8 @@ class StagewiseStepper:
     ) -> StagewiseStepper:
         """Return the stepper of a controller; a `law` that gives the same torques is asked in its place."""
         ours = held_torques(world.chain.joint_count) if law is None else law
-        kernel = StepKernel(world.chain, ours, EULER, generic_rank, base_motion=moving(world), quick=True)
+        options = Options(base_motion=moving(world))
+        kernel = StepKernel(world.chain, ours, EULER, generic_rank, options=options, quick=True)
         return cls(world, controller if law is None else None, kernel, generic_rank, scheme, tolerance)
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
@@ -165,6 +167,7 @@ class StagewiseStepper:
             "step": np.array(0.0),
             "held": np.array(float(held)),
             "least_margin": np.array(-np.inf),
+            "least_joint_margin": np.array(-np.inf),
             "object_wrench": np.array([m.inputs.object_wrench for m in moments]),
         }
         if self.controller is not None:

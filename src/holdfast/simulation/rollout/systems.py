@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.dynamics.margins import joint_limits, margins_of_joints
 from holdfast.errors import FrozenError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -22,9 +23,10 @@ class Fate(Enum):
     RUNNING = "goes on"
     SLIPPED = "a grasp's margin falls below the least allowed within the next step"
     SINGULAR = "the grasp constraint is singular, or its condition passes 1e12"
-    OPEN = "the next step leaves a grasp open by more than 1e-2 (m or rad): it is too long"
+    OPEN = "a grasp that closes is not there; or the next step, too long, leaves one open by more than 1e-2 (m or rad)"
     BROKEN = "its inputs are faulty, or the next step is not finite"
-    TOO_LONG = "the next step ends in a slip or a singularity that shorter steps do not show: it is too long"
+    TOO_LONG = "the next step ends in a slip, limit or singularity that shorter steps do not show: it is too long"
+    LIMITED = "a joint passes a limit of its position, rate or effort within the next step"
 
 
 _ATTRIBUTES = ("chain", "arrays", "begin", "pace", "told", "law")
@@ -135,6 +137,13 @@ class RolloutSystems:
         return self._or_none("margin")
 
     @property
+    def joint_margin(self) -> Array:
+        """(systems, 3, n) of every joint's position, rate and effort, see `joint_margins`; infinite without a limit."""
+        limits = joint_limits(self.chain)
+        found = margins_of_joints(limits, *(self.arrays[name] for name in ("q", "qd", "drive")))
+        return read_only(np.stack(found, axis=1))
+
+    @property
     def worst_margin(self) -> Array:
         """(systems, grasps) the least margin at the end of any step so far [N]."""
         return self._or_none("worst_margin")
@@ -189,6 +198,12 @@ class RolloutSystems:
         made.told = {name: x if len(x) == 1 else x[which] for name, x in self.told.items()}
         made.law = self.law
         return made
+
+    def put(self, rows: Array, other: RolloutSystems) -> None:
+        """Set some systems, by number, to others."""
+        for name, x in other.arrays.items():
+            self.arrays[name][rows] = x
+        self.begin[rows], self.pace[rows] = other.begin, other.pace
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is pickled: a law may be a function without a name, and slopes can be found anew."""

@@ -1,0 +1,60 @@
+"""`holdfast.compile_rollout`: many systems stepped in machine code, control law included."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from holdfast.compiled.structure import optional_parameters
+from holdfast.errors import ModelError
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.rollout.arguments import require_free_names
+from holdfast.simulation.rollout.law import ControlLaw, held_torques
+from holdfast.simulation.rollout.rollout import Rollout
+from holdfast.simulation.runge_kutta import scheme as scheme_of
+from holdfast.simulation.world import BaseMotion, World
+
+
+def compile_rollout(
+    chain: ClosedChain,
+    law: ControlLaw | None = None,
+    *,
+    scheme: str = "rk4",
+    generic_rank: int | None = None,
+    base_motion: Mapping[str, BaseMotion] | None = None,
+    parameters: Sequence[str] = (),
+) -> Rollout:
+    """Compile steps of a chain under a control law to machine code of this computer.
+
+    A step is the scheme's stages, two Newton rounds back onto the grasps in position, then in
+    velocity, in the kinetic metric.
+
+    Args:
+        chain: arms, object and grasps.
+        law: torques; without one they are given to every call as `tau`, and held for each step.
+        scheme: `rk4`, or `midpoint`: half the evaluations, second order.
+        generic_rank: rank of the grasp constraint away from singular configurations; found from the
+            first systems if not given.
+        base_motion: t -> (pose, twist, acceleration) of moving bases, by arm name, as for `simulate`; in the words of
+            a control law, as it becomes part of the machine code.
+        parameters: what else systems may be told, as for `compile`: `link_inertia` (link_mass, link_com,
+            link_inertia), `link_wrench` (external wrenches on the links).
+
+    Raises:
+        ModelError: no such scheme, or one that estimates errors; a parameter of the law has a taken name; a base
+            motion of no arm.
+        StateError: no such optional parameter.
+        CompileError: (when first started) the law or a base motion does what cannot be traced; the line is named.
+    """
+    if scheme_of(scheme).adaptive:
+        raise ModelError(f"rollout: scheme: expected 'rk4' or 'midpoint', got '{scheme}'; it is for `simulate`")
+    if not isinstance(law, ControlLaw | None):
+        raise ModelError(
+            f"rollout: law: expected a ControlLaw or None, got {type(law).__name__}; try ControlLaw(function)"
+        )
+    if not isinstance(chain, ClosedChain):
+        raise ModelError(f"rollout: chain: expected a ClosedChain, got {type(chain).__name__}")
+    if law is not None:
+        require_free_names(law.parameters)
+    motions = World(chain, base_motion or {}).base_motion
+    options = optional_parameters(parameters, "rollout")
+    return Rollout(chain, law or held_torques(chain.joint_count), scheme, generic_rank, motions, options)

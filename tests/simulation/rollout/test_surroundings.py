@@ -1,0 +1,385 @@
+"""Rollouts on bases that move, under wrenches on links, with links of their own, up to joint limits: as `simulate`."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from holdfast import (
+    Attach,
+    ClosedChain,
+    ControlLaw,
+    Fate,
+    Friction,
+    Inputs,
+    Link,
+    ModelError,
+    Pose,
+    Release,
+    RolloutSystems,
+    State,
+    StateError,
+    Trajectory,
+    closure,
+    compile_rollout,
+    kinetic_energy,
+    project,
+    simulate,
+)
+from holdfast.compiler.errors import CompileError
+from holdfast.scenario.surroundings import SwayingBase
+from holdfast.simulation.rollout.choice import stepper_for
+from holdfast.simulation.rollout.fused import FusedStepper
+from holdfast.simulation.runge_kutta import RK4
+from holdfast.simulation.stepper import ReferenceStepper
+from holdfast.simulation.tolerance import Tolerance
+from holdfast.simulation.world import World
+from holdfast.spatial import rotation
+from holdfast.spatial.scalar import concatenate, cos, sin
+from tests.compiler.programs import same_bits
+from tests.simulation.gantries import squeezed
+from tests.simulation.rollout.problems import (
+    arrays,
+    difference,
+    generic_rank,
+    numbers,
+    problem,
+    state_of,
+    swinging_law,
+)
+
+STEP, STEPS = 1e-3, 20
+AGREEMENT = 1e-11  # the bar; the gaps of projection apart, steps are the same to rounding
+
+Motion = Callable[[Any], tuple[Any, Any, Any]]
+
+
+def shaken(base: Pose, seed: int, quaternion: bool) -> Motion:
+    """Return the motion of a base that turns and shifts about where it stands, starting from there."""
+    random = np.random.default_rng(seed)
+    turning, shift, rate = random.normal(size=3), 0.05 * random.normal(size=3), 5.0
+    w0 = base.wxyz_xyz[:4]
+
+    def motion(t: Any) -> tuple[Any, Any, Any]:
+        p = base.p + shift * sin(rate * t)
+        twist = concatenate([turning, rate * shift * cos(rate * t)])
+        acceleration = concatenate([np.zeros(3), -(rate**2) * shift * sin(rate * t)])
+        if quaternion:
+            wxyz = rotation.quaternion_product(rotation.quaternion_exp(turning * t), w0)
+            return concatenate([wxyz, p]), twist, acceleration
+        return Pose(rotation.exp(turning * t) @ base.R, p), twist, acceleration
+
+    return motion
+
+
+def motions(chain: ClosedChain) -> dict[str, Motion]:
+    """Return motions of every second base, one of them told as a quaternion."""
+    return {arm: shaken(chain.arms[arm].base, k, k == 0) for k, arm in enumerate(chain.names) if k % 2 == 0}
+
+
+def carried_along(chain: ClosedChain, state: State, bases: dict[str, Motion]) -> State:
+    """Return the state nearest to one whose velocities the moving bases allow at t = 0."""
+    return project(chain, state, World(chain, bases).at(0.0)[1])[0]
+
+
+def agree(systems: RolloutSystems, row: int, run: Trajectory) -> None:
+    """Compare one system with the last sample of a run."""
+    assert run.stopped is None and systems.running[row]
+    names = ("t", "q", "qd", "qdd", "tau", "object_pose", "object_twist", "object_acceleration", "grasp_wrench", "work")
+    expected = {name: np.array(getattr(run, name)[-1]) for name in names}
+    found = {name: np.array(getattr(systems, name)[row]) for name in names}
+    assert difference(found, expected) <= AGREEMENT
+
+
+@pytest.mark.parametrize(("name", "scheme"), [("one", "midpoint"), ("legs", "rk4"), ("five", "rk4")])
+def test_moving_bases(name, scheme):
+    """A law of time, state and memory on bases that turn and shift; another system stands a little elsewhere."""
+    chain, state = problem(name)
+    bases, law = motions(chain), swinging_law(chain.joint_count)
+    state = carried_along(chain, state, bases)
+    rollout = compile_rollout(chain, law, scheme=scheme, base_motion=bases)
+    where = {key: np.array([x, x]) for key, x in arrays(state).items()}
+    where["qd"][1] *= 1.001
+    systems = rollout.start(**where)
+    rollout.step(systems, STEP, steps=STEPS)
+    run = simulate(
+        chain,
+        state,
+        law,
+        STEPS * STEP,
+        STEP,
+        base_motion=bases,
+        scheme=scheme,
+        make_stepper=ReferenceStepper,
+        on_slip="record",
+    )
+    agree(systems, 0, run)
+    assert systems.running.all() and systems.gap.max() <= 1e-12
+    there, _ = World(chain, bases).at(STEPS * STEP)
+    gaps = closure(there, state_of(systems, 1)).values()
+    assert max((np.abs(gap.position).max() for gap in gaps), default=0.0) <= 1e-12
+    assert not np.allclose(systems.q[0], systems.q[1], rtol=0, atol=1e-9)
+
+
+def test_moving_bases_travel():
+    """A rollout whose bases' motions are closures goes on to the same bits after a pickle, and recompiles to them."""
+    chain, state = problem("legs")
+    bases, law = motions(chain), swinging_law(chain.joint_count)
+    rollout = compile_rollout(chain, law, base_motion=bases)
+    systems = rollout.start(**arrays(carried_along(chain, state, bases)))
+    other, there = pickle.loads(pickle.dumps((rollout, systems)))
+    for name, motion in other.base_motion.items():
+        (mine, *rates), (theirs, *others) = (
+            World(chain, {name: motion}).at(0.3),
+            World(chain, {name: bases[name]}).at(0.3),
+        )
+        assert np.abs(mine.arms[name].base.R - theirs.arms[name].base.R).max() <= 1e-15
+        assert np.array_equal(rates[0].base_twists, others[0].base_twists)
+    rollout.step(systems, STEP, steps=3)
+    other.step(there, STEP, steps=3)
+    assert all(same_bits(x, there.arrays[key]) for key, x in systems.arrays.items())
+
+
+def test_scenes_bases_are_machine_code():
+    """The swaying bases of scenes are part of a step; it is the reference's."""
+    chain, state = problem("legs")
+    random = np.random.default_rng(4)
+    bases = {
+        name: SwayingBase(arm.base, *(random.uniform(0.05, 2.0, 6) * size for size in (0.02, 1.0, 1.0)), 0.02)
+        for name, arm in chain.arms.items()
+    }
+    world, law, rank = World(chain, bases), swinging_law(chain.joint_count), generic_rank(chain, state)
+    stepper = stepper_for(world, law, rank, RK4, Tolerance(), 1000)
+    assert isinstance(stepper, FusedStepper)
+    found, expected = (
+        one.advance(one.start(0.0, state, None)[0], [0.01])[0].instant
+        for one in (stepper, ReferenceStepper(world, law, rank, RK4))
+    )
+    assert found is not None and expected is not None
+    assert difference(numbers(found), numbers(expected)) <= 1e-12
+
+
+def test_what_no_base_does():
+    """Motions of no arm, poses of bases that move, quaternions that are none, words that cannot be traced."""
+    chain, state = problem("legs")
+    name = chain.names[0]
+    base = chain.arms[name].base
+    zeros = np.zeros(6)
+    with pytest.raises(ModelError, match="base motion 'nobody': no such arm"):
+        compile_rollout(chain, base_motion={"nobody": lambda t: (base, zeros, zeros)})
+    long = compile_rollout(chain, base_motion={name: lambda t: ((1.0 + t) * base.wxyz_xyz, zeros, zeros)})
+    tau = np.zeros(chain.joint_count)
+    systems = long.start(**arrays(state), tau=tau)
+    assert systems.running.all()
+    long.step(systems, STEP)
+    assert systems.fate[0] is Fate.BROKEN and systems.t[0] == 0.0
+    with pytest.raises(StateError, match=f"base_pose: expected none, as {name} moves"):
+        long.step(systems, STEP, base_pose=np.array([arm.base.wxyz_xyz for arm in chain.arms.values()]))
+    skewed = compile_rollout(chain, base_motion={name: lambda t: (Pose(base.R * (1.0 + t), base.p), zeros, zeros)})
+    systems = skewed.start(**arrays(state), tau=tau)
+    skewed.step(systems, STEP)
+    assert systems.fate[0] is Fate.BROKEN
+    branching = compile_rollout(chain, base_motion={name: lambda t: (base, zeros if t < 1 else 1 + zeros, zeros)})
+    with pytest.raises(CompileError, match=r"test_surroundings\.py"):
+        branching.start(**arrays(state), tau=tau)
+
+
+def test_links():
+    """Wrenches on the links and inertias of the links, told per system and kept."""
+    chain, state = problem("one")
+    law, n = swinging_law(chain.joint_count), chain.joint_count
+    rollout = compile_rollout(chain, law, scheme="midpoint", parameters=["link_wrench", "link_inertia"])
+    random = np.random.default_rng(3)
+    links = [link for arm in chain.arms.values() for link in arm.links]
+    wrench, factor = random.normal(size=(2, n, 6)), random.uniform(0.8, 1.2, (2, n))
+    heavier = {
+        "link_mass": factor * [link.mass for link in links],
+        "link_com": np.array([[link.com for link in links]] * 2),
+        "link_inertia": factor[..., None, None] * [link.inertia for link in links],
+    }
+    where = {key: np.array([x, x]) for key, x in arrays(state).items()}
+    systems = rollout.start(**where, **heavier)
+    rollout.step(systems, STEP, steps=STEPS // 2, link_wrench=wrench)
+    rollout.step(systems, STEP, steps=STEPS - STEPS // 2)
+    for row in range(2):
+        other, k = {}, 0
+        for name, arm in chain.arms.items():
+            scaled = [
+                Link(factor[row, k + j] * link.mass, link.com, factor[row, k + j] * link.inertia)
+                for j, link in enumerate(arm.links)
+            ]
+            other[name], k = replace(arm, links=scaled), k + arm.joint_count
+        run = simulate(
+            replace(chain, arms=other),
+            state,
+            law,
+            STEPS * STEP,
+            STEP,
+            scheme="midpoint",
+            inputs=Inputs(link_wrenches=wrench[row]),
+            make_stepper=ReferenceStepper,
+            on_slip="record",
+        )
+        agree(systems, row, run)
+    with pytest.raises(StateError, match=r"link_wrench: the machine code .* parameters=\['link_wrench'\]"):
+        compile_rollout(chain, law).start(**arrays(state), link_wrench=wrench[0])
+    with pytest.raises(StateError, match="rollout: no optional parameter 'link_mass'"):
+        compile_rollout(chain, law, parameters=["link_mass"])
+
+
+def growing(joint_count: int) -> ControlLaw:
+    """Return torques that grow with time."""
+    size = np.random.default_rng(1).normal(size=joint_count)
+    return ControlLaw(lambda t, state, memory, given: ((2.0 + 40.0 * t) * size - state.qd, memory))
+
+
+def limited(chain: ClosedChain, number: int, limits: dict[str, Any]) -> ClosedChain:
+    """Return the chain with limits on the joint of a number."""
+    arms, k = dict(chain.arms), number
+    for name, arm in chain.arms.items():
+        if 0 <= k < arm.joint_count:
+            joints = list(arm.joints)
+            joints[k] = replace(joints[k], **limits)
+            arms[name] = replace(arm, joints=joints)
+        k -= arm.joint_count
+    return replace(chain, arms=arms)
+
+
+@pytest.mark.parametrize("quantity", ["position", "rate", "effort"])
+def test_joint_limits(quantity):
+    """A system stops where `simulate` does, to the instant; without the word it goes on and its margins are told."""
+    chain, state = problem("one")
+    law, array = growing(chain.joint_count), {"position": "q", "rate": "qd", "effort": "tau"}[quantity]
+    free = compile_rollout(chain, law, scheme="midpoint")
+    course = free.run(free.start(**arrays(state)), STEPS * STEP, STEP, record=(array,))[array][:, 0]
+    course = course if quantity == "position" else np.abs(course)
+    joint = int(np.argmax((np.diff(course, axis=0) > 0.0).all(axis=0)))
+    bound = float(course[12:14, joint].mean())  # reached in the thirteenth step
+    there = limited(
+        chain, joint, {"position_limits": (-10.0, bound)} if quantity == "position" else {f"{quantity}_limit": bound}
+    )
+    rollout = compile_rollout(there, law, scheme="midpoint")
+    systems = rollout.start(**arrays(state))
+    record = rollout.run(systems, STEPS * STEP, STEP, stop_at_limits=True)
+    run = simulate(
+        there, state, law, STEPS * STEP, STEP, on_limit="stop", scheme="midpoint", make_stepper=ReferenceStepper
+    )
+    assert run.stopped is not None and f"{there.joint_names()[joint]}' reaches its {quantity} limit" in run.stopped
+    assert record.systems.fate[0] is Fate.LIMITED and record.systems.t[0] == pytest.approx(12 * STEP, abs=1e-15)
+    assert record.stopped[0] == pytest.approx(run.occurrences[-1].t, abs=1e-11)
+    last = ["position", "rate", "effort"].index(quantity)
+    assert np.unravel_index(np.argmin(record.systems.joint_margin[0]), (3, there.joint_count)) == (last, joint)
+    assert 0.0 <= record.systems.joint_margin[0, last, joint] < np.ptp(course[:, joint])
+    on = rollout.run(systems, STEPS * STEP, STEP)
+    assert on.systems.running.all() and on.systems.joint_margin[0, last, joint] < 0.0
+    plain = free.run(free.start(**arrays(state)), STEPS * STEP, STEP).systems
+    assert same_bits(on.systems.q, plain.q) and same_bits(on.systems.grasp_wrench, plain.grasp_wrench)
+
+
+@pytest.mark.parametrize(("share", "fate"), [(0.1, Fate.LIMITED), (0.4, Fate.SLIPPED)])
+def test_which_comes_first(share, fate):
+    """Where a grasp slips and a joint passes its limit within one step, the earlier one is the fate."""
+    chain, state = squeezed(("ball", "ball"), (Friction(0.5025), Friction(2.0)))
+
+    def torque(t: Any, state: Any, memory: Any, given: Any) -> tuple[Any, Any]:
+        return np.array([30.0, 0.0, 600.0 * t, -30.0, 0.0, 600.0 * t]), memory
+
+    slip, limit = 0.05025, (50 + share) * STEP  # each contact passes on half of one push: mu f_n = 300 t
+    rollout = compile_rollout(limited(chain, 2, {"effort_limit": 600.0 * limit}), ControlLaw(torque))
+    record = rollout.run(rollout.start(**arrays(state)), 0.06, STEP, least_margin=0.0, stop_at_limits=True)
+    assert record.systems.fate[0] is fate
+    assert record.stopped[0] == pytest.approx(min(slip, limit), abs=1e-9)
+
+
+def test_a_step_too_long_shows_no_limit():
+    """Where damping makes rates and torques grow from step to step, no limit is passed: the step is too long."""
+    chain, state = squeezed(("ball", "ball"), effort_limit=200.0, rate_limit=5.0)
+
+    def torque(t: Any, state: Any, memory: Any, given: Any) -> tuple[Any, Any]:
+        up = 10.0 * t
+        return np.array([30.0, 0.0, up, -30.0, 0.0, up]) - given["gain"] * state.qd, memory
+
+    rollout = compile_rollout(chain, ControlLaw(torque, parameters={"gain": ()}))
+    gain = np.array([0.0, 1.0, 4.0, 10.7, 30.0, 1e3]) * 2.0 / STEP  # over inertia: what a step may follow, and far more
+    systems = rollout.start(**{name: np.tile(x, (6, 1)) for name, x in arrays(state).items()}, gain=gain)
+    record = rollout.run(systems, 60 * STEP, STEP, stop_at_limits=True)
+    assert list(record.systems.fate) == [Fate.RUNNING] * 2 + [Fate.TOO_LONG] * 4
+
+
+def test_long_steps_are_parted():
+    """Steps that drift too far go in as many parts as in `simulate`, in each system as many as it needs."""
+    chain, state = problem("legs")
+    law = growing(chain.joint_count)
+    rollout = compile_rollout(chain, law)
+    speeds, step, limit = (1.0, 2.0, 0.01), 2e-2, 1.2e-8
+    where = {key: np.array([x] * len(speeds)) for key, x in arrays(state).items()}
+    for name in ("qd", "object_twist"):
+        where[name] *= np.array(speeds)[:, None]
+    begun = rollout.start(**where)
+    systems = rollout.step(begun.copy(), step, steps=5, largest_drift=limit)
+    whole = rollout.step(begun.copy(), step, steps=5)
+    for row in range(len(speeds)):
+        run = simulate(
+            chain, state_of(begun, row), law, 5 * step, step, largest_drift=limit, make_stepper=ReferenceStepper
+        )
+        agree(systems, row, run)
+        assert systems.drift[row] == pytest.approx([run.position_gap[-1, 0], run.velocity_gap[-1, 0]], abs=1e-12)
+    assert (systems.drift[:, 0] <= 2 * limit).all()
+    for name in ("q", "qd", "work"):  # the second needs no parts: the bits of whole steps
+        same = [same_bits(a, b) for a, b in zip(getattr(systems, name), getattr(whole, name), strict=True)]
+        assert same == [False, True, False]
+    record = rollout.run(begun, 5 * step, step, largest_drift=limit)
+    assert same_bits(record.systems.q, systems.q) and same_bits(record.systems.t, systems.t)
+
+
+def test_grasps_that_open_and_close():
+    """A rollout that takes over lets go and grips as the events of `simulate`, impulse included.
+
+    Steps are short: where a grasp is open when it closes, the order of closing it and of the impulse matters.
+    """
+    chain, state = problem("five")
+    law, name, step = growing(chain.joint_count), list(chain.grasps)[3], 1e-5
+    without = replace(chain, grasps={arm: grasp for arm, grasp in chain.grasps.items() if arm != name})
+    held, free = compile_rollout(chain, law), compile_rollout(without, law)
+    gravity = np.array([0.0, 0.5, -9.0])
+    where = {key: np.array([x, x]) for key, x in arrays(state).items()}
+    systems = held.step(held.start(**where, gravity=gravity), step, steps=5)
+    before = systems.copy()
+    let_go = free.step(free.take_over(systems), step)
+    gripped = held.take_over(let_go)
+    impact = kinetic_energy(chain, state_of(let_go, 1)) - kinetic_energy(chain, state_of(gripped, 1))
+    end = held.step(gripped, step, steps=4)
+    run = simulate(
+        replace(chain, gravity=gravity),
+        state,
+        law,
+        10 * step,
+        step,
+        events=[Release(5 * step, name), Attach(6 * step, name, chain.grasps[name])],
+        make_stepper=ReferenceStepper,
+        on_slip="record",
+    )
+    agree(end, 0, run)
+    assert impact > 1e-9 and -run.impact[-1] == pytest.approx(impact, rel=0.01)
+    assert all(same_bits(x, systems.arrays[key]) for key, x in before.arrays.items())
+    for steps, told in ((3, True), (30, False)):  # some 40 micrometres away, and more than a centimetre
+        away = free.step(free.take_over(systems), STEP, steps=steps)
+        far = held.take_over(away)
+        assert (far.fate == Fate.OPEN).all() and same_bits(far.q, away.q) and same_bits(far.t, away.t)
+        assert not told or (far.drift[:, 0] > 1e-6).all()
+    with pytest.raises(StateError, match="systems: expected those of a rollout with the joints"):
+        held.take_over(compile_rollout(problem("one")[0]).start(**arrays(problem("one")[1]), tau=np.zeros(6)))
+
+
+def test_refused():
+    """A word that is neither true nor false."""
+    chain, state = problem("one")
+    rollout = compile_rollout(chain)
+    systems = rollout.start(**arrays(state), tau=np.zeros(6))
+    with pytest.raises(StateError, match="stop_at_limits: expected True or False, got 0"):
+        rollout.step(systems, STEP, stop_at_limits=0)
