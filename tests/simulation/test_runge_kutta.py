@@ -14,10 +14,10 @@ from holdfast.simulation.runge_kutta import (
     SCHEMES,
     dop853,
     rotation_vector_rate,
-    runge_kutta_step,
     scheme,
 )
 from holdfast.spatial import rotation
+from tests.simulation.one_step import one_step
 
 TABLEAUS = [RK4, MIDPOINT, dop853()]
 tableaus = pytest.mark.parametrize("tableau", TABLEAUS, ids=lambda t: t.name)
@@ -47,7 +47,7 @@ def test_observed_order(name):
     def attitude(tableau, steps):
         R, h = np.eye(3), 2.0 / steps
         for k in range(steps):
-            R = rotation.exp(runge_kutta_step(spinning, k * h, np.zeros(3), h, tableau)[0]) @ R
+            R = rotation.exp(one_step(spinning, k * h, np.zeros(3), h, tableau)[0]) @ R
         return R
 
     exact = attitude(dop853(), 160)
@@ -63,7 +63,7 @@ def test_observed_order(name):
 def test_exact_for_polynomials(tableau):
     """A right-hand side that is a polynomial of degree order - 1 in t is integrated exactly."""
     k, t, h = tableau.order, 0.3, 0.7
-    y, errors = runge_kutta_step(lambda t, y: np.array([k * t ** (k - 1) + 1]), t, np.array([2.0]), h, tableau)
+    y, errors = one_step(lambda t, y: np.array([k * t ** (k - 1) + 1]), t, np.array([2.0]), h, tableau)
     assert y[0] == pytest.approx(2.0 + (t + h) ** k - t**k + h, abs=1e-15)
     assert errors == []
 
@@ -77,9 +77,9 @@ def test_known_first_stage_is_used(tableau, times):
         asked.append(t)
         return -y
 
-    given, _ = runge_kutta_step(derivative, 0.0, np.array([1.0]), 0.1, tableau, first=np.array([-1.0]))
+    given, _ = one_step(derivative, 0.0, np.array([1.0]), 0.1, tableau, first=np.array([-1.0]))
     assert asked == times
-    assert np.array_equal(given, runge_kutta_step(derivative, 0.0, np.array([1.0]), 0.1, tableau)[0])
+    assert np.array_equal(given, one_step(derivative, 0.0, np.array([1.0]), 0.1, tableau)[0])
 
 
 def test_dop853_is_scipys():
@@ -88,7 +88,7 @@ def test_dop853_is_scipys():
     theirs = DOP853(spinning, 0.7, u, 9.0, first_step=h, rtol=1e-3)
     theirs.step()
     assert theirs.t == 0.7 + h
-    ours, _ = runge_kutta_step(spinning, 0.7, u, h, dop853())
+    ours, _ = one_step(spinning, 0.7, u, h, dop853())
     np.testing.assert_allclose(ours, theirs.y, rtol=0, atol=1e-15)
     assert DOP853.E3[-1] == 0.0 and DOP853.E5[-1] == 0.0
 
@@ -97,7 +97,7 @@ def test_dop853_is_scipys():
 def test_orders_of_the_estimates(row, order):
     """The two estimates fall as h^6 and h^4."""
     u, steps = np.array([0.3, -0.2, 0.5]), np.array([0.4, 0.2, 0.1])
-    sizes = [np.abs(runge_kutta_step(spinning, 0.7, u, h, dop853())[1][row]).max() for h in steps]
+    sizes = [np.abs(one_step(spinning, 0.7, u, h, dop853())[1][row]).max() for h in steps]
     orders = np.log2(np.array(sizes[:-1]) / sizes[1:])
     assert np.abs(orders - order).max() < 0.6, orders
     assert dop853().error[row].sum() == pytest.approx(0.0, abs=1e-15)
@@ -137,7 +137,7 @@ def test_traced(tableau):
     """The step is a text: traced and interpreted it gives the numbers of floats, at rest too."""
 
     def text(t, u, h):
-        y, errors = runge_kutta_step(lambda t, u: rotation_vector_rate(u, t * X + 2.0 * Y), t[()], u, h[()], tableau)
+        y, errors = one_step(lambda t, u: rotation_vector_rate(u, t * X + 2.0 * Y), t[()], u, h[()], tableau)
         return y, *errors
 
     program = trace(text, [(), (3,), ()])

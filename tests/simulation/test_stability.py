@@ -24,7 +24,7 @@ from holdfast import (
 )
 from holdfast.simulation.friction import SMOOTHING_RATE, friction_slope, friction_torque
 from holdfast.simulation.instant import evaluate
-from holdfast.simulation.runge_kutta import RK4, SCHEMES, runge_kutta_step, scheme
+from holdfast.simulation.runge_kutta import RK4, SCHEMES, scheme
 from holdfast.simulation.stability import (
     Decay,
     fastest_decay,
@@ -35,6 +35,7 @@ from holdfast.simulation.stability import (
 )
 from holdfast.simulation.world import World
 from tests.simulation.gantries import squeezed
+from tests.simulation.one_step import one_step
 from tests.simulation.problems import PROBLEMS
 from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain
@@ -54,9 +55,9 @@ def test_stability_interval(name):
     """Steps of y' = -y grow beyond it and shrink before it."""
     tableau = scheme(name)
     x = tableau.stability_interval
-    after = [abs(runge_kutta_step(lambda t, y: -y, 0.0, np.ones(1), f * x, tableau)[0][0]) for f in (0.999, 1.001)]
+    after = [abs(one_step(lambda t, y: -y, 0.0, np.ones(1), f * x, tableau)[0][0]) for f in (0.999, 1.001)]
     assert after[0] < 1.0 < after[1]
-    shrinking = [runge_kutta_step(lambda t, y: -y, 0.0, np.ones(1), f * x, tableau)[0] for f in np.arange(1, 100) / 100]
+    shrinking = [one_step(lambda t, y: -y, 0.0, np.ones(1), f * x, tableau)[0] for f in np.arange(1, 100) / 100]
     assert np.abs(shrinking).max() < 1.0
 
 

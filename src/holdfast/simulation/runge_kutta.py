@@ -7,8 +7,9 @@ step adds plain vectors and never leaves the rotation group (Munthe-Kaas).
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -118,30 +119,25 @@ def scheme(name: str) -> Tableau:
 
 
 def runge_kutta_step(
-    derivative: Callable[[Scalar, Array], Array],
-    t: Scalar,
-    y: Array,
-    step: Scalar,
-    tableau: Tableau,
-    first: Array | None = None,
-) -> tuple[Array, list[Array]]:
-    """Return y(t + step) for y' = derivative(t, y), and the estimates of its error.
+    first: Array, step: Scalar, tableau: Tableau, stage: Callable[[int, Array], Any]
+) -> Generator[Any, Array, tuple[Array, list[Array]]]:
+    """Return by how much y grows in a step of y' = f(t, y), and the estimates of its error.
+
+    A generator, which asks for the slopes: it yields what `stage` makes of a stage, and is sent f there.
 
     Args:
-        derivative: (t, y) -> y'.
-        t: time [s].
-        y: (m,) at time t.
+        first: (m,) f where the step begins.
         step: h [s].
         tableau: the scheme.
-        first: derivative(t, y), where it is known already.
+        stage: (i, increment of y) -> what is asked; the i-th stage is at t + c_i h.
 
     Returns:
-        (m,) at time t + step, and per row of `tableau.error` an estimate (m,).
+        (m,) the increment, and per row of `tableau.error` an estimate (m,).
     """
-    slopes = [derivative(t, y) if first is None else first]
-    for c, row in zip(tableau.c[1:], tableau.a[1:], strict=True):
-        slopes.append(derivative(t + c * step, y + step * weighted(row, slopes)))
-    return y + step * weighted(tableau.b, slopes), [step * weighted(e, slopes) for e in tableau.error]
+    slopes = [first]
+    for i, row in enumerate(tableau.a[1:], start=1):
+        slopes.append((yield stage(i, step * weighted(row, slopes))))
+    return step * weighted(tableau.b, slopes), [step * weighted(e, slopes) for e in tableau.error]
 
 
 def weighted(weights: Array, slopes: Sequence[Array]) -> Array:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, STEP_ROUNDS, after_step, largest_gaps, moved
 from holdfast.errors import ClosureError, StateError
-from holdfast.simulation.instant import Controller, Instant, evaluate
+from holdfast.simulation.instant import Instant
 from holdfast.simulation.runge_kutta import Tableau, runge_kutta_step
 from holdfast.simulation.world import World
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, Scalar
 from holdfast.state import State
 
 
@@ -29,55 +30,120 @@ class Gaps:
     velocity: Array
 
 
+class Stage(NamedTuple):
+    """Asks for the slope at a stage of the scheme: d/dt (q, qd, u, p, V(C), work).
+
+    Attributes:
+        t: time [s].
+        state: the chain there, a little off the grasps.
+        turn: (3,) u, where exp(u) has brought the object there since the step's start [rad].
+    """
+
+    t: Scalar
+    state: State
+    turn: Array
+
+
+class Closing(NamedTuple):
+    """Asks for the state closed again, and for the gaps before and after.
+
+    Attributes:
+        t: time [s].
+        state: where the scheme ends.
+    """
+
+    t: Scalar
+    state: State
+
+
+class Arrival(NamedTuple):
+    """Asks for everything at the step's end.
+
+    Attributes:
+        t: time [s].
+        state: the chain there, closed again.
+    """
+
+    t: Scalar
+    state: State
+
+
+Question = Stage | Closing | Arrival
+
+
 class Step(NamedTuple):
     """Where a step led.
 
     Attributes:
-        instant: the chain then, closed again.
-        gaps: what projection found and left.
+        later: what was answered at its end.
+        gaps: what projection found and left, as answered.
         work: (4,) done during the step, see `balance.WORK_TERMS` [J].
         estimates: the scheme's estimates of the error in (dq, dqd, turn, dp, dV(C), work).
     """
 
-    instant: Instant
-    gaps: Gaps
+    later: Any
+    gaps: Any
     work: Array
     estimates: list[Array]
 
 
-def take_step(
-    world: World, controller: Controller, now: Instant, until: float, generic_rank: int, scheme: Tableau
-) -> Step:
-    """Return the chain one step later, at t = until, closed again.
+Course = Generator[Question, Any, Step]
 
-    `now` is the first of the scheme's stages. The controller is asked at every stage; its
-    memory moves on once a step, at the step's start.
+
+def take_step(start: State, first: Array, h: Scalar, times: Sequence[Scalar], scheme: Tableau) -> Course:
+    """Return the chain one step later, closed again.
+
+    A generator, which asks how the chain is found at a state: by the readable texts (`stepper`), for several ends side
+    by side by machine code (`rollout.stagewise`), or traced (`rollout.advance`).
 
     Args:
-        world: the chain and what acts on it.
-        controller: torques.
-        now: the chain at the step's start, on the constraint.
-        until: the step's end [s].
-        generic_rank: rank of the constraint away from singular configurations.
+        start: on the constraint; the first of the scheme's stages.
+        first: the slope there.
+        h: the step's length [s].
+        times: of the other stages, and of the end [s].
         scheme: the Runge-Kutta scheme.
 
     Raises:
-        SingularChainError: a stage is singular.
-        ClosureError: the step left the constraint by more than a step may.
         StateError: a stage is not finite.
     """
-    n = len(now.state.q)
+    n, until = len(start.q), times[-1]
 
-    def derivative(t: float, y: Array) -> Array:
-        there = displaced(now.state, _finite(y))
-        stage = evaluate(world, controller, t, there, now.memory, generic_rank=generic_rank)
-        return stage.rates(y[2 * n : 2 * n + 3])
+    def stage(i: int, y: Array) -> Stage:
+        return Stage(times[i - 1], displaced(start, _finite(y)), y[2 * n : 2 * n + 3])
 
-    still = np.zeros(2 * n + 16)
-    y, estimates = runge_kutta_step(derivative, now.t, still, until - now.t, scheme, first=now.rates(np.zeros(3)))
-    state, gaps = back_on_constraint(world, until, displaced(now.state, _finite(y)))
-    later = evaluate(world, controller, until, state, now.memory, generic_rank=generic_rank)
+    y, estimates = yield from runge_kutta_step(first, h, scheme, stage)
+    closed, gaps = yield Closing(until, displaced(start, _finite(y)))
+    later = yield Arrival(until, closed)
     return Step(later, gaps, y[2 * n + 12 :], estimates)
+
+
+def course_of(now: Instant, until: float, scheme: Tableau) -> Course:
+    """Return a step from an instant to a time [s]."""
+    h = until - now.t
+    times = [*(now.t + c * h for c in scheme.c[1:].tolist()), until]
+    return take_step(now.state, now.rates(np.zeros(3)), h, times, scheme)
+
+
+def answered(course: Course, answer: Callable[[Question], Any]) -> Step:
+    """Return what a step leads to."""
+    (step,) = answered_together([course], lambda questions: [answer(questions[0])])
+    return step
+
+
+def answered_together(courses: Sequence[Course], answer: Callable[[list[Question]], Sequence[Any]]) -> list[Step]:
+    """Return what steps of one scheme lead to, the same question of all of them answered at once."""
+    replies: Sequence[Any] = [None] * len(courses)
+    while True:
+        questions: list[Question] = []
+        ends: list[Step] = []
+        for course, reply in zip(courses, replies, strict=True):
+            try:
+                questions.append(course.send(reply))
+            except StopIteration as end:
+                ends.append(end.value)
+        if not questions:
+            return ends
+        replies = answer(questions)
 
 
 def displaced(state: State, y: Array) -> State:
@@ -88,7 +154,11 @@ def displaced(state: State, y: Array) -> State:
 
 
 def back_on_constraint(world: World, t: float, state: State) -> tuple[State, Gaps]:
-    """Return the state projected onto the grasps in the kinetic metric, and the gaps."""
+    """Return the state projected onto the grasps, and the gaps.
+
+    Raises:
+        ClosureError: they are open by more than a step may leave them, or stay so.
+    """
     chain, inputs = world.at(t)
     given = inputs.shaped(chain)
     before = largest_gaps(chain, state, given)
@@ -108,6 +178,7 @@ def back_on_constraint(world: World, t: float, state: State) -> tuple[State, Gap
 
 
 def _finite(y: Array) -> Array:
-    if not np.isfinite(y).all():
+    """Return an increment, refused if it is not finite; of a traced one nothing is known yet."""
+    if y.dtype != object and not np.isfinite(y).all():
         raise StateError("the step overflows float64; try a smaller time step")
     return y

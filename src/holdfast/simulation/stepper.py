@@ -15,7 +15,7 @@ import numpy as np
 from holdfast.errors import ClosureError, HoldfastError, ModelError, SingularChainError, StateError
 from holdfast.simulation.instant import Controller, Instant, evaluate
 from holdfast.simulation.runge_kutta import RK4, Tableau
-from holdfast.simulation.step import Gaps, back_on_constraint, take_step
+from holdfast.simulation.step import Closing, Gaps, Question, Stage, answered, back_on_constraint, course_of
 from holdfast.simulation.tolerance import Tolerance
 from holdfast.simulation.world import World
 from holdfast.spatial.scalar import Array
@@ -109,11 +109,18 @@ class ReferenceStepper:
 
     def _to(self, now: Instant, end: float) -> Advance:
         try:
-            step = take_step(self.world, self.controller, now, end, self.generic_rank, self.scheme)
+            step = answered(course_of(now, end, self.scheme), lambda question: self._answer(question, now.memory))
         except (SingularChainError, ClosureError, StateError) as cause:
             return Advance(end, None, NO_GAPS, np.zeros(4), failure=cause)
         except ModelError:  # the arm is sound: what its inertia is computed from has overflowed
             failure = StateError("the step overflows float64; try a smaller time step")
             return Advance(end, None, NO_GAPS, np.zeros(4), failure=failure)
-        error = self.tolerance.ratio(step.estimates, now.state, step.instant.state)
-        return Advance(end, step.instant, step.gaps, step.work, error)
+        error = self.tolerance.ratio(step.estimates, now.state, step.later.state)
+        return Advance(end, step.later, step.gaps, step.work, error)
+
+    def _answer(self, question: Question, memory: Any) -> Any:
+        """Return what a step asks; the controller's memory moves on once a step, at the step's start."""
+        if isinstance(question, Closing):
+            return back_on_constraint(self.world, question.t, question.state)
+        there = self.evaluate(question.t, question.state, memory)
+        return there.rates(question.turn) if isinstance(question, Stage) else there

@@ -34,8 +34,8 @@ from holdfast.simulation.instant import WORST_CONDITION, rates
 from holdfast.simulation.rollout.law import ControlLaw
 from holdfast.simulation.rollout.law_text import asked
 from holdfast.simulation.rollout.traced_motion import Motions, sound
-from holdfast.simulation.runge_kutta import Tableau, runge_kutta_step
-from holdfast.simulation.step import displaced
+from holdfast.simulation.runge_kutta import Tableau
+from holdfast.simulation.step import Arrival, Question, Stage, answered, take_step
 from holdfast.simulation.world import World
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each, maximum, minimum, select, where
 from holdfast.spatial.spatial_vector import unrotate
@@ -70,18 +70,23 @@ class Evaluation(NamedTuple):
     """The chain at one state under its law.
 
     Attributes:
+        state: positions and velocities.
         found: forward dynamics.
         drive: (n,) the law's torques.
         memory: what the law carries on.
         power: (4,) see `balance.WORK_TERMS` [W].
-        worst: (2,) the worst condition and status of the step so far.
     """
 
+    state: State
     found: Judged
     drive: Array
     memory: Array
     power: Array
-    worst: Array
+
+    def slope(self, turn: Array) -> Array:
+        """Return d/dt (q, qd, turn, p, V(C), work), where exp(turn) has brought the object here."""
+        found = self.found.whole
+        return rates(self.state, found.qdd, found.object_acceleration, self.power, turn)
 
 
 class TracedSystem:
@@ -92,6 +97,7 @@ class TracedSystem:
         given: the caller's arrays.
         world: its chain, parameters in place, and what acts on it.
         law: its law.
+        worst: (2,) the worst condition and status of any evaluation so far.
     """
 
     def __init__(self, structure: Structure, law: ControlLaw, motions: Motions, given: Given) -> None:
@@ -101,6 +107,7 @@ class TracedSystem:
         self.world = World(chain, moving, traced_inputs(chain, given))
         self.route: Route = structure.options.route
         self.friction = joint_friction(structure.chain)
+        self.worst = np.zeros(2)
 
     @property
     def state(self) -> State:
@@ -116,64 +123,50 @@ class TracedSystem:
         """Return the time so many steps after the beginning of this one."""
         return self.given["begin"][()] + (self.last("count")[()] + steps) * self.given["step"][()]
 
-    def evaluate(self, t: Scalar, state: State, memory: Array, before: Evaluation | None) -> Evaluation:
+    def evaluate(self, t: Scalar, state: State, memory: Array) -> Evaluation:
         """Return torques, then forward dynamics and the power."""
         drive, kept = asked(self.law, self.real, t, state, memory, self.given)
         lost = friction_torque(self.friction, state.qd)
         chain, inputs = self.world.at(t)
         found = judged(chain, framed(state), drive - lost, inputs, self.given["generic_rank"], self.route)
         power = work_rates(power_of(chain, state, drive, found.whole.base_wrench, inputs), lost, state.qd)
-        worst = array([found.condition, found.status])
-        if before is not None:
-            worst = maximum(before.worst, worst)
-        return Evaluation(found, drive, kept, power, worst)
+        self.worst = maximum(self.worst, array([found.condition, found.status]))
+        return Evaluation(state, found, drive, kept, power)
 
-
-def slope(state: State, at: Evaluation, turn: Array) -> Array:
-    """Return d/dt (q, qd, turn, p, V(C), work), where exp(turn) has brought the object here."""
-    return rates(state, at.found.whole.qdd, at.found.whole.object_acceleration, at.power, turn)
+    def answer(self, question: Question) -> Any:
+        """Return what a step asks; of a system that is held, at the state as it is."""
+        held = self.given["held"][()] > 0.5
+        t, at = question.t, question.state
+        if isinstance(question, Arrival):
+            return self.evaluate(t, at, self.last("memory"))
+        # a turn by nothing may cost the last bit
+        at = State(at.q, at.qd, select(held, self.last("object_pose"), at.object_pose), at.object_twist)
+        if isinstance(question, Stage):
+            return self.evaluate(t, at, self.last("memory")).slope(question.turn)
+        chain, inputs = self.world.at(t)
+        closed = after_step(chain, at, inputs)
+        end = State(*(select(held, getattr(at, name), getattr(closed, name)) for name in STATE))
+        return end, [largest_gaps(chain, one, inputs) for one in (at, end)]
 
 
 def step(structure: Structure, law: ControlLaw, motions: Motions, tableau: Tableau, given: Given) -> dict[str, Any]:
     """Return what a system carries on after one step: `take_step`, refused systems staying where they are."""
     system = TracedSystem(structure, law, motions, given)
-    n, h, start = structure.chain.joint_count, given["step"][()], system.state
-    held = given["held"][()] > 0.5
-    seen: list[Evaluation] = []
-    times = iter(tableau.c[1:])
-
-    def displaced_by(y: Array) -> State:
-        there = displaced(start, y)
-        pose = select(held, start.object_pose, there.object_pose)  # a turn by nothing may cost the last bit
-        return State(there.q, there.qd, pose, there.object_twist)
-
-    def derivative(_: Scalar, y: Array) -> Array:
-        there = displaced_by(y)
-        t = system.time(float(next(times)))
-        seen.append(system.evaluate(t, there, system.last("memory"), seen[-1] if seen else None))
-        return slope(there, seen[-1], y[2 * n : 2 * n + 3])
-
-    y, _ = runge_kutta_step(derivative, 0.0, np.zeros(2 * n + 16), h, tableau, first=system.last("slope"))
-    rough, t = displaced_by(y), system.time(1.0)
-    chain, inputs = system.world.at(t)
-    drift = largest_gaps(chain, rough, inputs)
-    closed = after_step(chain, rough, inputs)
-    end = State(*(select(held, getattr(rough, name), getattr(closed, name)) for name in STATE))
-    now = system.evaluate(t, end, system.last("memory"), seen[-1] if seen else None)
-    gaps = largest_gaps(chain, end, inputs)
-    margins = grasp_margins(system.real, given, end.object_frame.R, now.found.whole.grasp_wrench)
-    found = now.found
-    kept = dict(zip(STATE, (end.q, end.qd, end.object_pose, end.object_twist), strict=True)) | {
-        "slope": slope(end, now, np.zeros(3)),
+    times = [system.time(c) for c in (*tableau.c[1:].tolist(), 1.0)]
+    course = take_step(system.state, system.last("slope"), given["step"][()], times, tableau)
+    now, (drift, gaps), work, _ = answered(course, system.answer)
+    end, found = now.state, now.found
+    kept = {name: getattr(end, name) for name in STATE} | {
+        "slope": now.slope(np.zeros(3)),
         **{name: getattr(found.whole, name) for name in KEPT if hasattr(found.whole, name)},
         "drive": now.drive,
         "memory": now.memory,
         "rank": array(found.rank),
         "condition": array(found.condition),
-        "margin": margins,
+        "margin": grasp_margins(system.real, given, end.object_frame.R, found.whole.grasp_wrench),
     }
-    code = verdict(system, kept, now.worst, drift, gaps)
-    return carried(system, kept, code, y[2 * n + 12 :], t, concatenate([drift, gaps]))
+    code = verdict(system, kept, system.worst, drift, gaps)
+    return carried(system, kept, code, work, times[-1], concatenate([drift, gaps]))
 
 
 def grasp_margins(chain: ClosedChain, given: Given, R: Array, wrenches: Array) -> Array:
@@ -269,10 +262,9 @@ def carried(
 def evaluation(structure: Structure, law: ControlLaw, motions: Motions, given: Given) -> dict[str, Array]:
     """Return the slope where a system is, under other torques or parameters; the law's memory moves on anew."""
     system = TracedSystem(structure, law, motions, given)
-    now = system.evaluate(system.time(0.0), system.state, system.last("before"), None)
+    now = system.evaluate(system.time(0.0), system.state, system.last("before"))
     on = system.last("code")[()] < 0.5
-    found = slope(system.state, now, np.zeros(3))
     return {
-        "last.slope": select(on, found, system.last("slope")),
+        "last.slope": select(on, now.slope(np.zeros(3)), system.last("slope")),
         "last.memory": select(on, now.memory, system.last("memory")),
     }

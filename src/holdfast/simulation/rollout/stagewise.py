@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,8 @@ from holdfast.simulation.instant import Controller, Instant, answer
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.law import ControlLaw, held_torques
 from holdfast.simulation.rollout.rows import failure, gaps_of, instant_of, state_of, state_rows
-from holdfast.simulation.runge_kutta import EULER, Tableau, rotation_vector_rate, weighted
-from holdfast.simulation.step import Gaps, displaced
+from holdfast.simulation.runge_kutta import EULER, Tableau, rotation_vector_rate
+from holdfast.simulation.step import Arrival, Closing, Gaps, Question, answered_together, course_of
 from holdfast.simulation.stepper import NO_GAPS, Advance
 from holdfast.simulation.tolerance import Tolerance
 from holdfast.simulation.world import World
@@ -102,29 +103,31 @@ class StagewiseStepper:
             return [self.advance(now, [end])[0] for end in ends]  # who fails alone fails alone
 
     def _advanced(self, now: Instant, ends: list[float]) -> list[Advance]:
-        n, steps = len(now.state.q), np.array(ends)[:, None] - now.t
-        slopes = [np.repeat(now.rates(np.zeros(3))[None], len(ends), axis=0)]
-        for c, row in zip(self.scheme.c[1:], self.scheme.a[1:], strict=True):
-            y = steps * weighted(row, slopes)
-            found, _ = self._evaluated(list(now.t + c * steps[:, 0]), _displaced(now.state, y), now.memory)
-            _refuse(found)
-            slope = found["slope"]
-            for i, u in enumerate(y[:, 2 * n : 2 * n + 3]):  # the machine took each attitude for a step's start
-                slope[i, 2 * n : 2 * n + 3] = rotation_vector_rate(u, found["object_twist"][i, :3])
-            slopes.append(slope)
-        y = steps * weighted(self.scheme.b, slopes)
-        estimates = [steps * weighted(e, slopes) for e in self.scheme.error]
-        closed = self._run(ends, _displaced(now.state, y), [self._still(t) for t in ends], None, held=False)
-        _refuse(closed)
-        states = [state_of(closed, row) for row in range(len(ends))]
-        found, moments = self._evaluated(ends, states, now.memory)
+        courses = [course_of(now, end, self.scheme) for end in ends]
+        answer = partial(self._answers, memory=now.memory)
+        steps = answered_together(courses, answer)
+        errors = [self.tolerance.ratio(one.estimates, now.state, one.later.state) for one in steps]
+        return [
+            Advance(end, one.later, one.gaps, one.work, error)
+            for end, one, error in zip(ends, steps, errors, strict=True)
+        ]
+
+    def _answers(self, questions: Sequence[Question], memory: Any) -> list[Any]:
+        """Return what steps ask, all of them the same."""
+        times, states = [one.t for one in questions], [one.state for one in questions]
+        rows = range(len(questions))
+        if isinstance(questions[0], Closing):
+            closed = self._run(times, states, [self._still(t) for t in times], None, held=False)
+            _refuse(closed)
+            return [(state_of(closed, row), gaps_of(closed, row)) for row in rows]
+        found, moments = self._evaluated(times, states, memory)
         _refuse(found)
-        answers = []
-        for row, end in enumerate(ends):
-            instant = self._instant(found, row, moments[row])
-            error = self.tolerance.ratio([e[row] for e in estimates], now.state, instant.state)
-            answers.append(Advance(end, instant, gaps_of(closed, row), y[row, 2 * n + 12 :], error))
-        return answers
+        if isinstance(questions[0], Arrival):
+            return [self._instant(found, row, moments[row]) for row in rows]
+        n, slopes = len(states[0].q), found["slope"]
+        for slope, one in zip(slopes, questions, strict=True):  # the machine took each attitude for a step's start
+            slope[2 * n : 2 * n + 3] = rotation_vector_rate(one.turn, one.state.object_twist[:3])
+        return list(slopes)
 
     def _instant(self, systems: Systems, row: int, at: Moment) -> Instant:
         tau = systems["drive"][row].copy() if at.tau is None else at.tau
@@ -191,12 +194,6 @@ def moving(world: World) -> bool:
     """Return whether bases move, or what acts on the chain changes with time."""
     given = world.inputs
     return bool(world.base_motion) or callable(given) or given.base_twists is not None
-
-
-def _displaced(state: State, y: Array) -> list[State]:
-    if not np.isfinite(y).all():
-        raise StateError("the step overflows float64; try a smaller time step")
-    return [displaced(state, row) for row in y]
 
 
 def _refuse(systems: Systems) -> None:
