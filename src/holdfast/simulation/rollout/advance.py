@@ -19,8 +19,8 @@ from holdfast.compiler.schedule import FIRST_BAD
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.energy import power_of
 from holdfast.dynamics.margins import (
+    JointLimits,
     friction_conditions,
-    joint_limits,
     least_margin,
     limit_conditions,
     margins_of_joints,
@@ -199,13 +199,6 @@ def contact_margin(kind: GraspKind, contact: Array, f: Array) -> Scalar:
     return minimum(strength, where(one_sided > 0.5, pressed, float("inf")))
 
 
-def limits_margin(chain: ClosedChain, kept: Mapping[str, Array]) -> Scalar:
-    """Return the least margin of any joint limit [rad, m, their rates, N m or N]; infinite if there is none."""
-    limits = joint_limits(chain)
-    margins = margins_of_joints(limits, kept["q"], kept["qd"], kept["drive"])
-    return reduce(minimum, array(margins)[limits.limited], float("inf"))
-
-
 def verdict(system: TracedSystem, kept: Mapping[str, Array], worst: Array, drift: Gap, gaps: Gap) -> Scalar:
     """Return why a system stands still after the step, as numbered above.
 
@@ -220,7 +213,8 @@ def verdict(system: TracedSystem, kept: Mapping[str, Array], worst: Array, drift
     # x - x, which tells as much, is folded to zero
     total = sum(sum(abs(entry) for entry in x.flat) for name, x in kept.items() if name != "margin")
     least = reduce(minimum, margins) if margins else float("inf")
-    beyond = limits_margin(system.real, kept) < given["least_joint_margin"][()]
+    of_joints = margins_of_joints(JointLimits(*given["limits"]), kept["q"], kept["qd"], kept["drive"])
+    beyond = reduce(minimum, concatenate(of_joints), float("inf")) < given["least_joint_margin"][()]
     fault = where(beyond, float(LIMITED), float(RUNNING))
     fault = where(least < given["least_margin"][()], float(SLIPPED), fault)
     fault = where(worst[0] <= WORST_CONDITION, fault, float(SINGULAR))

@@ -53,9 +53,9 @@ class StepKernel:
         self.chain, self.law, self.motions = chain, law, dict(motions or {})
         structure = Structure(chain, options or Options())
         externals = step_externals(structure, law)
-        joints = hashlib.sha256(np.array([joint_friction(chain), *joint_limits(chain)]).tobytes()).hexdigest()
+        friction = hashlib.sha256(joint_friction(chain).tobytes()).hexdigest()
         moving = exact_fingerprint(self.motions)
-        what = f"{law.key}/{list(law.parameters.items())}/{len(law.memory)}/{joints}/{moving}"
+        what = f"{law.key}/{list(law.parameters.items())}/{len(law.memory)}/{friction}/{moving}"
 
         def key(of: str) -> str:
             known = law.key and moving is not None
@@ -72,7 +72,7 @@ class StepKernel:
         )
         self.carried = carried_shapes(chain, law)
         self.externals = externals
-        own = parameters_of(chain, generic_rank) | {"contact": _contact(chain)}
+        own = parameters_of(chain, generic_rank) | {"contact": _contact(chain), "limits": np.array(joint_limits(chain))}
         self.parameters = {name: own[name] for name, e in externals.items() if e.role == "parameter"}
         self._sizes = {name: e.size for name, e in externals.items()}
         self._ranks = {name: len(e.shape) for name, e in externals.items()}

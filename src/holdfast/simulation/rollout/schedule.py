@@ -46,6 +46,7 @@ def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]
         "least_joint_margin": (),
         "generic_rank": (),
         "contact": (len(chain.grasps), 6),
+        "limits": (4, chain.joint_count),
     }
     told = {f"control.{name}": tuple(shape) for name, shape in law.parameters.items()}
     options = structure.options
@@ -58,6 +59,7 @@ def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]
         "grasp_R",
         "grasp_p",
         "contact",
+        "limits",
     ]
     carried = {f"last.{name}": External(shape, "carried") for name, shape in carried_shapes(chain, law).items()}
     return externals(inputs, parameters, (), shapes(chain) | own | told) | carried
