@@ -18,7 +18,7 @@ from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.law import ControlLaw, held_torques
 from holdfast.simulation.rollout.rows import failure, gaps_of, instant_of, state_of, state_rows
 from holdfast.simulation.runge_kutta import EULER, Tableau, rotation_vector_rate
-from holdfast.simulation.step import Arrival, Closing, Gaps, Question, answered_together, course_of
+from holdfast.simulation.step import Closing, Gaps, Question, Stage, answered_together, course_of
 from holdfast.simulation.stepper import NO_GAPS, Advance
 from holdfast.simulation.tolerance import Tolerance
 from holdfast.simulation.world import World
@@ -104,30 +104,25 @@ class StagewiseStepper:
 
     def _advanced(self, now: Instant, ends: list[float]) -> list[Advance]:
         courses = [course_of(now, end, self.scheme) for end in ends]
-        answer = partial(self._answers, memory=now.memory)
-        steps = answered_together(courses, answer)
-        errors = [self.tolerance.ratio(one.estimates, now.state, one.later.state) for one in steps]
-        return [
-            Advance(end, one.later, one.gaps, one.work, error)
-            for end, one, error in zip(ends, steps, errors, strict=True)
-        ]
+        found = []
+        for end, step in zip(ends, answered_together(courses, partial(self._answers, now.memory)), strict=True):
+            error = self.tolerance.ratio(step.estimates, now.state, step.later.state)
+            found.append(Advance(end, step.later, step.gaps, step.work, error))
+        return found
 
-    def _answers(self, questions: Sequence[Question], memory: Any) -> list[Any]:
+    def _answers(self, memory: Any, questions: Sequence[Question]) -> list[Any]:
         """Return what steps ask, all of them the same."""
         times, states = [one.t for one in questions], [one.state for one in questions]
-        rows = range(len(questions))
         if isinstance(questions[0], Closing):
             closed = self._run(times, states, [self._still(t) for t in times], None, held=False)
             _refuse(closed)
-            return [(state_of(closed, row), gaps_of(closed, row)) for row in rows]
+            return [(state_of(closed, row), gaps_of(closed, row)) for row in range(len(questions))]
         found, moments = self._evaluated(times, states, memory)
         _refuse(found)
-        if isinstance(questions[0], Arrival):
-            return [self._instant(found, row, moments[row]) for row in rows]
-        n, slopes = len(states[0].q), found["slope"]
-        for slope, one in zip(slopes, questions, strict=True):  # the machine took each attitude for a step's start
-            slope[2 * n : 2 * n + 3] = rotation_vector_rate(one.turn, one.state.object_twist[:3])
-        return list(slopes)
+        return [
+            _slope(found["slope"][row], one) if isinstance(one, Stage) else self._instant(found, row, moments[row])
+            for row, one in enumerate(questions)
+        ]
 
     def _instant(self, systems: Systems, row: int, at: Moment) -> Instant:
         tau = systems["drive"][row].copy() if at.tau is None else at.tau
@@ -194,6 +189,14 @@ def moving(world: World) -> bool:
     """Return whether bases move, or what acts on the chain changes with time."""
     given = world.inputs
     return bool(world.base_motion) or callable(given) or given.base_twists is not None
+
+
+def _slope(found: Array, at: Stage) -> Array:
+    """Return the slope at a stage; the machine took the attitude there for a step's start."""
+    n = len(at.state.q)
+    return np.concatenate(
+        [found[: 2 * n], rotation_vector_rate(at.turn, at.state.object_twist[:3]), found[2 * n + 3 :]]
+    )
 
 
 def _refuse(systems: Systems) -> None:
