@@ -130,8 +130,9 @@ class Rollout:
                 f"systems: expected those of a rollout with the joints {', '.join(joints)}, got {', '.join(others)}"
             )
         begun = systems.copy()
-        same = list(systems.chain.grasps) == list(self.chain.grasps)
-        kept = {name: x for name, x in begun.told.items() if self._takes(name, x) and (same or name[:6] != "grasp_")}
+        stale = [] if list(systems.chain.grasps) == list(self.chain.grasps) else ["grasp_R", "grasp_p"]
+        stale += ["base_R", "base_p"] if self.base_motion else []
+        kept = {name: x for name, x in begun.told.items() if self._takes(name, x) and name not in stale}
         memory = begun.arrays.get("memory", np.zeros((len(systems), 0)))
         found = self._kernel.systems(
             {name: begun.arrays[name] for name in STATE}, memory if memory.shape[1] == len(self.law.memory) else None
