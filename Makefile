@@ -14,7 +14,7 @@ demo: $(VENV)/.plot
 test: lint
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not long"
 
-# The tests under other processors' BLAS kernels, machine code for each level of x86-64 and for 64-bit ARM (some 25 minutes).
+# The tests under other processors' BLAS kernels, machine code for each level of x86-64 and for 64-bit ARM (some 21 minutes).
 # The last needs QEMU: apt-get install qemu-user gcc-aarch64-linux-gnu libc6-dev-arm64-cross
 test-portable: $(VENV)/.dev
 	$(BIN)/python -m tests.portable
