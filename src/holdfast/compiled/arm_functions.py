@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.externals import LINKS, externals, shapes, starts
+from holdfast.compiled.externals import LINKS, STATE, externals, shapes, starts
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiled.traced_chain import Given, traced, traced_chain, traced_inputs, traced_state
 from holdfast.compiler.program import Shape
@@ -36,7 +36,6 @@ Found = Mapping[str, Any]
 ATTITUDES: dict[str | None, int] = {"rigid": 9, "hinge": 3}
 
 CLOSED = "closed."  # before the names of a state's arrays: what is returned for them
-_STATE = ("q", "qd", "object_pose", "object_twist")
 _OBJECT = ("object_mass", "object_com", "object_inertia")
 
 
@@ -158,7 +157,7 @@ def _frame(pose: Pose) -> Array:
 
 def _project(chain: ClosedChain, x: Given) -> Found:
     found = after_step(chain, traced_state(chain, x), traced_inputs(chain, x))
-    return {f"{CLOSED}{name}": getattr(found, name) for name in _STATE}
+    return {f"{CLOSED}{name}": getattr(found, name) for name in STATE}
 
 
 COMPUTATIONS: dict[str, Computation] = {
@@ -172,7 +171,7 @@ COMPUTATIONS: dict[str, Computation] = {
     "mass_matrix": Computation(("q",), (), _mass_matrices, {"mass_matrix": lambda N, _: N * N}),
     "jacobian": Computation(("q",), ("base_R",), _jacobians, {"jacobian": lambda N, _: 6 * N}, by_links=False),
     "closure": Computation(
-        _STATE,
+        STATE,
         ("base_R", "base_p", "base_twist", "grasp_R", "grasp_p"),
         _closure,
         {
@@ -184,7 +183,7 @@ COMPUTATIONS: dict[str, Computation] = {
         by_links=False,
     ),
     "kinetic_energy": Computation(
-        _STATE,
+        STATE,
         (*_OBJECT, "base_R", "base_twist"),
         _kinetic_energy,
         whole={"energy": ()},
@@ -196,7 +195,7 @@ COMPUTATIONS: dict[str, Computation] = {
         whole={"energy": ()},
     ),
     "momentum": Computation(
-        _STATE,
+        STATE,
         ("about", *_OBJECT, "base_R", "base_p", "base_twist"),
         _momentum,
         whole={"momentum": (6,)},
@@ -219,10 +218,10 @@ COMPUTATIONS: dict[str, Computation] = {
         ("q",), ("base_R", "base_p"), _link_poses, {"frame": lambda N, _: 12 * N}, by_links=False
     ),
     "project": Computation(
-        _STATE,
+        STATE,
         (*_OBJECT, "base_R", "base_p", "base_twist", "grasp_R", "grasp_p"),
         _project,
-        whole={f"{CLOSED}{name}": None for name in _STATE},
+        whole={f"{CLOSED}{name}": None for name in STATE},
         by_grasp=True,
     ),
 }

@@ -9,6 +9,7 @@ from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External
 from holdfast.model.closed_chain import ClosedChain
 
+STATE = ("q", "qd", "object_pose", "object_twist")
 BASE_MOTION = ("base_twist", "base_acceleration")  # parameters, if bases move
 LINKS = ("link_mass", "link_com", "link_inertia")  # parameters, if the links' inertias are
 

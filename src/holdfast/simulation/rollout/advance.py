@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from holdfast.compiled.externals import STATE
 from holdfast.compiled.forward_schedule import Judged, judged
 from holdfast.compiled.structure import Structure
 from holdfast.compiled.traced_chain import Given, framed, traced_chain, traced_inputs
@@ -43,8 +44,6 @@ from holdfast.state import State
 
 # Why a system stands still, as the machine code numbers it; 0: it does not. TOO_LONG is found afterwards.
 RUNNING, SLIPPED, SINGULAR, OPEN, BROKEN, TOO_LONG, LIMITED = range(7)
-
-STATE = ("q", "qd", "object_pose", "object_twist")
 
 # What is known of a system at the end of a step.
 KEPT = (

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.compiled import arrays
+from holdfast.compiled.externals import LINKS
 from holdfast.compiled.parameters import taken
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
@@ -15,9 +16,9 @@ from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.spatial.scalar import Array
 
 CHAINS = ("object_wrench", "gravity", "object_mass", "object_com", "object_inertia", "base_pose", "grasp_pose")
-LINKS = ("link_mass", "link_com", "link_inertia", "link_wrench")
+OF_LINKS = (*LINKS, "link_wrench")
 _OWN = ("systems", "q", "qd", "object_pose", "object_twist", "memory", "t", "step", "steps", "duration", "every")
-_TAKEN = (*CHAINS, *LINKS, *_OWN, "record", "least_margin", "stop_at_limits", "largest_drift", "threads", "self")
+_TAKEN = (*CHAINS, *OF_LINKS, *_OWN, "record", "least_margin", "stop_at_limits", "largest_drift", "threads", "self")
 
 
 def require_free_names(parameters: Mapping[str, Any]) -> None:
@@ -39,14 +40,14 @@ def told(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dict[str, 
 
     Args:
         kernel: a step under a law.
-        given: any of the law's parameters, of `CHAINS`, and of `LINKS` where the machine code takes them.
+        given: any of the law's parameters, of `CHAINS`, and of `OF_LINKS` where the machine code takes them.
         count: how many systems; an array has a row for each of them, or is for all.
 
     Raises:
         StateError: an unknown name, a wrong shape, numbers that are not finite (of the chain's).
     """
     laws, chains = kernel.law.parameters, {}
-    known = [*CHAINS, *(name for name in LINKS if name in kernel.externals)]
+    known = [*CHAINS, *(name for name in OF_LINKS if name in kernel.externals)]
     found: dict[str, Array] = {}
     for name, x in given.items():
         if name in laws:
@@ -55,8 +56,8 @@ def told(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dict[str, 
             raise StateError(f"base_pose: expected none, as {', '.join(kernel.motions)} moves as `base_motion` says")
         elif name in known:
             chains[name] = x
-        elif name in LINKS:
-            option = "link_wrench" if name == "link_wrench" else "link_inertia"
+        elif name in OF_LINKS:
+            option = "link_inertia" if name in LINKS else name
             raise StateError(
                 f"{name}: the machine code was made without it; try compile_rollout(..., parameters=['{option}'])"
             )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from holdfast.compiler.errors import CompileError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
@@ -12,7 +10,7 @@ from holdfast.simulation.limits import Signals
 from holdfast.simulation.rollout.fused import FusedStepper
 from holdfast.simulation.rollout.law import ControlLaw
 from holdfast.simulation.rollout.law_text import law_program
-from holdfast.simulation.rollout.stagewise import StagewiseStepper, moving
+from holdfast.simulation.rollout.stagewise import StagewiseStepper, unsteady
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.stepper import ReferenceStepper, Stepper
 from holdfast.simulation.tolerance import Tolerance
@@ -80,7 +78,7 @@ def law_of(controller: Controller | ControlLaw, chain: ClosedChain) -> ControlLa
 def _traceable(world: World) -> bool:
     """Return whether all that changes with time can be part of the machine code."""
     motions = world.base_motion.values()
-    return not moving(replace(world, base_motion={})) and all(getattr(m, "traceable", False) for m in motions)
+    return not unsteady(world.inputs) and all(getattr(motion, "traceable", False) for motion in motions)
 
 
 def _acting_on_links(world: World) -> bool:

@@ -79,8 +79,6 @@ class FusedStepper:
             "begin": np.array(begin),
             "step": steps,
             "held": np.array(float(held)),
-            "least_margin": np.array(-np.inf),
-            "least_joint_margin": np.array(-np.inf),
             "object_wrench": acting.shaped(self.world.chain).object_wrench,
         }
         self.kernel.run(systems, inputs, {}, 1, 1)

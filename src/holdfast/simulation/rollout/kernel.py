@@ -74,6 +74,7 @@ class StepKernel:
         self.externals = externals
         own = parameters_of(chain, generic_rank) | {"contact": _contact(chain), "limits": np.array(joint_limits(chain))}
         self.parameters = {name: own[name] for name, e in externals.items() if e.role == "parameter"}
+        self._margins = dict.fromkeys(("least_margin", "least_joint_margin"), np.array(-np.inf))
         self._sizes = {name: e.size for name, e in externals.items()}
         self._ranks = {name: len(e.shape) for name, e in externals.items()}
 
@@ -102,7 +103,8 @@ class StepKernel:
 
         Args:
             systems: as `systems` returns them (see `require_own`); their slopes must be found under the same inputs.
-            inputs: of the inputs' shapes, shared by all systems, or with a leading axis.
+            inputs: of the inputs' shapes, shared by all systems, or with a leading axis; no margin stops a system
+                unless one is given.
             parameters: likewise, where they differ from the chain's own.
             repeats: steps.
             threads: how many share the systems.
@@ -124,7 +126,13 @@ class StepKernel:
         repeats: int,
         threads: int,
     ) -> None:
-        given = self.parameters | dict(parameters) | dict(inputs) | {f"last.{name}": x for name, x in systems.items()}
+        given = (
+            self.parameters
+            | self._margins
+            | dict(parameters)
+            | dict(inputs)
+            | {f"last.{name}": x for name, x in systems.items()}
+        )
         arrays = {name: np.asarray(given[name], dtype=float, order="C") for name in self._sizes}
         table = np.zeros((len(arrays), 2), dtype=np.int64)
         for row, (name, x) in zip(table, arrays.items(), strict=True):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.compiled import arrays
+from holdfast.compiled.externals import STATE
 from holdfast.compiled.faults import faulty, largest_positions
 from holdfast.compiled.structure import Options
 from holdfast.compiled.verdict import generic_rank, system
@@ -30,7 +31,6 @@ from holdfast.simulation.rollout.confirmation import contradicted
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.law import ControlLaw
 from holdfast.simulation.rollout.record import RolloutRecord
-from holdfast.simulation.rollout.rows import STATE
 from holdfast.simulation.rollout.subdivision import subdivided
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.simulation.rollout.traced_motion import Motions

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.compiled.externals import STATE
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.projection import FARTHEST
 from holdfast.dynamics.result import ForwardResult, Status
@@ -19,8 +20,6 @@ from holdfast.simulation.rollout.kernel import Systems
 from holdfast.simulation.step import Gaps
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
-
-STATE = ("q", "qd", "object_pose", "object_twist")
 
 
 def state_rows(states: Sequence[State]) -> dict[str, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -164,8 +164,6 @@ class StagewiseStepper:
             "begin": np.array(times),
             "step": np.array(0.0),
             "held": np.array(float(held)),
-            "least_margin": np.array(-np.inf),
-            "least_joint_margin": np.array(-np.inf),
             "object_wrench": np.array([m.inputs.object_wrench for m in moments]),
         }
         if self.controller is not None:
@@ -187,8 +185,12 @@ class StagewiseStepper:
 
 def moving(world: World) -> bool:
     """Return whether bases move, or what acts on the chain changes with time."""
-    given = world.inputs
-    return bool(world.base_motion) or callable(given) or given.base_twists is not None
+    return bool(world.base_motion) or unsteady(world.inputs)
+
+
+def unsteady(given: Inputs | Callable[[float], Inputs]) -> bool:
+    """Return whether inputs move bases, or change with time."""
+    return callable(given) or given.base_twists is not None
 
 
 def _slope(found: Array, at: Stage) -> Array:
