@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from holdfast import Inputs, MethodNotApplicable, Pose, State, StateError
+from holdfast.simulation.rollout.choice import stepper_for
 from holdfast.simulation.rollout.fused import FusedStepper
 from holdfast.simulation.rollout.stagewise import StagewiseStepper
 from holdfast.simulation.runge_kutta import scheme
@@ -105,6 +106,22 @@ def test_stagewise_with_a_law(name, moving, by):
 
     reference = ReferenceStepper(world, controller, rank, scheme(by), Tolerance(1e-9))
     agree(StagewiseStepper.of(world, law, rank, scheme(by), Tolerance(1e-9), law), reference, state, law.memory)
+
+
+@pytest.mark.parametrize("given", ["base_twists", "base_accelerations"])
+def test_constant_motion_of_bases(given):
+    """A twist or an acceleration of the bases is obeyed wherever it is given, also one without the other."""
+    chain, state = problem("nobody holds")
+    law, rank = swinging_law(chain.joint_count), generic_rank(chain, state)
+    moves = 0.3 * np.arange(1.0, 6 * len(chain.arms) + 1).reshape(-1, 6)
+    world = World(chain, inputs=Inputs(**{given: moves}))
+
+    def controller(t, state, memory):
+        return law.torque(t, state, memory, {})
+
+    reference = ReferenceStepper(world, controller, rank, scheme("rk4"))
+    chosen = stepper_for(world, law, rank, scheme("rk4"), Tolerance(), steps=1000)
+    agree(chosen, reference, state, law.memory)
 
 
 def test_failures_are_each_ends_own():

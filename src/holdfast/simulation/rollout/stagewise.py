@@ -190,7 +190,7 @@ def moving(world: World) -> bool:
 
 def unsteady(given: Inputs | Callable[[float], Inputs]) -> bool:
     """Return whether inputs move bases, or change with time."""
-    return callable(given) or given.base_twists is not None
+    return callable(given) or given.base_twists is not None or given.base_accelerations is not None
 
 
 def _slope(found: Array, at: Stage) -> Array:
