@@ -10,13 +10,13 @@ from holdfast.compiler.interpret import interpret
 from holdfast.compiler.trace import trace
 from holdfast.dynamics.margins import (
     contact_margin,
-    friction_conditions,
     grasp_margins,
     joint_margins,
     least_margin,
-    limit_conditions,
 )
 from holdfast.model.grasp import WrenchLimits
+from holdfast.model.grasp_kinds import GRASP_KINDS
+from holdfast.model.wrench_condition import largest_force_and_moment
 from holdfast.spatial import rotation
 from holdfast.spatial.spatial_vector import rotate
 from tests.dynamics.problems import random_problem
@@ -146,8 +146,8 @@ def test_numbers_of_the_contact_can_be_traced():
     """Friction and limits enter as numbers: they may be inputs of the program too."""
 
     def margins(f, friction, limits):
-        slipping = least_margin(friction_conditions("softfinger", friction[0], friction[1]), f)
-        return slipping, least_margin(limit_conditions(*limits), f)
+        slipping = least_margin(GRASP_KINDS["softfinger"].friction(friction[0], friction[1]), f)
+        return slipping, least_margin(largest_force_and_moment(*limits), f)
 
     program = trace(margins, [(6,), (2,), (3,)])
     f = np.array([0.1, 0.02, 0.01, 0.5, -0.3, 3.0])

@@ -26,7 +26,7 @@ from holdfast.dynamics.object_level import object_mobility
 from holdfast.dynamics.projection import after_step
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.grasp import TRANSMITTED
+from holdfast.model.grasp_kinds import GRASP_KINDS
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, concatenate, each
 
@@ -177,7 +177,7 @@ COMPUTATIONS: dict[str, Computation] = {
         {
             "attitude": lambda _, kind: ATTITUDES.get(kind, 0),
             "shift": lambda _, kind: 3 if kind else 0,
-            "velocity": lambda _, kind: len(TRANSMITTED[kind]) if kind else 0,
+            "velocity": lambda _, kind: len(GRASP_KINDS[kind].transmitted) if kind else 0,
         },
         by_grasp=True,
         by_links=False,

@@ -13,7 +13,7 @@ from holdfast.compiled.function import CompiledFunction
 from holdfast.compiled.not_compiled import missing
 from holdfast.compiled.structure import Options
 from holdfast.compiled.turns import align, log
-from holdfast.dynamics.consistency import POSITION_ROWS, GraspResidual
+from holdfast.dynamics.consistency import GraspResidual
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
@@ -133,7 +133,7 @@ class ChainFunctions:
         residuals = {}
         for name, grasp in self.chain.grasps.items():
             shift, velocity = (found[result][..., function.parts[result][name]] for result in ("shift", "velocity"))
-            rows = POSITION_ROWS[grasp.kind]
+            rows = grasp.of_kind.position_rows
             turn = [turns[name][..., rows[0] :]] if name in turns else []
             residuals[name] = GraspResidual(np.concatenate([*turn, shift], -1), velocity)
         return residuals

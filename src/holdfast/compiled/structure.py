@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
+import secrets
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,6 +16,8 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.fingerprint import exact_fingerprint
+from holdfast.model.grasp_kinds import GraspKind
 
 OPTIONAL = ("link_inertia", "link_wrench")  # run-time parameters that are asked for by name
 
@@ -87,15 +91,21 @@ class Structure:
 
     def _type_of(self, name: str) -> str:
         grasp = self.chain.grasps.get(name) if self.by_grasp else None
-        kind = grasp.kind if grasp else "none"
+        kind = _key_of(grasp.of_kind) if grasp else "none"
         folded = _folded(self.chain.arms[name], self.options.link_inertia or not self.by_links)
         return _digest([kind.encode(), *folded])
+
+
+@functools.cache
+def _key_of(kind: GraspKind) -> str:
+    """Return what tells a kind of grasp from others; one with functions of the user's is never found again on disk."""
+    return exact_fingerprint(kind) or secrets.token_hex()
 
 
 def _folded(arm: Arm, without_links: bool) -> Iterator[bytes]:
     """Yield the bytes of everything of an arm that becomes a constant of the code."""
     for joint in arm.joints:
-        yield joint.kind.encode()
+        yield repr((joint.type.turns, joint.type.travel)).encode()
         yield from (joint.axis.tobytes(), joint.placement.R.tobytes(), joint.placement.p.tobytes())
         yield np.array([joint.armature, joint.damping]).tobytes()
     if not without_links:

@@ -127,14 +127,14 @@ def _gap(chain: ClosedChain, state: State) -> tuple[ChainMotion, Array]:
 
 
 def _position_rows(motion: ChainMotion) -> Array:
-    """Return d(gap)/d(q, object): the velocity rows, without a soft finger's spin."""
+    """Return d(gap)/d(q, object): the velocity rows that are rates of position rows."""
     rows = constraint_rows(motion)
     reach = coordinate_sizes(motion)[-1]
     matrix = -np.hstack([rows.joints, rows.object])
     keep = np.ones(len(matrix), dtype=bool)
     for c, part in zip(motion.contacts, rows.slices, strict=True):
         matrix[part.stop - 3 : part.stop] /= reach
-        keep[part.start] = c.grasp.kind != "softfinger"  # its moment about the normal
+        keep[part] = [row in c.grasp.of_kind.position_rows for row in c.rows]
     return matrix[keep]
 
 

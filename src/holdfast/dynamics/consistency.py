@@ -7,7 +7,6 @@ finger 3/4 (its no-spin condition does not integrate), ball 3/3.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -16,8 +15,6 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial import rotation
-from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import rotate
@@ -26,16 +23,6 @@ from holdfast.state import Inputs, State
 POSITION_TOLERANCE = 1e-6  # m and rad
 VELOCITY_TOLERANCE = 1e-6  # relative to max(1, |qd|)
 RATE_TOLERANCE = 1e-8  # rad/s, relative to max(1, |W|)
-
-# Components of [turn; shift] in contact axes that are zero while a grasp holds.
-POSITION_ROWS: Mapping[str, tuple[int, ...]] = FrozenDict(
-    {
-        "rigid": (0, 1, 2, 3, 4, 5),
-        "hinge": (1, 2, 3, 4, 5),
-        "softfinger": (3, 4, 5),
-        "ball": (3, 4, 5),
-    }
-)
 
 
 class GraspResidual(NamedTuple):
@@ -77,17 +64,12 @@ def position_gap(c: Contact, contact_point: Array, tip: Pose) -> Array:
 
 def position_residual(c: Contact, contact_point: Array, tip: Pose) -> Array:
     """Return the position rows of one grasp, contact axes: angles [rad], then lengths [m]."""
-    return _gap(c, tip_from_contact(c, contact_point, tip))[list(POSITION_ROWS[c.grasp.kind])]
+    return _gap(c, tip_from_contact(c, contact_point, tip))[list(c.grasp.of_kind.position_rows)]
 
 
 def _gap(c: Contact, seen: Pose) -> Array:
     """Return [turn; shift] in contact axes; a turn is the same in tip axes."""
-    turn = np.zeros(3)
-    if c.grasp.kind == "rigid":
-        turn = rotation.log(seen.R.T)
-    elif c.grasp.kind == "hinge":
-        turn = rotation.align(seen.R[:, 0], np.eye(3)[0])
-    return np.concatenate([turn, -seen.p])
+    return np.concatenate([c.grasp.of_kind.turn(seen.R), -seen.p])
 
 
 def residuals(motion: ChainMotion, state: State) -> dict[str, GraspResidual]:

@@ -37,7 +37,7 @@ def coordinate_sizes(motion: ChainMotion) -> Array:
     norm or rank depends on the unit of length.
     """
     length = max(float(np.linalg.norm(r)) for arm in motion.arms.values() for r in arm.at.reach) or 1.0
-    joints = [1.0 if joint.kind == "revolute" else length for arm in motion.chain.arms.values() for joint in arm.joints]
+    joints = [1.0 if joint.turns else length for arm in motion.chain.arms.values() for joint in arm.joints]
     return np.array([*joints, 1.0, 1.0, 1.0, length, length, length])
 
 

@@ -10,7 +10,6 @@ and take energy: Delta T = sum_b V_b.j_b - 1/2 p^T K Omega K^T p, j_b the impuls
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -131,20 +130,12 @@ def grasp_here(grasp: Grasp, object_frame: Pose, tip: Pose, name: str = "") -> G
         ClosureError: the tip's x axis is the normal of a hinge.
     """
     seen = object_frame.inverse() @ tip
-    R = grasp.frame.R
-    if grasp.kind == "rigid":
-        R = seen.R
-    elif grasp.kind == "hinge":
-        x, normal = seen.R[:, 0], grasp.frame.R[:, 2]
-        across = normal - (normal @ x) * x
-        sine = math.sqrt(across @ across)
-        if sine < ALONG_NORMAL:
-            raise ClosureError(
-                f"arm '{name}': cannot grip by a hinge here: expected the tip's x axis along the object's surface, got"
-                " it along the contact's normal; try turning the tip, or another grasp frame"
-            )
-        z = across / sine
-        R = np.column_stack([x, np.cross(z, x), z])
+    R = grasp.of_kind.regrasped(grasp.frame.R, seen.R)
+    if R is None:
+        raise ClosureError(
+            f"arm '{name}': cannot grip by a {grasp.kind} here: expected the tip's x axis along the object's surface,"
+            " got it along the contact's normal; try turning the tip, or another grasp frame"
+        )
     return replace(grasp, frame=Pose.unchecked(R, seen.p))
 
 

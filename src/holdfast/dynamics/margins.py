@@ -24,31 +24,11 @@ from numpy.typing import ArrayLike
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.grasp import Grasp, GraspKind
-from holdfast.spatial.scalar import Array, Scalar, array, minimum, sqrt
+from holdfast.model.grasp import Grasp
+from holdfast.model.wrench_condition import Condition, largest_force_and_moment
+from holdfast.spatial.scalar import Array, Scalar, array, minimum
 from holdfast.spatial.spatial_vector import unrotate
 from holdfast.state import State
-
-MOMENT_X, MOMENT_Y, MOMENT_Z, FORCE_X, FORCE_Y, NORMAL = np.eye(6)
-
-
-class Condition(NamedTuple):
-    """One condition on a wrench in contact axes: constant + pressing . f >= |loading f|.
-
-    Attributes:
-        constant: c [N].
-        pressing: (6,) a.
-        loading: (rows, 6) B.
-    """
-
-    constant: Scalar
-    pressing: Array
-    loading: Array
-
-    def margin(self, wrench: Array) -> Scalar:
-        """Return c + a.f - |B f| [N]."""
-        load = self.loading @ wrench
-        return self.constant + self.pressing @ wrench - sqrt(load @ load)
 
 
 class JointMargins(NamedTuple):
@@ -136,34 +116,12 @@ def least_margin(conditions: tuple[Condition, ...], wrench: Array) -> Scalar:
 def conditions(grasp: Grasp) -> tuple[Condition, ...]:
     """Return what a grasp's wrench must satisfy."""
     found: tuple[Condition, ...] = ()
-    if grasp.contact is not None:
-        size = grasp.contact.half_length if grasp.kind == "hinge" else grasp.contact.torsion_radius
-        found += friction_conditions(grasp.kind, grasp.contact.mu, size)
-    if grasp.wrench_limits is not None:
-        limits = grasp.wrench_limits
-        found += limit_conditions(limits.moment, limits.force, limits.lever)
+    kind, contact, limits = grasp.of_kind, grasp.contact, grasp.wrench_limits
+    if contact is not None and kind.friction is not None:
+        found += kind.friction(contact.mu, grasp.contact_size)
+    if limits is not None:
+        found += largest_force_and_moment(limits.moment, limits.force, limits.lever)
     return found
-
-
-def friction_conditions(kind: GraspKind, mu: Scalar, size: Scalar = None) -> tuple[Condition, ...]:
-    """Return the conditions of a one-sided contact.
-
-    Args:
-        kind: "hinge", "softfinger" or "ball".
-        mu: friction coefficient.
-        size: torsion radius e of a soft finger, half length L of a hinge's edge [m].
-    """
-    sliding = [FORCE_X, FORCE_Y] + ([MOMENT_Z / size] if kind == "softfinger" else [])
-    found = (Condition(0.0, mu * NORMAL, array(sliding)), Condition(0.0, NORMAL, np.zeros((1, 6))))
-    if kind == "hinge":
-        found += (Condition(0.0, NORMAL, array([MOMENT_Y / size])),)
-    return found
-
-
-def limit_conditions(moment: Scalar, force: Scalar, lever: Scalar) -> tuple[Condition, ...]:
-    """Return the conditions of a largest moment [N m] and force [N]; `lever` [m] turns moments into forces."""
-    none, unit = np.zeros(6), np.eye(6)
-    return Condition(force, none, unit[3:]), Condition(moment / lever, none, unit[:3] / lever)
 
 
 def joint_margins(chain: ClosedChain, state: State, tau: ArrayLike) -> JointMargins:

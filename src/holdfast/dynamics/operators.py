@@ -65,8 +65,8 @@ class ArmOperators:
         """H^T(k) as 6-vectors, k = 1..N (index 0 is unused)."""
         result = [np.zeros(6)]
         for k, joint in enumerate(reversed(self.given.arm.joints), start=1):
-            axis, none = self.rotations[k] @ joint.axis, np.zeros(3)
-            result.append(np.concatenate([axis, none] if joint.kind == "revolute" else [none, axis]))
+            parts = [np.zeros(3) if part is None else self.rotations[k] @ part for part in joint.motion_subspace]
+            result.append(np.concatenate(parts))
         return result
 
     @cached_property
@@ -174,14 +174,13 @@ class ArmOperators:
     def a(self) -> Array:
         """Bias accelerations a(k), base acceleration in a(N), (6N,)."""
         a = np.zeros(6 * self.N)
-        for k, joint in enumerate(reversed(self.given.arm.joints), start=1):
+        for k in range(1, self.N + 1):
             w, l = self.twists[k + 1][:3], self.points[k] - self.points[k + 1]
-            axis_rate = (self.rotations[k] @ joint.axis) * self.given.qd[self.N - k]
-            linear = np.cross(w, np.cross(w, l))
-            if joint.kind == "revolute":
-                a[block(k)] = np.r_[np.cross(w, axis_rate), linear]
-            else:
-                a[block(k)] = np.r_[np.zeros(3), linear + 2 * np.cross(w, axis_rate)]
+            turning, sliding = self.h[k][:3], self.h[k][3:]
+            rate = self.given.qd[self.N - k]
+            a[block(k)] = np.r_[
+                np.cross(w, turning * rate), np.cross(w, np.cross(w, l)) + 2 * np.cross(w, sliding * rate)
+            ]
         a[block(self.N)] += self.phi_step(self.N).T @ self.given.base_acceleration
         return a
 

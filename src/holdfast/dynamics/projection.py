@@ -23,12 +23,10 @@ from holdfast.dynamics.closed.tip_response import TipResponse, tip_response
 from holdfast.dynamics.consistency import tip_from_contact
 from holdfast.errors import ClosureError
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.grasp import Grasp
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each, maximum, scan
+from holdfast.spatial.scalar import Array, Scalar, concatenate, each, maximum, scan
 from holdfast.spatial.spatial_vector import rotate, shift_twist
-from holdfast.spatial.vector import cross
 from holdfast.state import Inputs, State
 
 CLOSED = 1e-14  # m and rad: no round beyond this
@@ -200,12 +198,7 @@ def small_displacement(c: Contact, contact_point: Array, tip: Pose) -> Array:
         tip: the arm's tip frame in the world.
     """
     seen = tip_from_contact(c, contact_point, tip)
-    turn = np.zeros(3)
-    if c.grasp.kind == "rigid":
-        turn = 0.5 * array([seen.R[2, 1] - seen.R[1, 2], seen.R[0, 2] - seen.R[2, 0], seen.R[1, 0] - seen.R[0, 1]])
-    elif c.grasp.kind == "hinge":
-        turn = cross(np.eye(3)[0], seen.R[:, 0])
-    return rotate(c.R, concatenate([turn, seen.p]))
+    return rotate(c.R, concatenate([c.grasp.of_kind.opening(seen.R), seen.p]))
 
 
 def moved(state: State, dq: Array, dx: Array) -> State:
@@ -216,7 +209,5 @@ def moved(state: State, dq: Array, dx: Array) -> State:
 
 
 def position_contact(c: Contact) -> Contact:
-    """Return the contact with its position rows: a soft finger's attitude is free like a ball's."""
-    if c.grasp.kind != "softfinger":
-        return c
-    return replace(c, grasp=Grasp("ball", c.grasp.frame))
+    """Return the contact with its position rows: fewer than its velocity rows where the grasp is nonholonomic."""
+    return replace(c, rows=c.grasp.of_kind.position_rows)

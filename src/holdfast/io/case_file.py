@@ -10,13 +10,14 @@ import numpy as np
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.errors import SceneError
 from holdfast.io import typed
-from holdfast.io.case_format import FREE_AXES, ArmData, CaseData, CaseFileData, ExpectedData, GraspData
+from holdfast.io.case_format import ArmData, CaseData, CaseFileData, ExpectedData, GraspData
 from holdfast.io.path import file_path
 from holdfast.io.place import Place
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.grasp import FREE, Grasp
+from holdfast.model.grasp import Grasp
+from holdfast.model.grasp_kinds import GRASP_KINDS
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
@@ -146,11 +147,10 @@ def _arm(data: ArmData, at: Place) -> tuple[Arm, Grasp]:
 
 def _grasp(data: GraspData, at: Place) -> Grasp:
     """Return the grasp with its contact frame: hinge axis along x, soft finger's tangents x, y."""
-    if len(data.h_object) != FREE_AXES[data.type]:
-        raise (at / "h_object").refuse(
-            f"expected {FREE_AXES[data.type]} unit vectors for a {data.type}, got {len(data.h_object)}"
-        )
-    freedoms = len(FREE[data.type])
+    listed = GRASP_KINDS[data.type].listed_axes
+    if len(data.h_object) != listed:
+        raise (at / "h_object").refuse(f"expected {listed} unit vectors for a {data.type}, got {len(data.h_object)}")
+    freedoms = len(GRASP_KINDS[data.type].free)
     if data.W is not None and len(data.W) != freedoms:
         raise (at / "W").refuse(f"expected {freedoms} relative rates for a {data.type}, got {len(data.W)}")
     R = np.eye(3)
@@ -189,7 +189,7 @@ def _check_expected(data: CaseData, at: Place) -> None:
     shapes = {
         "qdd": [len(arm.joints) for arm in data.arms],
         "f": [6] * len(data.arms),
-        "W_dot": [len(FREE[arm.grasp.type]) for arm in data.arms],
+        "W_dot": [len(GRASP_KINDS[arm.grasp.type].free) for arm in data.arms],
     }
     for key, lengths in shapes.items():
         parts = getattr(data.expected, key)

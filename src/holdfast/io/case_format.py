@@ -10,10 +10,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
-from holdfast.model.grasp import GraspKind
-
-# how many unit vectors `h_object` lists
-FREE_AXES = {"rigid": 0, "hinge": 1, "softfinger": 2, "ball": 0}
+from holdfast.model.grasp import GraspName
 
 Vector3 = Annotated[list[float], msgspec.Meta(min_length=3, max_length=3)]
 Matrix3 = Annotated[list[Vector3], msgspec.Meta(min_length=3, max_length=3)]
@@ -54,7 +51,7 @@ class LinkData(_Strict):
 class GraspData(_Strict):
     """A grasp; point and free axes in object axes, W the relative rates."""
 
-    type: GraspKind
+    type: GraspName
     point_object: Vector3
     h_object: list[Vector3] = []
     W: list[float] | None = None

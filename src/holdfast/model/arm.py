@@ -24,8 +24,8 @@ class Arm(Frozen):
     """A serial chain of joints and links, ordered base to tip.
 
     Attributes:
-        joints: N >= 1 joints; joint k moves link k.
-        links: N links.
+        joints: N >= 1 joints; joint k moves link k. One of several degrees of freedom becomes as many joints of one.
+        links: N links; those between the parts of such a joint have no mass.
         tip: pose of the tip frame in the last link's axes; where the arm touches.
         base: pose of the base frame in the world.
         name: for messages.
@@ -55,6 +55,12 @@ class Arm(Frozen):
             raise ModelError(
                 f"{label}: expected one link per joint, got {len(self.joints)} joints and {len(self.links)} links"
             )
+        put(
+            self,
+            "links",
+            tuple(one for joint, link in zip(self.joints, self.links, strict=True) for one in _links(joint, link)),
+        )
+        put(self, "joints", tuple(part for joint in self.joints for part in joint.parts))
         put(self, "tip", checks.pose(self.tip, f"{label}: tip"))
         put(self, "base", checks.pose(self.base, f"{label}: base"))
 
@@ -90,3 +96,8 @@ class Arm(Frozen):
     def damping(self) -> Array:
         """(N,) viscous damping [N m s/rad or N s/m]."""
         return np.array([j.damping for j in self.joints])
+
+
+def _links(joint: Joint, link: Link) -> tuple[Link, ...]:
+    """Return the links that a joint's parts move: all but the last without mass."""
+    return *(Link(0.0) for _ in joint.parts[1:]), link

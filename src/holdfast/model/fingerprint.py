@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
-from types import MethodType
+from types import FunctionType, MethodType
 from typing import Any
 
 import numpy as np
@@ -47,6 +47,9 @@ def _parts(value: Any, exact: bool) -> Iterator[bytes]:
     if exact and isinstance(value, MethodType):
         yield _name_of(value.__func__).encode()
         value = value.__self__
+    if exact and isinstance(value, FunctionType) and value.__closure__ is None:
+        yield _name_of(value).encode()
+        return
     if exact and type(value) not in (list, tuple) and (is_dataclass(value) or isinstance(value, list | tuple)):
         yield _name_of(type(value)).encode()
     if is_dataclass(value) and not isinstance(value, type):

@@ -3,33 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
+from holdfast.model.grasp_kinds import GRASP_KINDS, GraspKind
 from holdfast.spatial.converted import making
-from holdfast.spatial.frozen import Frozen, FrozenDict
+from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
 
-GraspKind = Literal["rigid", "hinge", "softfinger", "ball"]
-
-# Contact-axes components of a wrench [mx, my, mz, fx, fy, fz] that the grasp transmits:
-# the rows of K, and with it the velocity rows.
-TRANSMITTED: Mapping[str, tuple[int, ...]] = FrozenDict(
-    {
-        "rigid": (0, 1, 2, 3, 4, 5),
-        "hinge": (1, 2, 3, 4, 5),
-        "softfinger": (2, 3, 4, 5),
-        "ball": (3, 4, 5),
-    }
-)
-# Contact axes about which the object may turn against the tip: the columns of h.
-FREE: Mapping[str, tuple[int, ...]] = FrozenDict({"rigid": (), "hinge": (0,), "softfinger": (0, 1), "ball": (0, 1, 2)})
+GraspName = Literal["rigid", "hinge", "softfinger", "ball"]
 
 
 @dataclass(frozen=True)
@@ -90,16 +77,16 @@ class Grasp(Frozen):
         wrench_limits: the largest moment and force it takes, or None.
     """
 
-    kind: GraspKind
+    kind: GraspName
     frame: PoseField = field(default_factory=making(Pose.identity))
     contact: Friction | None = None
     wrench_limits: WrenchLimits | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.kind, str) or self.kind not in get_args(GraspKind):
+        if not isinstance(self.kind, str) or self.kind not in GRASP_KINDS:
             raise ModelError(
-                f"grasp: kind: expected one of {', '.join(get_args(GraspKind))}, got {checks.short(self.kind)}."
-                + checks.did_you_mean(str(self.kind), get_args(GraspKind))
+                f"grasp: kind: expected one of {', '.join(GRASP_KINDS)}, got {checks.short(self.kind)}."
+                + checks.did_you_mean(str(self.kind), GRASP_KINDS)
             )
         object.__setattr__(self, "frame", checks.pose(self.frame, "grasp: frame"))
         if self.contact is not None:
@@ -110,27 +97,37 @@ class Grasp(Frozen):
             )
 
     def _check_contact(self, contact: Friction) -> None:
-        needs = {"softfinger": "torsion_radius", "hinge": "half_length"}.get(self.kind)
-        if self.kind == "rigid":
-            raise ModelError("grasp: a rigid grasp is two-sided; expected contact=None, got Friction")
+        if self.of_kind.friction is None:
+            raise ModelError(f"grasp: a {self.kind} grasp is two-sided; expected contact=None, got Friction")
         if not isinstance(contact, Friction):
             raise ModelError(f"grasp: contact: expected None or Friction, got {type(contact).__name__}")
         for name in ("torsion_radius", "half_length"):
-            if (getattr(contact, name) is not None) != (name == needs):
-                verb = "needs" if name == needs else "has no"
+            if (getattr(contact, name) is not None) != (name == self.of_kind.size):
+                verb = "needs" if name == self.of_kind.size else "has no"
                 raise ModelError(f"grasp: a {self.kind} contact {verb} {name}")
+
+    @property
+    def of_kind(self) -> GraspKind:
+        """The row of its kind."""
+        return GRASP_KINDS[self.kind]
 
     @property
     def transmitted(self) -> tuple[int, ...]:
         """Components of a contact-axes wrench that the grasp transmits; their number is 6 - n_g."""
-        return TRANSMITTED[self.kind]
+        return self.of_kind.transmitted
 
     @property
     def free(self) -> tuple[int, ...]:
         """Contact axes of free rotation; their number is n_g."""
-        return FREE[self.kind]
+        return self.of_kind.free
 
     @property
     def transmission(self) -> Array:
         """K in contact axes, (6 - n_g, 6)."""
         return np.eye(6)[list(self.transmitted)]
+
+    @property
+    def contact_size(self) -> float | None:
+        """The length that a one-sided contact of its kind has: torsion radius or half length [m]; None without one."""
+        name = self.of_kind.size
+        return None if self.contact is None or name is None else getattr(self.contact, name)

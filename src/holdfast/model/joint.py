@@ -1,4 +1,4 @@
-"""One-degree-of-freedom joints."""
+"""Joints: a link's freedom to move against its parent."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from numpy.typing import ArrayLike
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
+from holdfast.model.joint_types import JOINT_TYPES, JointType
 from holdfast.spatial.converted import ArrayField, Converted, making
 from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import outer, skew
 
+PER_FREEDOM = ("rate_limit", "effort_limit", "armature", "damping", "friction")
 UNBOUNDED: Any = (-np.inf, np.inf)  # to a type checker no tuple is a `Converted`
 
 
@@ -25,6 +27,9 @@ class Joint(Frozen):
 
     Revolute: R = R_parent R0 Rot(axis, q), p = p_parent + R_parent p0.
     Prismatic: R = R_parent R0, p = p_parent + R_parent (p0 + R0 axis q).
+    Other types of `JOINT_TYPES` combine both; see `JointType`. A joint of several degrees of freedom
+    becomes as many joints in an `Arm`, the links between them without mass; a limit, the armature, the
+    damping and the friction are then one value for all of them or a sequence of one each.
 
     Attributes:
         kind: "revolute" [rad] or "prismatic" [m].
@@ -53,9 +58,13 @@ class Joint(Frozen):
     def __post_init__(self) -> None:
         checks.instance(self.name, str, "joint: name")
         label = f"joint '{self.name}'" if self.name else "joint"
-        if not isinstance(self.kind, str) or self.kind not in ("revolute", "prismatic"):
-            raise ModelError(f"{label}: kind: expected 'revolute' or 'prismatic', got {checks.short(self.kind)}")
+        if not isinstance(self.kind, str) or self.kind not in JOINT_TYPES:
+            expected = " or ".join(map(repr, JOINT_TYPES))
+            raise ModelError(f"{label}: kind: expected {expected}, got {checks.short(self.kind)}")
         put = object.__setattr__
+        if self.type.parts:
+            self._require_parts(label)
+            return
         put(self, "axis", checks.unit_vector(self.axis, f"{label}: axis"))
         put(self, "placement", checks.pose(self.placement, f"{label}: placement"))
         for quantity in ("armature", "damping", "friction"):
@@ -72,6 +81,53 @@ class Joint(Frozen):
             raise ModelError(f"{label}: position_limits: expected lower <= upper, got {low:g} and {high:g}")
         put(self, "position_limits", (low, high))
 
+    @property
+    def parts(self) -> tuple[Joint, ...]:
+        """The joints of one degree of freedom that follow each other from the parent to the link."""
+        chain = self.type.parts
+        if not chain:
+            return (self,)
+        given = {name: _one_each(getattr(self, name), len(chain)) for name in PER_FREEDOM}
+        ranges = self.position_limits if np.ndim(self.position_limits) == 2 else [self.position_limits] * len(chain)
+        return tuple(
+            Joint(
+                kind,  # pyright: ignore[reportArgumentType]
+                own_axis(self.axis),
+                self.placement if k == 0 else Pose.identity(),
+                f"{self.name}.{k + 1}" if self.name else "",
+                ranges[k],
+                **{name: values[k] for name, values in given.items()},
+            )
+            for k, (kind, own_axis) in enumerate(chain)
+        )
+
+    def _require_parts(self, label: str) -> None:
+        """Check a joint of several degrees of freedom: each value is one for all of them, or a sequence of one each."""
+        object.__setattr__(self, "axis", checks.unit_vector(self.axis, f"{label}: axis"))
+        count = len(self.type.parts)
+        for name in (*PER_FREEDOM, "position_limits"):
+            value = checks.real_array(getattr(self, name), f"{label}: {name}", f"one value or {count}", ModelError)
+            alone = 1 if name == "position_limits" else 0
+            if value.ndim > alone and len(value) != count:
+                raise ModelError(f"{label}: {name}: expected one value or {count}, got {len(value)}")
+        assert len(self.parts) == count  # checks each of them
+
+    @property
+    def type(self) -> JointType:
+        """The row of its kind."""
+        return JOINT_TYPES[self.kind]
+
+    @property
+    def turns(self) -> bool:
+        """Whether q is an angle [rad]; else it is a length [m]."""
+        return self.type.turns
+
+    @frozen_property
+    def motion_subspace(self) -> tuple[Any, Any]:
+        """H^T = [h; s] in link axes: (3,) angular and (3,) linear part, None where it is zero."""
+        h = self.axis if self.type.turns else None
+        return h, self.type.travel * self.axis if self.type.travel else None
+
     @frozen_property
     def rotation_parts(self) -> tuple[Array, Array, Array]:
         """(F, C, S) with R0 Rot(axis, q) = F + cos(q) C + sin(q) S.
@@ -83,6 +139,11 @@ class Joint(Frozen):
         return R0 @ fixed, R0 @ (np.eye(3) - fixed), R0 @ skew(a)
 
     @frozen_property
-    def parent_axis(self) -> Array:
-        """(3,) the axis at q = 0 in the parent's axes."""
-        return self.placement.R @ self.axis
+    def parent_shift(self) -> Array:
+        """(3,) how far the link shifts per unit of q, in the parent's axes."""
+        return self.placement.R @ (self.type.travel * self.axis)
+
+
+def _one_each(value: Any, count: int) -> list[Any]:
+    """Return a value for each degree of freedom, given as one for all or as a sequence."""
+    return [value] * count if np.ndim(value) == 0 else list(value)

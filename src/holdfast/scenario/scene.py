@@ -7,7 +7,7 @@ from typing import Literal
 import msgspec
 
 from holdfast.model.closed_chain import STANDARD_GRAVITY
-from holdfast.model.grasp import GraspKind
+from holdfast.model.grasp import GraspName
 from holdfast.simulation.policy import OnLimit, OnSlip
 from holdfast.simulation.tolerance import RTOL
 
@@ -109,7 +109,7 @@ class GraspData(_Strict):
     """A grasp: the contact frame in object axes, z into the object."""
 
     arm: str
-    kind: GraspKind
+    kind: GraspName
     position: Vector3 = ZEROS
     quaternion: Quaternion | None = None
     rpy: Vector3 | None = None

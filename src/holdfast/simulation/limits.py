@@ -85,10 +85,9 @@ class Signals:
 
 def giving_way(grasp: Grasp, wrench: Array) -> str:
     """Return how a grasp gives way under a contact-axes wrench (6,) that it cannot hold, in words."""
-    contact = ["slips", "lifts off"] + (["tips over its edge"] if grasp.kind == "hinge" else [])
-    words = contact * (grasp.contact is not None) + ["gives way to the force", "gives way to the moment"]
-    margins = [condition.margin(wrench) for condition in conditions(grasp)]
+    must = conditions(grasp)
+    margins = [condition.margin(wrench) for condition in must]
     least = min(margins)
     if grasp.contact is not None and margins[1] <= least + SAME * float(np.abs(wrench).max()):
         return "lifts off"  # without a pressing force the others vanish with it
-    return words[margins.index(least)]
+    return must[margins.index(least)].broken

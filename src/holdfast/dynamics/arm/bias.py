@@ -41,17 +41,17 @@ def bias_accelerations(
 ) -> Iterator[tuple[Array, Array]]:
     """Yield zeta(k) = phi^T(k+1, k) zeta(k+1) + a(k) and its K = omega_dot~ + w~ w~, link axes, base to tip.
 
-    a(k) = [w' x h qd; w' x (w' x l)] revolute, [0; w' x (w' x l) + 2 w' x h qd] prismatic,
-    w' the parent's angular velocity (operators.md 2); with the parent's K the linear part
-    carried over is v_dot + K l.
+    a(k) = [w' x h qd; w' x (w' x l) + 2 w' x s qd] for a motion subspace [h; s], w' the parent's
+    angular velocity (operators.md 2); with the parent's K the linear part carried over is v_dot + K l.
     """
     zeta = unrotate(arm.base.R, base_acceleration)
     K = acceleration_gradient(zeta[:3], base_twist[:3] @ arm.base.R)
     for joint, E, l, V, rate in zip(arm.joints, at.E, at.l, twists, qd, strict=True):
         carried = concatenate([zeta[:3], zeta[3:] + K @ l])
-        coriolis = cross(V[:3], rate * joint.axis)  # w x h qd = w' x h qd
-        extra = [coriolis, np.zeros(3)] if joint.kind == "revolute" else [np.zeros(3), 2.0 * coriolis]
-        zeta = unrotate(E, carried) + concatenate(extra)
+        h, s = joint.motion_subspace
+        turning = np.zeros(3) if h is None else cross(V[:3], rate * h)  # w x h qd = w' x h qd
+        sliding = np.zeros(3) if s is None else 2.0 * cross(V[:3], rate * s)
+        zeta = unrotate(E, carried) + concatenate([turning, sliding])
         K = acceleration_gradient(zeta[:3], V[:3])
         yield zeta, K
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from holdfast.dynamics.arm.posture import Posture
 from holdfast.model.arm import Arm
 from holdfast.spatial.scalar import Array, array, concatenate
@@ -12,9 +14,11 @@ def jacobian(arm: Arm, at: Posture) -> Array:
     """Return the Jacobian of the tip point, (6, N), world axes. Cost O(N)."""
     columns = []
     for joint, R, reach in zip(arm.joints, at.R, at.reach, strict=True):
-        axis = R @ joint.axis
-        if joint.kind == "revolute":
-            columns.append(concatenate([axis, cross(axis, reach)]))
+        h, s = joint.motion_subspace
+        along = None if s is None else R @ s
+        if h is None:
+            columns.append(concatenate([np.zeros(3), along]))
         else:
-            columns.append(concatenate([0.0 * axis, axis]))
+            axis = R @ h
+            columns.append(concatenate([axis, cross(axis, reach) if along is None else cross(axis, reach) + along]))
     return array(columns).T

@@ -1,4 +1,7 @@
-"""The joint map H(k): H^T = [h; 0] for a revolute joint, [0; h] for a prismatic one."""
+"""The joint map H(k): H^T = [h; s], the motion subspace of a joint of one degree of freedom.
+
+The angular part h or the linear part s is None where it is zero: revolute [h; 0], prismatic [0; s], screw [h; s].
+"""
 
 from __future__ import annotations
 
@@ -11,19 +14,21 @@ from holdfast.spatial.symmetric import Symmetric6
 
 def project(joint: Joint, f: Array) -> Scalar:
     """Return H f: the part of a link-axes wrench that the joint's drive carries [N m or N]."""
-    return joint.axis @ (f[:3] if joint.kind == "revolute" else f[3:])
+    h, s = joint.motion_subspace
+    if h is None:
+        return s @ f[3:]
+    return h @ f[:3] if s is None else h @ f[:3] + s @ f[3:]
 
 
 def expand(joint: Joint, rate: Scalar) -> Array:
     """Return H^T rate: the link-axes twist (or acceleration) of a joint rate."""
-    turning = rate * joint.axis
-    parts = [turning, np.zeros(3)] if joint.kind == "revolute" else [np.zeros(3), turning]
-    return concatenate(parts)
+    return concatenate([np.zeros(3) if part is None else rate * part for part in joint.motion_subspace])
 
 
 def column(joint: Joint, P: Symmetric6) -> Array:
     """Return P H^T, a 6-vector."""
-    h = joint.axis
-    if joint.kind == "revolute":
-        return concatenate([P.aa @ h, h @ P.al])
-    return concatenate([P.al @ h, P.ll @ h])
+    h, s = joint.motion_subspace
+    if h is None:
+        return concatenate([P.al @ s, P.ll @ s])
+    turning = concatenate([P.aa @ h, h @ P.al])
+    return turning if s is None else turning + concatenate([P.al @ s, P.ll @ s])

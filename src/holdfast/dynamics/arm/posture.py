@@ -30,10 +30,12 @@ class Posture(NamedTuple):
 
 def joint_placement(joint: Joint, q: Scalar) -> tuple[Array, Array]:
     """Return (E, l): rotation from link axes to parent axes, and O_k from the parent's origin."""
-    if joint.kind == "revolute":
+    h, s = joint.motion_subspace
+    E, l = joint.placement.R, joint.placement.p
+    if h is not None:
         fixed, cosine, sine = joint.rotation_parts
-        return fixed + cos(q) * cosine + sin(q) * sine, joint.placement.p
-    return joint.placement.R, joint.placement.p + q * joint.parent_axis
+        E = fixed + cos(q) * cosine + sin(q) * sine
+    return E, l if s is None else l + q * joint.parent_shift
 
 
 def posture(arm: Arm, q: Array) -> Posture:

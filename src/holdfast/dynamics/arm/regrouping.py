@@ -27,7 +27,7 @@ def regrouped(arm: Arm) -> Arm:
     inertias = [link.spatial_inertia for link in arm.links]
     for k in range(arm.joint_count - 1, 0, -1):
         joint = arm.joints[k]
-        if joint.kind == "revolute":
+        if joint.motion_subspace[1] is None:
             rod = rod_within(inertias[k], joint)
             inertias[k] = inertias[k].minus(rod)
             # the axis stands still in the link before, so any position of the joint will do

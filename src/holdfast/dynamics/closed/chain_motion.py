@@ -113,7 +113,7 @@ def arm_and_grasp(given: ArmInputs, grasp: Grasp | None, frame: Pose, twist: Arr
         twist: (6,) of C, world axes.
     """
     motion = arm_motion(given)
-    return motion, None if grasp is None else contact(grasp, frame, twist, motion.tip_twist)
+    return motion, None if grasp is None else contact(grasp, frame, twist, motion.at.tip.R, motion.tip_twist)
 
 
 def chain_at_rest(chain: ClosedChain, state: State) -> ChainMotion:
@@ -136,7 +136,8 @@ def chain_at_rest(chain: ClosedChain, state: State) -> ChainMotion:
 def arm_at_rest(arm: Arm, q: Array, grasp: Grasp | None, frame: Pose) -> tuple[ArmMotion, Contact | None]:
     """Return an arm at rest, and its grasp if it has one; see `arm_and_grasp`."""
     none = np.zeros(6)
-    return resting(arm, posture(arm, q)), None if grasp is None else contact(grasp, frame, none, none)
+    at = posture(arm, q)
+    return resting(arm, at), None if grasp is None else contact(grasp, frame, none, at.tip.R, none)
 
 
 def _together(chain: ClosedChain, found: list[tuple[ArmMotion, Contact | None]], body: ObjectMotion) -> ChainMotion:

@@ -24,18 +24,20 @@ class Contact:
 
     Attributes:
         grasp: the grasp.
-        R: (3, 3) contact axes to world axes.
+        R: (3, 3) axes of freedom and transmission, to world axes.
         offset: (3,) l(C, O), from C to the contact point [m].
-        h: (3, n_g) axes of free rotation (identity for a ball).
+        rows: which components of a wrench along `R` it transmits: the rows of K.
+        h: (3, n_g) axes of free rotation.
         W: (n_g,) relative rates, omega_object - omega_tip = h W [rad/s].
         velocity_gap: (6 - n_g,) K (A V(C) - V+): zero when the velocities agree.
         a: (6,) a(C) = [0; w x (w x l)].
-        g: (6,) Hdot^T W = [w_object x h W; 0], and 0 for a ball (h is fixed in the world).
+        g: (6,) Hdot^T W = [w x h W; 0], w of the body that carries the axes h.
     """
 
     grasp: Grasp
     R: Array
     offset: Array
+    rows: tuple[int, ...]
     h: Array
     W: Array
     velocity_gap: Array
@@ -44,15 +46,15 @@ class Contact:
 
     def transmitted(self, x: Array) -> Array:
         """Return K x: the part of a world-axes 6-vector along the transmitted directions."""
-        return unrotate(self.R, x)[list(self.grasp.transmitted)]
+        return unrotate(self.R, x)[list(self.rows)]
 
     def transmissible(self, f: Array) -> Array:
         """Return K^T K f: a wrench about the contact, world axes, free moments taken as exactly 0."""
-        if self.grasp.kind == "rigid":
+        if len(self.rows) == 6:
             return f
-        if self.grasp.kind == "ball":
+        if self.rows == (3, 4, 5):
             return concatenate([np.zeros(3), f[3:]])
-        kept = array([x if i in self.grasp.transmitted else 0.0 for i, x in enumerate(unrotate(self.R, f))])
+        kept = array([x if i in self.rows else 0.0 for i, x in enumerate(unrotate(self.R, f))])
         return rotate(self.R, kept)
 
     def about(self, centre: Array, centripetal: Array) -> Contact:
@@ -68,7 +70,7 @@ class Contact:
     @property
     def K(self) -> Array:
         """(6 - n_g, 6) orthonormal rows along the transmitted directions, world axes."""
-        return array([rotate(self.R, row) for row in self.grasp.transmission])
+        return array([rotate(self.R, row) for row in np.eye(6)[list(self.rows)]])
 
     @property
     def HT(self) -> Array:
@@ -76,29 +78,35 @@ class Contact:
         return np.vstack([self.h, 0.0 * self.h])
 
 
-def contact(grasp: Grasp, object_frame: Pose, object_twist: Array, tip_twist: Array) -> Contact:
+def contact(grasp: Grasp, object_frame: Pose, object_twist: Array, tip: Array, tip_twist: Array) -> Contact:
     """Return the grasp in motion.
 
     Args:
         grasp: the grasp.
         object_frame: pose of the object (origin C) in the world.
         object_twist: (6,) of C, world axes.
+        tip: (3, 3) attitude of the arm's tip in the world.
         tip_twist: (6,) of the arm's tip point, world axes.
     """
-    R = object_frame.R @ grasp.frame.R
+    kind = grasp.of_kind
+    R = kind.axes(object_frame.R @ grasp.frame.R, tip)
     offset = object_frame.R @ grasp.frame.p
     gap = shift_twist(offset, object_twist) - tip_twist
-    h = np.eye(3) if grasp.kind == "ball" else R[:, list(grasp.free)]
+    h = np.eye(3) if "world" in kind.carried_by else R[:, list(kind.free)]
     W = gap[:3] @ h
-    w = object_twist[:3]
-    turning = np.zeros(3) if grasp.kind in ("rigid", "ball") else cross(w, h @ W)
+    turning = np.zeros(3)
+    for body, w in (("object", object_twist[:3]), ("tip", tip_twist[:3])):
+        axes = kind.axes_carried_by(body)
+        if axes:
+            turning = turning + cross(w, h[:, axes] @ W[axes])
     return Contact(
         grasp,
         R,
         offset,
+        kind.transmitted,
         h,
         W,
-        unrotate(R, gap)[list(grasp.transmitted)],
-        concatenate([np.zeros(3), centripetal(w, offset)]),
+        unrotate(R, gap)[list(kind.transmitted)],
+        concatenate([np.zeros(3), centripetal(object_twist[:3], offset)]),
         concatenate([turning, np.zeros(3)]),
     )

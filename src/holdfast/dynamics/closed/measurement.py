@@ -93,11 +93,11 @@ def measurement(c: Contact, tip: TipResponse) -> Measurement:
     turning, moving = block_sizes(tip.mobility)
     summed = moving + tip.length * tip.length * turning  # levers are sums of links
     lever, most = c.offset @ c.offset, len(tip.pivots)
-    if c.grasp.kind == "rigid":
+    if len(c.rows) == 6:
         R = tip.mobility.mobility_shifted(-c.offset).dense()
         extent = array([turning, summed + lever * turning, moving + lever * turning, 0.0 * turning])
         return Measurement(np.eye(6), R, shift_twist(-c.offset, r), extent, ANGULAR, most, True)
-    rows = list(c.grasp.transmitted)
+    rows = list(c.rows)
     C = array([shift_wrench(c.offset, row) for row in c.K])  # (K A)^T = A^T K^T
     R = tip.mobility.rotated(c.R.T).dense()[rows][:, rows]
     angular = tuple(ANGULAR[i] for i in rows)

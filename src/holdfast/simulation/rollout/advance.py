@@ -21,14 +21,13 @@ from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.energy import power_of
 from holdfast.dynamics.margins import (
     JointLimits,
-    friction_conditions,
     least_margin,
-    limit_conditions,
     margins_of_joints,
 )
 from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, Gap, after_step, largest_gaps
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.grasp import GraspKind
+from holdfast.model.grasp_kinds import GRASP_KINDS
+from holdfast.model.wrench_condition import largest_force_and_moment
 from holdfast.simulation.balance import work_rates
 from holdfast.simulation.friction import friction_torque, joint_friction
 from holdfast.simulation.instant import WORST_CONDITION, rates
@@ -182,7 +181,7 @@ def grasp_margins(chain: ClosedChain, given: Given, R: Array, wrenches: Array) -
     return array(found)
 
 
-def contact_margin(kind: GraspKind, contact: Array, f: Array) -> Scalar:
+def contact_margin(kind: str, contact: Array, f: Array) -> Scalar:
     """Return the margin of one grasp [N].
 
     Args:
@@ -191,10 +190,11 @@ def contact_margin(kind: GraspKind, contact: Array, f: Array) -> Scalar:
         f: (6,) wrench, contact axes.
     """
     one_sided, mu, size, moment, force, lever = contact
-    strength = least_margin(limit_conditions(moment, force, lever), f)
-    if kind == "rigid":
+    strength = least_margin(largest_force_and_moment(moment, force, lever), f)
+    friction = GRASP_KINDS[kind].friction
+    if friction is None:
         return strength
-    pressed = least_margin(friction_conditions(kind, mu, size), f)
+    pressed = least_margin(friction(mu, size), f)
     return minimum(strength, where(one_sided > 0.5, pressed, float("inf")))
 
 

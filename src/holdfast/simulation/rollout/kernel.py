@@ -163,7 +163,6 @@ def _contact(chain: ClosedChain) -> Array:
     rows: list[list[float]] = []
     for grasp in chain.grasps.values():
         contact, limits = grasp.contact, grasp.wrench_limits or WrenchLimits()
-        size = None if contact is None else contact.half_length if grasp.kind == "hinge" else contact.torsion_radius
-        one_sided = [0.0, 1.0, 1.0] if contact is None else [1.0, contact.mu, size or 1.0]
+        one_sided = [0.0, 1.0, 1.0] if contact is None else [1.0, contact.mu, grasp.contact_size or 1.0]
         rows.append([*one_sided, limits.moment, limits.force, limits.lever])
     return np.array(rows, dtype=float).reshape(len(rows), 6)

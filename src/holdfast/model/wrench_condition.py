@@ -1,0 +1,53 @@
+"""A condition that a grasp's wrench must satisfy: a cone, or a bound on a length."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.spatial.scalar import Array, Scalar, array, sqrt
+
+# The components of a wrench in contact axes; the normal points into the object.
+MOMENT_X, MOMENT_Y, MOMENT_Z, FORCE_X, FORCE_Y, NORMAL = np.eye(6)
+
+
+class Condition(NamedTuple):
+    """One condition on a wrench in contact axes: constant + pressing . f >= |loading f|.
+
+    Attributes:
+        constant: c [N].
+        pressing: (6,) a.
+        loading: (rows, 6) B.
+        broken: what the grasp does where the condition is broken, e.g. "slips".
+    """
+
+    constant: Scalar
+    pressing: Array
+    loading: Array
+    broken: str
+
+    def margin(self, wrench: Array) -> Scalar:
+        """Return c + a.f - |B f| [N]."""
+        load = self.loading @ wrench
+        return self.constant + self.pressing @ wrench - sqrt(load @ load)
+
+
+def friction_cone(mu: Scalar, *further: Array) -> tuple[Condition, ...]:
+    """Return the conditions of a contact that presses and does not slide.
+
+    Args:
+        mu: friction coefficient.
+        further: (6,) what else uses up friction besides the tangential force, in newtons.
+    """
+    sliding = Condition(0.0, mu * NORMAL, array([FORCE_X, FORCE_Y, *further]), "slips")
+    return sliding, Condition(0.0, NORMAL, np.zeros((1, 6)), "lifts off")
+
+
+def largest_force_and_moment(moment: Scalar, force: Scalar, lever: Scalar) -> tuple[Condition, ...]:
+    """Return the conditions of a largest moment [N m] and force [N]; `lever` [m] turns moments into forces."""
+    none, unit = np.zeros(6), np.eye(6)
+    return (
+        Condition(force, none, unit[3:], "gives way to the force"),
+        Condition(moment / lever, none, unit[:3] / lever, "gives way to the moment"),
+    )
