@@ -10,7 +10,7 @@ from holdfast.dynamics.rank import (
     generic_constraint_rank,
     regularity,
     velocities_are_motions,
-    verdict,
+    status_at,
 )
 from tests.dynamics.problems import CASES, motion_of, relative_gap, stored
 from tests.dynamics.rescaled import rescaled
@@ -74,7 +74,7 @@ def test_collinear_arms(opposed, seed):
     if opposed:  # locked: an allowed velocity goes nowhere
         assert not velocities_are_motions(p.chain, p.state)
     with pytest.raises(SingularChainError, match=r"rank 11 of 12 here, .*: a singular configuration.*diagnose"):
-        verdict(p.chain, p.state, 11)
+        status_at(p.chain, p.state, 11)
 
 
 @pytest.mark.parametrize("angle", [0.5, 1e-2, 0.0])
@@ -86,10 +86,10 @@ def test_parallelogram(angle):
     assert generic_constraint_rank(p.chain, p.state) == 9
     if angle == 0.0:
         with pytest.raises(SingularChainError, match="rank 8 of 12 here, but 9 nearby"):
-            verdict(p.chain, p.state, rank)
+            status_at(p.chain, p.state, rank)
     else:
         assert velocities_are_motions(p.chain, p.state)
-        assert verdict(p.chain, p.state, rank) is Status.INDETERMINATE_FORCES
+        assert status_at(p.chain, p.state, rank) is Status.INDETERMINATE_FORCES
 
 
 @pytest.mark.parametrize("tilted", [False, True])
@@ -104,7 +104,7 @@ def test_straight_arms_are_no_singularity():
     """Three straight arms on different lines: full rank all the same."""
     p = as_chain(one_straight_arm_of_three(0.0, which=(0, 1, 2)))
     assert constraint_rank(p.chain, p.state) == 18
-    assert verdict(p.chain, p.state, 18) is Status.OK
+    assert status_at(p.chain, p.state, 18) is Status.OK
 
 
 def test_known_generic_rank_is_trusted():
@@ -114,12 +114,12 @@ def test_known_generic_rank_is_trusted():
     found = regularity(p.chain, p.state, 11, generic=12)
     assert (found.kind, found.generic_rank) == ("singular", 12)
     with pytest.raises(SingularChainError, match="but 12 in general"):
-        verdict(p.chain, p.state, 11, 12)
+        status_at(p.chain, p.state, 11, 12)
     assert regularity(p.chain, p.state, 12).kind == "regular"
 
 
 def test_weakest_direction_grows_with_the_bend():
-    """Near a singularity the smallest singular value goes with the angle: no jump, no early verdict."""
+    """Near a singularity the smallest singular value goes with the angle: no jump, no early status_at."""
     sizes = []
     for angle in (1e-3, 1e-4, 1e-5):
         p = as_chain(planar_parallelogram(angle))

@@ -95,10 +95,8 @@ class Problem:
         free = hf.ClosedChain(arms, body, {})
         q, held = random.normal(size=free.joint_count, scale=0.5), pose(0.3)
         tips = {name: hf.tip_pose(arm, q[free.joints[name]]) for name, arm in arms.items()}
-        turned = {
-            name: rotation.exp(np.array([0.7, 0.0, 0.0])) @ rotation.exp(np.array([0.0, -0.4, 0.0])) if kind == "universal" else np.eye(3)
-            for name, kind in KINDS.items()
-        }
+        about_x, about_y = rotation.exp(np.array([0.7, 0.0, 0.0])), rotation.exp(np.array([0.0, -0.4, 0.0]))
+        turned = {name: about_x @ about_y if kind == "universal" else np.eye(3) for name, kind in KINDS.items()}
         grasps = {
             name: hf.Grasp(kind, held.inverse() @ hf.Pose(tips[name].R @ turned[name], tips[name].p))
             for name, kind in KINDS.items()

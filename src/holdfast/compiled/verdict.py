@@ -91,7 +91,7 @@ def require_answer(compiled: CompiledChain, found: Mapping[str, Array], result: 
     """
     status = int(result.array("status"))
     if status == SINGULAR:
-        rank.verdict(*system(compiled.chain, found, 0), result.rank, compiled.generic_rank)
+        rank.status_at(*system(compiled.chain, found, 0), result.rank, compiled.generic_rank)
     if status == INVALID:
         raise reason(compiled.chain, found)
 

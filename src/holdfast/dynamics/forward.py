@@ -77,14 +77,14 @@ def forward_dynamics(
     for name, pivots in zip(chain.grasps, regular.pivots, strict=True):
         _require_inertia(name, pivots)
     _require_finite(regular)
-    verdict = rank.verdict(chain, state, int(regular.rank), generic_rank)
+    status = rank.status_at(chain, state, int(regular.rank), generic_rank)
     try:  # without a grasp there is nothing to solve for: object and arms are alone
         found = regular if chosen.solve is sequential or not chain.grasps else chosen.solve(motion)
     except MethodNotApplicable as cause:
         raise MethodNotApplicable(f"{chosen.name}: {cause}") from cause
-    if verdict is Status.INDETERMINATE_FORCES:
+    if status is Status.INDETERMINATE_FORCES:
         found = indeterminate.with_smallest_forces(motion, found)
-    return _assemble(motion, found, regular, verdict, chosen.name)
+    return _assemble(motion, found, regular, status, chosen.name)
 
 
 def _require_finite(found: Solution) -> None:

@@ -55,7 +55,7 @@ def constraint_impulses(
     tips = each(gap_response, motion.holding, mismatch)
     still = each(lambda c: replace(c, a=none, g=none), contacts)
     found = object_filter(still, tips, motion.body.free.at_rest())
-    changes = each(lambda tip, impulse: tip.back(impulse)[0], tips, found.wrenches)
+    changes = each(lambda tip, impulse: tip.back_substitute(impulse)[0], tips, found.wrenches)
     of_arm = dict(zip(chain.grasps, changes, strict=True))
     dqd = [of_arm.get(name, np.zeros(arm.joint_count)) for name, arm in chain.arms.items()]
     return concatenate(dqd), found.object_acceleration, found.wrenches

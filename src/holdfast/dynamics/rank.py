@@ -145,7 +145,7 @@ def regularity(chain: ClosedChain, state: State, rank: int, generic: int | None 
     return Regularity("indeterminate", generic, "")
 
 
-def verdict(chain: ClosedChain, state: State, rank: int, generic: int | None = None) -> Status:
+def status_at(chain: ClosedChain, state: State, rank: int, generic: int | None = None) -> Status:
     """Return whether forces are unique at a configuration of the given rank.
 
     Raises:

@@ -19,7 +19,7 @@ def test_routes_agree(seed):
     f = 10 * np.random.default_rng(seed).normal(size=6)
     assert relative_gap(a.mobility.dense(), b.mobility.dense()) < 1e-11
     assert relative_gap(a.free_acceleration, b.free_acceleration) < 1e-11
-    for x, y in zip(a.back(f), b.back(f), strict=True):
+    for x, y in zip(a.back_substitute(f), b.back_substitute(f), strict=True):
         assert relative_gap(x, y) < 1e-10
 
 
@@ -29,7 +29,7 @@ def test_back(seed, route):
     """qdd = M^-1 (T' - J^T f), and the base wrench is Newton and Euler's for it."""
     motion = random_motion(seed)
     f = 10 * np.random.default_rng(seed).normal(size=6)
-    qdd, base = tip_response(motion, route).back(f)
+    qdd, base = tip_response(motion, route).back_substitute(f)
     assert relative_gap(qdd, articulated(motion, motion.torque, f)) < 1e-10
     assert relative_gap(base, newton_euler(motion, qdd, f)[1]) < 1e-10
 

@@ -82,8 +82,8 @@ def whiten(
     for k in reversed(range(N)):
         if wrenches is not None:
             z = z + wrenches[k]
-        share = project(arm.joints[k], z)
-        eps[k] = -share if torque is None else torque[k] - share
+        felt = project(arm.joints[k], z)
+        eps[k] = -felt if torque is None else torque[k] - felt
         z = shift_wrench(at.l[k], rotate(at.E[k], z + filter.G[k] * eps[k]))
     return array(eps), z
 

@@ -58,14 +58,14 @@ def updated(P: FactoredMobility, c: Array, d: Scalar, least: Scalar) -> tuple[Fa
     rounding of zero: alpha would be so small that f_j / alpha overflows.
     """
     f = [c @ w for w in P.w]
-    shares = [D * fj * fj for D, fj in zip(P.D, f, strict=True)]
-    sigma = sum(shares, start=d)
+    summands = [D * fj * fj for D, fj in zip(P.D, f, strict=True)]
+    sigma = sum(summands, start=d)
     alive = sigma > least
     seen = where(alive, NOTHING * sigma, float("inf"))
     alpha, k = d, np.zeros(6)
     D_new, w_new = [], []
-    for D, w, fj, share in zip(P.D, P.w, f, shares, strict=True):
-        fj = where(share > seen, fj, 0.0)
+    for D, w, fj, summand in zip(P.D, P.w, f, summands, strict=True):
+        fj = where(summand > seen, fj, 0.0)
         v = D * fj
         above = alpha + v * fj
         some = alpha > 0.0

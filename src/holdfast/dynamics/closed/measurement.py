@@ -68,16 +68,16 @@ class Measurement(NamedTuple):
         return array([turning if angular else along for angular in self.angular])
 
 
-class Step(NamedTuple):
+class Update(NamedTuple):
     """What is left of one arm for the way back.
 
     Attributes:
-        back: s (6,), the wrench at G of everything behind -> the arm's own, C^T lambda.
+        back_substitute: s (6,), the wrench at G of everything behind -> the arm's own, C^T lambda.
         kept: how many of its rows are independent of those before.
         weakest: the smallest pivot kept, relative to a typical one.
     """
 
-    back: Callable[[Array], Array]
+    back_substitute: Callable[[Array], Array]
     kept: Scalar
     weakest: Scalar
 

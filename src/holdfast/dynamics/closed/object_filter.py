@@ -8,7 +8,7 @@ K_i^T lambda_i. With C = K_i A_i, R = K_i Lambda_i K_i^T, S = R + C P C^T:
     back:  lambda = S^-1 (K r - C x) - S^-1 C P s,   s += C^T lambda
 
 P is brought down without subtracting: where a rigid grasp measures all of alpha(C) as a parallel
-sum (`rigid_step`), elsewhere in factors (`row_steps`). The order of the arms is free, so parallel
+sum (`rigid_update`), elsewhere in factors (`row_updates`). The order of the arms is free, so parallel
 sums come first: after one of them P is of the arms' size, however light the object. An arm of
 fewer than six joints holds alpha(G) fast in some directions; its rows say so exactly, where the
 rounding of a 6x6 R would let a heavy object move. No Lambda_i and no Omega need be regular.
@@ -22,10 +22,10 @@ import numpy as np
 
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored
-from holdfast.dynamics.closed.measurement import Measurement, Step, block_sizes, measurement, size_at_centre
+from holdfast.dynamics.closed.measurement import Measurement, Update, block_sizes, measurement, size_at_centre
 from holdfast.dynamics.closed.object_motion import FreeBody, acceleration_at_C
-from holdfast.dynamics.closed.rigid_step import last_rigid_step, rigid_step
-from holdfast.dynamics.closed.row_steps import row_steps
+from holdfast.dynamics.closed.rigid_update import rigid_update, terminal_update
+from holdfast.dynamics.closed.row_updates import row_updates
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.spatial.scalar import Array, Scalar, array, each, maximum, minimum, scan
 from holdfast.spatial.spatial_vector import shift_wrench
@@ -75,7 +75,7 @@ def object_filter(contacts: list[Contact], tips: list[TipResponse], body: FreeBo
         rigid_arm, (body.acceleration, dense, size, freedoms, 1.0), [seen[i] for i in first]
     )
     if last is not None:
-        (end,) = each(lambda m: last_rigid_step(x, P, m, size, body.wrench), [seen[last]])
+        (end,) = each(lambda m: terminal_update(x, P, m, size, body.wrench), [seen[last]])
         alpha, P, kept, weakest = end.acceleration, end.mobility, kept + end.kept, minimum(weakest, end.weakest)
         s, rows, from_rows = body.wrench + end.wrench, [], [end.wrench]
     else:
@@ -84,8 +84,8 @@ def object_filter(contacts: list[Contact], tips: list[TipResponse], body: FreeBo
             lambda carry, m: arm_by_rows(carry, m, size), (x, factors, kept, weakest), [seen[i] for i in then]
         )
         alpha, P = x + factors.apply(body.wrench), factors.dense()
-        s, from_rows = scan(back, body.wrench, rows[::-1])
-    s, from_sums = scan(back, s, sums[::-1])
+        s, from_rows = scan(back_substituted, body.wrench, rows[::-1])
+    s, from_sums = scan(back_substituted, s, sums[::-1])
 
     order = [*first, *([] if last is None else [last]), *then]
     found = dict(zip(order, [*from_sums[::-1], *from_rows[::-1]], strict=True))
@@ -94,26 +94,26 @@ def object_filter(contacts: list[Contact], tips: list[TipResponse], body: FreeBo
     return ObjectSolution(wrenches, acceleration_at_C(body.centre, body.centripetal, alpha), mobility, kept, weakest)
 
 
-def rigid_arm(carry: tuple[Array, Array, Array, Scalar, Scalar], m: Measurement) -> tuple[tuple[Any, ...], Step]:
-    """Return the filter after an arm taken as a parallel sum, and its step back."""
+def rigid_arm(carry: tuple[Array, Array, Array, Scalar, Scalar], m: Measurement) -> tuple[tuple[Any, ...], Update]:
+    """Return the filter after an arm taken as a parallel sum, and its back-substitution."""
     x, P, size, kept, weakest = carry
-    x, P, step = rigid_step(x, P, m, size)
+    x, P, update = rigid_update(x, P, m, size)
     size = minimum(size, size_at_centre(m.extent))
-    return (x, P, size, kept + step.kept, minimum(weakest, step.weakest)), step
+    return (x, P, size, kept + update.kept, minimum(weakest, update.weakest)), update
 
 
 def arm_by_rows(
     carry: tuple[Array, FactoredMobility, Scalar, Scalar], m: Measurement, size: Array
-) -> tuple[tuple[Any, ...], Step]:
-    """Return the filter after an arm taken by its rows, and its step back."""
+) -> tuple[tuple[Any, ...], Update]:
+    """Return the filter after an arm taken by its rows, and its back-substitution."""
     x, P, kept, weakest = carry
-    x, P, step = row_steps(x, P, m, size)
-    return (x, P, kept + step.kept, minimum(weakest, step.weakest)), step
+    x, P, update = row_updates(x, P, m, size)
+    return (x, P, kept + update.kept, minimum(weakest, update.weakest)), update
 
 
-def back(s: Array, step: Step) -> tuple[Array, Array]:
+def back_substituted(s: Array, update: Update) -> tuple[Array, Array]:
     """Return the wrench at G of everything behind an arm and of the arm itself, and the arm's own."""
-    from_arm = step.back(s)
+    from_arm = update.back_substitute(s)
     return s + from_arm, from_arm
 
 

@@ -21,12 +21,12 @@ def sequential(motion: ChainMotion, route: Route = "auto") -> Solution:
     """
     tips = each(lambda arm: tip_response(arm, route), motion.holding)
     found = object_filter(motion.contacts, tips, motion.body.free)
-    back = each(responded, tips, found.wrenches)
+    answers = each(responded, tips, found.wrenches)
     return Solution(
-        qdd=[qdd for qdd, _ in back],
+        qdd=[qdd for qdd, _ in answers],
         wrenches=found.wrenches,
         object_acceleration=found.object_acceleration,
-        base_wrenches=[base for _, base in back],
+        base_wrenches=[base for _, base in answers],
         pivots=[tip.pivots for tip in tips],
         rank=found.rank,
         weakest_pivot=found.weakest_pivot,

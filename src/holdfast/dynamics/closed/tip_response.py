@@ -40,14 +40,14 @@ class TipResponse(NamedTuple):
         mobility: Lambda(0).
         free_acceleration: (6,) alpha_f(0), less [0; g].
         pivots: (N,) positive for a proper arm: D, or the squared Cholesky diagonal.
-        back: f (6,) -> (qdd (N,), base wrench (6,) about the base origin, world axes).
+        back_substitute: f (6,) -> (qdd (N,), base wrench (6,) about the base origin, world axes).
         length: of the arm stretched out, which levers are sums of [m].
     """
 
     mobility: Symmetric6
     free_acceleration: Array
     pivots: Array
-    back: Callable[[Array], tuple[Array, Array]]
+    back_substitute: Callable[[Array], tuple[Array, Array]]
     length: float
 
 
@@ -66,13 +66,13 @@ def recursive(motion: ArmMotion) -> TipResponse:
     _, tip = smooth(arm, at, filter, eps / filter.D)
     R = at.R[-1]
 
-    def back(f: Array) -> tuple[Array, Array]:
-        share, base_share = whiten(arm, at, filter, None, None, unrotate(R, f))
-        qdd, _ = smooth(arm, at, filter, (eps + share) / filter.D)
-        return qdd, rotate(arm.base.R, at_base + base_share)
+    def back_substitute(f: Array) -> tuple[Array, Array]:
+        from_wrench, base_from_wrench = whiten(arm, at, filter, None, None, unrotate(R, f))
+        qdd, _ = smooth(arm, at, filter, (eps + from_wrench) / filter.D)
+        return qdd, rotate(arm.base.R, at_base + base_from_wrench)
 
     mobility = tip_mobility(arm, at, filter).rotated(R)
-    return TipResponse(mobility, rotate(R, tip) + motion.bias.tip_acceleration, filter.D, back, arm.length)
+    return TipResponse(mobility, rotate(R, tip) + motion.bias.tip_acceleration, filter.D, back_substitute, arm.length)
 
 
 def by_mass_matrix(motion: ArmMotion) -> TipResponse:
@@ -85,13 +85,13 @@ def by_mass_matrix(motion: ArmMotion) -> TipResponse:
     X = forward_substitution(L, J.T)
     x = forward_substitution(L, motion.torque - C)
 
-    def back(f: Array) -> tuple[Array, Array]:
+    def back_substitute(f: Array) -> tuple[Array, Array]:
         qdd = back_substitution(L, x - X @ f)
         at_first = rotate(at.R[0], at_rest + per_joint @ qdd) + shift_wrench(at.reach[0], f)
         return qdd, shift_wrench(arm.base.R @ at.l[0], at_first)
 
     pivots = np.diag(L) * np.diag(L)
-    return TipResponse(symmetric6(X.T @ X), x @ X + motion.bias.tip_acceleration, pivots, back, arm.length)
+    return TipResponse(symmetric6(X.T @ X), x @ X + motion.bias.tip_acceleration, pivots, back_substitute, arm.length)
 
 
 def responded(tip: TipResponse, f: Array) -> tuple[Array, Array]:
@@ -99,7 +99,7 @@ def responded(tip: TipResponse, f: Array) -> tuple[Array, Array]:
 
     The accelerations are not-a-number where the arm's mass matrix is singular.
     """
-    qdd, base = tip.back(f)
+    qdd, base = tip.back_substitute(f)
     largest: Scalar = 0.0
     for pivot in tip.pivots:
         largest = maximum(largest, pivot)

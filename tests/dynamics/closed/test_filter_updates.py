@@ -5,8 +5,8 @@ import pytest
 
 from holdfast.dynamics.closed.factored_mobility import factored
 from holdfast.dynamics.closed.measurement import Measurement
-from holdfast.dynamics.closed.rigid_step import rigid_step
-from holdfast.dynamics.closed.row_steps import independent_rows, row_steps
+from holdfast.dynamics.closed.rigid_update import rigid_update
+from holdfast.dynamics.closed.row_updates import independent_rows, row_updates
 from tests.dynamics.problems import relative_gap
 
 seeds = pytest.mark.parametrize("seed", range(8))
@@ -39,11 +39,11 @@ def expected(x, P, m: Measurement, s):
 
 @seeds
 @pytest.mark.parametrize("rank", [None, 4, 1])
-def test_rigid_step(seed, rank):
+def test_rigid_update(seed, rank):
     """The parallel sum P (P + R)^-1 R, also of a singular R: six rows at once."""
     x, P, m, size, s = drawn(seed, 6, rank)
-    got_x, got_P, step = rigid_step(x, P, m, size)
-    for got, want in zip((got_x, got_P, step.back(s)), expected(x, P, m, s), strict=True):
+    got_x, got_P, step = rigid_update(x, P, m, size)
+    for got, want in zip((got_x, got_P, step.back_substitute(s)), expected(x, P, m, s), strict=True):
         assert np.abs(got - want).max() < 1e-9 * max(np.abs(want).max(), np.abs(P).max())
     np.testing.assert_array_equal(got_P, got_P.T)
     assert step.kept == 6
@@ -52,11 +52,11 @@ def test_rigid_step(seed, rank):
 
 @seeds
 @pytest.mark.parametrize(("rows", "rank"), [(5, None), (4, None), (3, None), (5, 3), (4, 1)])
-def test_row_steps(seed, rows, rank):
+def test_row_updates(seed, rows, rank):
     """Independent rows one by one give the same; rows along which the arm cannot move included."""
     x, P, m, size, s = drawn(seed, rows, rank)
-    got_x, factors, step = row_steps(x, factored(P, np.diag(P)), m, size)
-    for got, want in zip((got_x, factors.dense(), step.back(s)), expected(x, P, m, s), strict=True):
+    got_x, factors, step = row_updates(x, factored(P, np.diag(P)), m, size)
+    for got, want in zip((got_x, factors.dense(), step.back_substitute(s)), expected(x, P, m, s), strict=True):
         assert np.abs(got - want).max() < 1e-9 * max(np.abs(want).max(), np.abs(P).max())
     assert step.kept == rows
     assert min(factors.D) >= 0
@@ -81,13 +81,13 @@ def test_rows_seen_before():
     """A second arm that says the same and cannot yield adds no rank and no force of its own."""
     x, P, m, size, s = drawn(0, 4)
     hard = m._replace(R=np.zeros((4, 4)), r=m.C @ np.arange(6.0))
-    x1, once, first = row_steps(x, factored(P, np.diag(P)), hard, size)
-    x2, twice, second = row_steps(x1, once, hard, size)
+    x1, once, first = row_updates(x, factored(P, np.diag(P)), hard, size)
+    x2, twice, second = row_updates(x1, once, hard, size)
     assert (first.kept, second.kept) == (4, 0)
     np.testing.assert_array_equal(twice.dense(), once.dense())
     np.testing.assert_allclose(x2, x1, atol=1e-12)
     np.testing.assert_allclose(m.C @ x1, hard.r, atol=1e-9)
-    np.testing.assert_array_equal(second.back(s), np.zeros(6))
+    np.testing.assert_array_equal(second.back_substitute(s), np.zeros(6))
 
 
 def test_factors():

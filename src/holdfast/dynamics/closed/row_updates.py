@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, updated
-from holdfast.dynamics.closed.measurement import Measurement, Step
+from holdfast.dynamics.closed.measurement import Measurement, Update
 from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.scalar import Array, Scalar, array, minimum, select, where
 from holdfast.spatial.vector import outer
@@ -15,8 +15,8 @@ ROUNDING = 1e-15
 SAME = 1e-12  # scaled pivots closer than this are taken for equal
 
 
-def row_steps(x: Array, P: FactoredMobility, m: Measurement, size: Array) -> tuple[Array, FactoredMobility, Step]:
-    """Return x, P after one arm, and its step back.
+def row_updates(x: Array, P: FactoredMobility, m: Measurement, size: Array) -> tuple[Array, FactoredMobility, Update]:
+    """Return x, P after one arm, and its back-substitution.
 
     Per independent row c alpha(G) = r - d lambda: sigma = c P c^T + d, k = P c^T, nu = (r - c x) /
     sigma, x += k nu, P -= k k^T / sigma; back: lambda = nu - (k . s) / sigma, s += c^T lambda.
@@ -34,13 +34,13 @@ def row_steps(x: Array, P: FactoredMobility, m: Measurement, size: Array) -> tup
         kept = kept + where(alive, 1, 0)
         weakest = minimum(weakest, where(alive, sigma / where(alive, typical, 1.0), 1.0))
 
-    def back(s: Array) -> Array:
+    def back_substitute(s: Array) -> Array:
         from_arm = np.zeros(6)
         for c, gain, nu in reversed(rows):
             from_arm = from_arm + (nu - gain @ (s + from_arm)) * c
         return from_arm
 
-    return x, P, Step(back, kept, weakest)
+    return x, P, Update(back_substitute, kept, weakest)
 
 
 def independent_rows(m: Measurement, scale: Array, typical: Array) -> tuple[list[Scalar], Array]:

@@ -6,14 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.closed.measurement import Measurement, Step
+from holdfast.dynamics.closed.measurement import Measurement, Update
 from holdfast.spatial.linalg import RANK_TOLERANCE, ldl, ldl_solve
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.spatial.symmetric import mirrored
 
 
-def rigid_step(x: Array, P: Array, m: Measurement, size: Array) -> tuple[Array, Array, Step]:
-    """Return x, P after a rigidly held arm, and its step back.
+def rigid_update(x: Array, P: Array, m: Measurement, size: Array) -> tuple[Array, Array, Update]:
+    """Return x, P after a rigidly held arm, and its back-substitution.
 
     S = P + R,  Gt = S^-1 P,  nu = S^-1 (r - x);  x += P nu,  P = P S^-1 R = Gt^T R: nothing is
     subtracted, and R may be singular (beyond.md 1(b')). Null pivots of S are dropped.
@@ -21,12 +21,12 @@ def rigid_step(x: Array, P: Array, m: Measurement, size: Array) -> tuple[Array, 
     S = ldl(P + m.R, m.pivot_sizes(size), RANK_TOLERANCE, m.typical_pivots(size))
     gain = ldl_solve(S, P)
     nu = ldl_solve(S, m.r - x)
-    step = Step(lambda s: nu - gain @ s, S.kept, S.weakest)
-    return x + P @ nu, mirrored(gain.T @ m.R), step
+    update = Update(lambda s: nu - gain @ s, S.kept, S.weakest)
+    return x + P @ nu, mirrored(gain.T @ m.R), update
 
 
-class LastStep(NamedTuple):
-    """Where the filter turns round, at a rigidly held arm.
+class TerminalUpdate(NamedTuple):
+    """The update by the last arm, a rigidly held one, after which only back-substitution is left.
 
     Attributes:
         acceleration: (6,) alpha(G), the external wrench on the object included.
@@ -43,8 +43,8 @@ class LastStep(NamedTuple):
     weakest: Scalar
 
 
-def last_rigid_step(x: Array, P: Array, m: Measurement, size: Array, w: Array) -> LastStep:
-    """Return what `rigid_step` and its way back come to at the last arm: two solves instead of seven.
+def terminal_update(x: Array, P: Array, m: Measurement, size: Array, w: Array) -> TerminalUpdate:
+    """Return what `rigid_update` and its way back come to at the last arm: two solves instead of seven.
 
     z = S^-1 P w:  lambda = nu - z,  alpha(G) = x + P nu + R z, as P S^-1 R = R S^-1 P.
 
@@ -57,4 +57,4 @@ def last_rigid_step(x: Array, P: Array, m: Measurement, size: Array, w: Array) -
     """
     S = ldl(P + m.R, m.pivot_sizes(size), RANK_TOLERANCE, m.typical_pivots(size))
     nu, z = ldl_solve(S, np.column_stack([m.r - x, P @ w])).T
-    return LastStep(x + P @ nu + m.R @ z, nu - z, mirrored(ldl_solve(S, P).T @ m.R), S.kept, S.weakest)
+    return TerminalUpdate(x + P @ nu + m.R @ z, nu - z, mirrored(ldl_solve(S, P).T @ m.R), S.kept, S.weakest)
