@@ -9,8 +9,8 @@ from holdfast.dynamics.rank import (
     constraint_rank,
     generic_constraint_rank,
     regularity,
-    velocities_are_motions,
     status_at,
+    velocities_are_motions,
 )
 from tests.dynamics.problems import CASES, motion_of, relative_gap, stored
 from tests.dynamics.rescaled import rescaled

@@ -64,8 +64,18 @@ def project_velocity(
     """Return the state with the nearest velocities that keep every grasp.
 
     Nearest in the norm of (qd, V(C)) with lengths in units of the arms' reach; the
-    velocity rows K (A V(C) - J qd) vanish.
+    velocity rows K (A V(C) - J qd) vanish. O(n^3).
+
+    Args:
+        chain: the chain.
+        state: positions that close the grasps, and velocities to stay near.
+        hold_object: keep the object's twist; change the joint rates only.
+        inputs: base motion, if the bases move.
+
+    Raises:
+        StateError: a state or inputs of the wrong shape for the chain.
     """
+    state.fits(chain)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), (inputs or Inputs()).shaped(chain))
     if not motion.contacts:
         return state

@@ -82,12 +82,15 @@ def residuals(motion: ChainMotion, state: State) -> dict[str, GraspResidual]:
 
 
 def closure(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> dict[str, GraspResidual]:
-    """Return how far each grasp is from holding, by arm name.
+    """Return how far each grasp is from holding, by arm name. O(n) + O(l).
 
     Args:
         chain: the chain.
         state: any state, consistent or not.
         inputs: base motion, if the bases move.
+
+    Raises:
+        StateError: a state or inputs of the wrong shape for the chain.
     """
     state.fits(chain)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), (inputs or Inputs()).shaped(chain))

@@ -49,7 +49,7 @@ def contact_attitudes(
     parameters: Parameters = "quaternion",
     inputs: Inputs | None = None,
 ) -> dict[str, ContactAttitude]:
-    """Return the attitude of every grasp, by arm name.
+    """Return the attitude of every grasp, by arm name: Theta_dot = F(Theta) W (a.4). O(n) + O(l).
 
     Quaternions are regular everywhere; Euler angles (R = Rz Ry Rx) are singular at a
     pitch of +-pi/2.

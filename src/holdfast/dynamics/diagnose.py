@@ -77,7 +77,20 @@ def diagnose(chain: ClosedChain, state: State) -> Diagnosis:
     """Return rank, mobility, lost directions and indeterminate forces of a configuration.
 
     Velocities do not enter. One arm at a singularity does not make the chain singular;
-    the structural wrenches of several arms must be dependent for that (beyond.md 3).
+    the structural wrenches of several arms must be dependent for that. O(n^3).
+
+    Args:
+        chain: the chain.
+        state: its configuration; it need not be closed exactly.
+
+    Returns:
+        A `Diagnosis`: numbers, lost directions and indeterminate forces, and a text of them (`str`).
+
+    Raises:
+        StateError: a state of the wrong shape for the chain.
+
+    Reference:
+        `docs/theory/singular.md`; the constraint's rank is that of the filter's pivots.
     """
     state.fits(chain)
     still = State(state.q, 0.0 * state.qd, state.object_pose)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.posture import Posture, posture
 from holdfast.dynamics.arm.velocity import link_twists
-from holdfast.dynamics.result import ForwardResult
+from holdfast.dynamics.result import ForwardResult, require_result_of
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
@@ -76,7 +76,17 @@ def held_body(held: HeldObject, frame: Pose, twist: Array) -> Body:
 
 
 def kinetic_energy(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> float:
-    """Return T = sum 1/2 V^T M V over links and object, and 1/2 armature qd^2 of the drives [J]."""
+    """Return T = sum 1/2 V^T M V over links and object, and 1/2 armature qd^2 of the drives [J]. O(n).
+
+    Args:
+        chain: the chain.
+        state: positions and velocities.
+        inputs: base motion, if the bases move.
+
+    Raises:
+        StateError: a state or inputs of the wrong shape for the chain.
+    """
+    state.fits(chain)
     twists = (inputs or Inputs()).shaped(chain).base_twists
     assert twists is not None
     return float(total_kinetic_energy(chain, state, twists))
@@ -96,7 +106,16 @@ def arm_kinetic_energy(arm: Arm, q: Array, qd: Array, base_twist: Array) -> Scal
 
 
 def potential_energy(chain: ClosedChain, state: State) -> float:
-    """Return U = -sum m g . r over links and object, zero at the world's origin [J]."""
+    """Return U = -sum m g . r over links and object, zero at the world's origin [J]. O(n).
+
+    Args:
+        chain: the chain.
+        state: positions; velocities do not enter.
+
+    Raises:
+        StateError: a state of the wrong shape for the chain.
+    """
+    state.fits(chain)
     return float(total_potential_energy(chain, state))
 
 
@@ -114,7 +133,16 @@ def arm_potential_energy(arm: Arm, q: Array, gravity: Array) -> Scalar:
 
 
 def centre_of_mass(chain: ClosedChain, state: State) -> Array:
-    """Return the mass centre of arms and object, (3,) world axes [m]."""
+    """Return the mass centre of arms and object, (3,) world axes [m]. O(n).
+
+    Args:
+        chain: the chain.
+        state: positions; velocities do not enter.
+
+    Raises:
+        StateError: a state of the wrong shape for the chain.
+    """
+    state.fits(chain)
     parts = [state.q[part] for part in chain.joints.values()]
     held = held_body(chain.held_object, state.object_frame, np.zeros(6))
     sums = sum(each(arm_mass_moment, chain.arms.values(), parts)) + held.mass_moment
@@ -128,7 +156,7 @@ def arm_mass_moment(arm: Arm, q: Array) -> Array:
 
 
 def momentum(chain: ClosedChain, state: State, about: ArrayLike | None = None, inputs: Inputs | None = None) -> Array:
-    """Return [angular; linear] momentum of links and object about a world point, (6,).
+    """Return [angular; linear] momentum of links and object about a world point, (6,) [N m s, N s]. O(n).
 
     The drives' rotors (armature) turn inside the arms and are not counted.
 
@@ -141,6 +169,7 @@ def momentum(chain: ClosedChain, state: State, about: ArrayLike | None = None, i
     Raises:
         StateError: wrong shape of `about` or the inputs.
     """
+    state.fits(chain)
     twists = (inputs or Inputs()).shaped(chain).base_twists
     assert twists is not None
     point = np.zeros(3) if about is None else checks.numbers(about, (3,), "about", StateError)
@@ -186,16 +215,24 @@ class Power(NamedTuple):
 def power(
     chain: ClosedChain, state: State, tau: ArrayLike, result: ForwardResult, inputs: Inputs | None = None
 ) -> Power:
-    """Return the power that drives, damping, bases and external wrenches put in.
+    """Return the power that drives, damping, bases and external wrenches put in [W]. O(n).
+
+    Its total is d(T + U)/dt of `kinetic_energy` and `potential_energy`.
 
     Args:
         chain: the chain.
         state: positions and velocities.
         tau: (n,) joint torques.
         result: forward dynamics at that state, for the base wrenches.
-        inputs: what else acts.
+        inputs: external wrenches and base motion, as given to forward dynamics.
+
+    Raises:
+        StateError: a state, torques or inputs of the wrong shape for the chain.
     """
-    found = power_of(chain, state, np.asarray(tau), result.base_wrench, (inputs or Inputs()).shaped(chain))
+    state.fits(chain)
+    require_result_of(chain, result)
+    torques = checks.numbers(tau, (chain.joint_count,), "tau", StateError)
+    found = power_of(chain, state, torques, result.base_wrench, (inputs or Inputs()).shaped(chain))
     return Power(*map(float, found))
 
 

@@ -37,7 +37,7 @@ def forward_dynamics(
     """Return joint accelerations, the force at every grasp and the object's acceleration.
 
     Solves M qdd + C + J^T f = T, M(C) alpha(C) + b(C) = A^T f with the grasps closed,
-    (2.10) for rigid grasps and (b.1) for all.
+    (2.10) for rigid grasps and (b.1) for all. O(n) + O(l) by `sequential`; the others' costs are in `METHODS`.
 
     Args:
         chain: arms, object and grasps.

@@ -109,7 +109,15 @@ def attach(
 
 
 def release(chain: ClosedChain, name: str) -> ClosedChain:
-    """Return the chain with one grasp opened: no impulse, every velocity goes on."""
+    """Return the chain with one grasp opened: no impulse acts, and every velocity goes on. O(1).
+
+    Args:
+        chain: the chain.
+        name: an arm with a grasp.
+
+    Raises:
+        ModelError: no such grasp.
+    """
     return chain.without_grasp(name)
 
 

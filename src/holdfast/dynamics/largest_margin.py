@@ -18,7 +18,7 @@ from holdfast.dynamics.indeterminate import felt_wrenches
 from holdfast.dynamics.inverse import inverse_dynamics
 from holdfast.dynamics.margin_range import affine_margins
 from holdfast.dynamics.margins import grasp_margins
-from holdfast.dynamics.result import ForwardResult
+from holdfast.dynamics.result import ForwardResult, require_result_of
 from holdfast.dynamics.split import length_scale
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
@@ -54,6 +54,7 @@ def largest_margin(
     Accelerations stay as in the result; all internal wrenches vary, those that joints have to bear included.
     `margin_range(...).together` varies only those that load no joint, and is never larger. Friction in the
     joints is not among the torques. Margins are good to about 1e-9 of the forces and limits.
+    A cone program in the internal wrenches: O(l^3) an iteration.
 
     Args:
         chain: the chain.
@@ -65,6 +66,8 @@ def largest_margin(
     Raises:
         StateError: a result of another chain, or one without forces.
     """
+    state.fits(chain)
+    require_result_of(chain, result)
     now = grasp_margins(chain, state, result.grasp_wrench)
     given = (inputs or Inputs()).shaped(chain)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), given)

@@ -16,7 +16,7 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
 from holdfast.dynamics.cone_program import AffineMargin, felt_directions, largest_least
 from holdfast.dynamics.indeterminate import free_wrenches
 from holdfast.dynamics.margins import conditions, grasp_margins
-from holdfast.dynamics.result import ForwardResult, Status
+from holdfast.dynamics.result import ForwardResult, Status, require_result_of
 from holdfast.dynamics.split import length_scale
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
@@ -45,8 +45,8 @@ def margin_range(chain: ClosedChain, state: State, result: ForwardResult) -> Mar
 
     Only combinations of forces that load no joint and move nothing vary. Where the forces are unique
     there are none, and both are `grasp_margins`. The largest margin that other torques can give for the
-    same motion is `largest_margin`. Best values are good to about 1e-9 of the forces and limits. About
-    0.1 s a grasp.
+    same motion is `largest_margin`. Best values are good to about 1e-9 of the forces and limits. A
+    cone program a grasp: O(l^3) an iteration.
 
     Args:
         chain: the chain.
@@ -56,6 +56,8 @@ def margin_range(chain: ClosedChain, state: State, result: ForwardResult) -> Mar
     Raises:
         StateError: a result of another chain, or one without forces.
     """
+    state.fits(chain)
+    require_result_of(chain, result)
     now = grasp_margins(chain, state, result.grasp_wrench)
     if result.status is not Status.INDETERMINATE_FORCES:
         return MarginRange(now, now, float(now.min(initial=math.inf)))

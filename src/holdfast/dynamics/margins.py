@@ -75,7 +75,7 @@ def joint_limits(chain: ClosedChain) -> JointLimits:
 
 
 def grasp_margins(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> Array:
-    """Return the margin of every grasp, in the order of `chain.grasps`, (grasps,) [N].
+    """Return the margin of every grasp, in the order of `chain.grasps`, (grasps,) [N]. O(l).
 
     Args:
         chain: the chain.
@@ -86,6 +86,7 @@ def grasp_margins(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> 
     Raises:
         StateError: wrong shape.
     """
+    state.fits(chain)
     f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
     R = state.object_frame.R
     rows = [chain.names.index(name) for name in chain.grasps]
@@ -125,7 +126,7 @@ def conditions(grasp: Grasp) -> tuple[Condition, ...]:
 
 
 def joint_margins(chain: ClosedChain, state: State, tau: ArrayLike) -> JointMargins:
-    """Return how far every joint is from its limits.
+    """Return how far every joint is from its limits. O(n).
 
     Args:
         chain: the chain.

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.energy import bodies
-from holdfast.dynamics.result import ForwardResult
+from holdfast.dynamics.result import ForwardResult, require_result_of
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -25,7 +25,7 @@ def momentum_rate(
 ) -> Array:
     """Return the rate of `energy.momentum` about a fixed world point, (6,) [angular; linear] [N m, N].
 
-    d/dt (L, P) = sum of the wrenches of bases, weights and the surroundings, about the same point.
+    d/dt (L, P) = sum of the wrenches of bases, weights and the surroundings, about the same point. O(n).
 
     Args:
         chain: the chain.
@@ -37,6 +37,8 @@ def momentum_rate(
     Raises:
         StateError: wrong shape of `about` or the inputs.
     """
+    state.fits(chain)
+    require_result_of(chain, result)
     point = np.zeros(3) if about is None else checks.numbers(about, (3,), "about", StateError)
     given = (inputs or Inputs()).shaped(chain)
     *links, held = bodies(chain, state)

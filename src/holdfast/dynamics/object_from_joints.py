@@ -21,7 +21,7 @@ def state_from_joints(
 ) -> State:
     """Return the state whose object pose and twist follow from the joints.
 
-    V(C) = (A^T A)^-1 A^T V(0) (2.8a); the pose is the one of the first grasp's tip.
+    V(C) = (A^T A)^-1 A^T V(0) (2.8a); the pose is the one of the first grasp's tip. O(n).
 
     Args:
         chain: a chain whose grasps, at least one, are all rigid.

@@ -22,7 +22,18 @@ def object_mobility(chain: ClosedChain, state: State) -> Array:
 
     An extra wrench w on the object changes its acceleration by P w. P is M(C)^-1 with every
     arm's resistance taken in; along directions the grasps forbid it is zero. O(n) + O(l).
+
+    Args:
+        chain: the chain.
+        state: positions; velocities do not enter.
+
+    Raises:
+        StateError: a state of the wrong shape for the chain.
+
+    Reference:
+        `docs/theory/sequential_filter.md`.
     """
+    state.fits(chain)
     motion = chain_at_rest(chain, state)
     tips = each(lambda arm: tip_response(arm, "auto"), motion.holding)
     return object_filter(motion.contacts, tips, motion.body.free).mobility
@@ -31,9 +42,14 @@ def object_mobility(chain: ClosedChain, state: State) -> Array:
 def object_inertia(chain: ClosedChain, state: State) -> Array:
     """Return the object's operational inertia in the closed chain, (6, 6): P^-1, about C.
 
-    M(C) + sum A_i^T K_i^T (K_i Lambda_i K_i^T)^-1 K_i A_i where every Lambda_i is regular.
+    M(C) + sum A_i^T K_i^T (K_i Lambda_i K_i^T)^-1 K_i A_i where every Lambda_i is regular. O(n) + O(l).
+
+    Args:
+        chain: the chain.
+        state: positions; velocities do not enter.
 
     Raises:
+        StateError: a state of the wrong shape for the chain.
         SingularChainError: the arms hold the object fast in some direction.
     """
     P = object_mobility(chain, state)
@@ -50,12 +66,20 @@ def object_inertia(chain: ClosedChain, state: State) -> Array:
 
 
 def motion_basis(chain: ClosedChain, state: State) -> Array:
-    """Return an orthonormal basis of the velocities (qd, V(C)) that the grasps allow.
+    """Return an orthonormal basis of the velocities (qd, V(C)) that the grasps allow. O(n^3).
+
+    Args:
+        chain: the chain.
+        state: positions; velocities do not enter.
 
     Returns:
         (n + 6, mobility): columns span the null space of K [J, -A]; the relative rates W
         follow from them.
+
+    Raises:
+        StateError: a state of the wrong shape for the chain.
     """
+    state.fits(chain)
     motion = chain_at_rest(chain, state)
     rows = constraint_rows(motion)
     matrix = np.hstack([rows.joints, rows.object])

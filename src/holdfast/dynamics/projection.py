@@ -78,7 +78,7 @@ def project(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> t
     """Return the state moved back onto position and velocity constraints, and its motion there.
 
     Positions in a few Newton rounds on the position rows (a soft finger's spin is left
-    alone), then velocities once, both in the kinetic metric.
+    alone), then velocities once, both in the kinetic metric. O(n) + O(l) a round.
 
     Args:
         chain: the chain.
@@ -87,7 +87,11 @@ def project(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> t
 
     Raises:
         ClosureError: if the state is too far off, or does not come closer.
+
+    Reference:
+        `docs/theory/simulation.md`.
     """
+    state.fits(chain)
     given = (inputs or Inputs()).shaped(chain)
     tau = np.zeros(chain.joint_count)
     motion = chain_motion(chain, state, tau, given)

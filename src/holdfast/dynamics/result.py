@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
+import numpy as np
+
+from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.frozen import Frozen
@@ -82,4 +86,23 @@ class ForwardResult(Frozen):
             self.grasp_wrench[..., i, :],
             self.contact_acceleration[..., freedoms or slice(0)],
             self.base_wrench[..., i, :],
+        )
+
+
+def require_result_of(chain: ClosedChain, result: Any) -> None:
+    """Refuse a result of another chain, or of a batch.
+
+    Args:
+        chain: the chain.
+        result: a `ForwardResult`, or a `CompiledResult` of one system.
+
+    Raises:
+        StateError: naming what differs.
+    """
+    expected = (chain.joint_count,), (len(chain.arms), 6)
+    got = np.shape(result.qdd), np.shape(result.grasp_wrench)
+    if got != expected:
+        raise StateError(
+            f"result: expected one system of {len(chain.arms)} arms with {chain.joint_count} joints, got accelerations"
+            f" of shape {got[0]} and grasp wrenches of shape {got[1]}; try the result of this chain at this state"
         )

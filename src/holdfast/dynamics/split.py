@@ -38,7 +38,7 @@ class Split(NamedTuple):
 
 
 def split(chain: ClosedChain, state: State, grasp_wrench: ArrayLike, length: float | None = None) -> Split:
-    """Return the motion and internal parts of grasp wrenches. Both can be transmitted.
+    """Return the motion and internal parts of grasp wrenches, both of which can be transmitted. O(l^3).
 
     Args:
         chain: the chain.
@@ -49,6 +49,7 @@ def split(chain: ClosedChain, state: State, grasp_wrench: ArrayLike, length: flo
     Raises:
         StateError: wrong shape.
     """
+    state.fits(chain)
     f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
     R = state.object_frame.R
     offsets = [R @ grasp.frame.p for grasp in chain.grasps.values()]

@@ -7,7 +7,7 @@ import numpy as np
 from holdfast.dynamics.arm.free_dynamics import tip_acceleration
 from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.closed.chain_motion import chain_motion
-from holdfast.dynamics.result import ForwardResult
+from holdfast.dynamics.result import ForwardResult, require_result_of
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench, unrotate
@@ -18,14 +18,18 @@ def wrist_wrenches(chain: ClosedChain, state: State, result: ForwardResult) -> A
     """Return what each arm transmits across its tip frame onto what it holds, (arms, 6) [N m, N].
 
     The grasp wrench in TIP axes, [moment; force] about the tip's origin: a sensor between the last link and
-    the object, with nothing of its own weight beyond it. Zero for an arm without a grasp.
+    the object, with nothing of its own weight beyond it. Zero for an arm without a grasp. O(n).
 
     Args:
         chain: the chain.
         state: a closed state (the tip's origin is the contact point).
         result: forward dynamics at that state.
+
+    Raises:
+        StateError: a state of the wrong shape for the chain, or a result of another chain.
     """
     state.fits(chain)
+    require_result_of(chain, result)
     return np.array(
         [
             unrotate(posture(arm, state.q[chain.joints[name]]).tip.R, f)
@@ -39,15 +43,19 @@ def last_joint_wrenches(chain: ClosedChain, state: State, result: ForwardResult,
 
     F = phi f + M alpha + b, by Newton and Euler: the grasp wrench, and what the last link's own weight, inertia and
     external wrench ask for; in the LAST LINK's axes, [moment; force] about that link's origin, which lies on the joint.
-    Its part along the joint's axis is the drive's torque less damping and rotor.
+    Its part along the joint's axis is the drive's torque less damping and rotor. O(n).
 
     Args:
         chain: the chain.
         state: positions and velocities.
         result: forward dynamics at that state.
         inputs: as given to forward dynamics.
+
+    Raises:
+        StateError: a state or inputs of the wrong shape for the chain, or a result of another chain.
     """
     state.fits(chain)
+    require_result_of(chain, result)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), (inputs or Inputs()).shaped(chain))
     found = []
     for (name, arm), f in zip(motion.arms.items(), result.grasp_wrench, strict=True):
