@@ -1,7 +1,7 @@
 """Gripping and letting go of the object while the chain moves.
 
 An arm that closes its grasp while tip and object still move against each other stops them at once.
-The impulses p act through all grasps, old and new (beyond.md 6):
+The impulses p act through all grasps, old and new (docs/theory/simulation.md):
 
     K Omega K^T p = K (V_tip - A V(C)),   dqd = -M^-1 J^T p,   dV(C) = M(C)^-1 A^T p
 

@@ -4,7 +4,7 @@ A velocity mismatch v_i = V+ - A V(C) at the grasps is removed by impulses p_i w
 
     K Omega K^T p = K v,   dqd = -M^-1 J^T p,   dV(C) = M(C)^-1 A^T p
 
-which is forward dynamics at rest with v_i for the free tip accelerations (beyond.md 6): the
+which is forward dynamics at rest with v_i for the free tip accelerations (docs/theory/simulation.md): the
 same object filter, O(n) + O(l). A position mismatch is removed likewise, in a few rounds.
 """
 

@@ -1,4 +1,4 @@
-"""Rank of the grasp constraint here, and in general (beyond.md 3).
+"""Rank of the grasp constraint here, and in general (docs/theory/singular.md).
 
 Generic rank is the largest rank over a few closed neighbours. Rank = generic but deficient:
 the forces are indeterminate everywhere, the accelerations are right. Rank < generic: this

@@ -1,4 +1,4 @@
-"""Motion and internal parts of the grasp forces, and who carries how much (beyond.md 6)."""
+"""Motion and internal parts of the grasp forces, and who carries how much (docs/theory/simulation.md)."""
 
 from __future__ import annotations
 

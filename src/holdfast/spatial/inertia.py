@@ -12,7 +12,7 @@ from holdfast.spatial.vector import cross, dot, outer, product, skew
 
 
 class RigidInertia(NamedTuple):
-    """M = [I, h~; -h~, m 1] about a point O, all in one set of axes (operators.md 1).
+    """M = [I, h~; -h~, m 1] about a point O, all in one set of axes (docs/theory/arm.md).
 
     Attributes:
         m: mass [kg].

@@ -35,7 +35,7 @@ def ldl(S: Array, scale: Array, tolerance: float = RANK_TOLERANCE, typical: Arra
     """Factorise a positive semidefinite matrix in the given order, dropping null pivots.
 
     A pivot d_j <= tolerance * size_j is a rounding residue of zero: 1/d_j := 0. The solution is
-    then one of the solutions whenever there is one (beyond.md 1, "Rank"). The sizes are those of
+    then one of the solutions whenever there is one (docs/theory/sequential_filter.md, "Rank"). The sizes are those of
     what was summed: scale_j to begin with, and a row that took L_ij times row j takes over its
     rounding, size_i + L_ij^2 size_j. So a row that is null but for a small pivot before it is null
     (without this, its rounding divided by that pivot would be a number).

@@ -1,7 +1,7 @@
 """Twists [omega; v] and wrenches [moment; force]: 6-vectors, angular part first.
 
 phi(a, b) = [I, l~; 0, I] with l = b - a moves a wrench from point b to point a;
-phi^T(a, b) moves a twist from point a to point b (operators.md 1; paper after (2.5)).
+phi^T(a, b) moves a twist from point a to point b (docs/theory/arm.md; paper after (2.5)).
 """
 
 import numpy as np

@@ -5,7 +5,7 @@
     C    = H phi p         bias torques                               (5.1c)
     Jdot qd = phi^T(1, 0) zeta(1) + a(0)                              (5.1d)
 
-Gravity enters as a pseudo acceleration -g of the base (operators.md 3): it is in zeta,
+Gravity enters as a pseudo acceleration -g of the base (docs/theory/arm.md): it is in zeta,
 C and Jdot qd; accelerations at the tip are then true minus [0; g].
 """
 
@@ -42,7 +42,7 @@ def bias_accelerations(
     """Yield zeta(k) = phi^T(k+1, k) zeta(k+1) + a(k) and its K = omega_dot~ + w~ w~, link axes, base to tip.
 
     a(k) = [w' x h qd; w' x (w' x l) + 2 w' x s qd] for a motion subspace [h; s], w' the parent's
-    angular velocity (operators.md 2); with the parent's K the linear part carried over is v_dot + K l.
+    angular velocity (docs/theory/arm.md); with the parent's K the linear part carried over is v_dot + K l.
     """
     zeta = unrotate(arm.base.R, base_acceleration)
     K = acceleration_gradient(zeta[:3], base_twist[:3] @ arm.base.R)

@@ -4,7 +4,7 @@ x is the acceleration of the mass centre G with the arms seen so far, P their mo
 says K_i (r_i - A_i alpha(G)) = K_i Lambda_i K_i^T lambda_i, r_i = alpha_f,i + g_i - a_i(G), f_i =
 K_i^T lambda_i. With C = K_i A_i, R = K_i Lambda_i K_i^T, S = R + C P C^T:
 
-    out:   x += P C^T S^-1 (K r - C x),   P -= P C^T S^-1 C P        (beyond.md 1(b))
+    out:   x += P C^T S^-1 (K r - C x),   P -= P C^T S^-1 C P        (docs/theory/sequential_filter.md)
     back:  lambda = S^-1 (K r - C x) - S^-1 C P s,   s += C^T lambda
 
 P is brought down without subtracting: where a rigid grasp measures all of alpha(C) as a parallel

@@ -16,7 +16,7 @@ def rigid_update(x: Array, P: Array, m: Measurement, size: Array) -> tuple[Array
     """Return x, P after a rigidly held arm, and its back-substitution.
 
     S = P + R,  Gt = S^-1 P,  nu = S^-1 (r - x);  x += P nu,  P = P S^-1 R = Gt^T R: nothing is
-    subtracted, and R may be singular (beyond.md 1(b')). Null pivots of S are dropped.
+    subtracted, and R may be singular (docs/theory/sequential_filter.md). Null pivots of S are dropped.
     """
     S = ldl(P + m.R, m.pivot_sizes(size), RANK_TOLERANCE, m.typical_pivots(size))
     gain = ldl_solve(S, P)
