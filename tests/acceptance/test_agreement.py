@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from holdfast import METHODS, MethodNotApplicable, forward_dynamics
-from tests.bars.comparison import disagreement
+from tests.acceptance.comparison import disagreement
 from tests.systems import random_system, scaled_condition
 from tests.systems.as_chain import as_chain
 

@@ -34,7 +34,7 @@ class Run:
 
     Attributes:
         place: where its folders are.
-        arguments: of `tests.bars.dying`, a folder's place left open.
+        arguments: of `tests.acceptance.dying`, a folder's place left open.
         whole: what it is if nobody kills it.
         seconds: how long it takes from the first flush to the end.
     """
@@ -59,7 +59,7 @@ def flushed(place: Path, name: str) -> int:
 def started(place: Path, name: str, arguments: tuple[str, ...], *more: str, at: int = 0) -> subprocess.Popen:
     """Return the process of a run into a folder of that name."""
     given = [argument.format(place / name) for argument in arguments]
-    command = [sys.executable, "-m", "tests.bars.dying", str(place / f"{name}.book"), str(at), *given, *more]
+    command = [sys.executable, "-m", "tests.acceptance.dying", str(place / f"{name}.book"), str(at), *given, *more]
     with (place / f"{name}.err").open("w") as complaints:
         return subprocess.Popen(
             command,

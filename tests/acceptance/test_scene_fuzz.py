@@ -15,7 +15,7 @@ import pytest
 import holdfast.cli.simulate as command
 from holdfast import ClosedChain, HoldfastError, load_scene
 from holdfast.cli import INTERRUPTED, main
-from tests.bars.test_random_scenes import sound
+from tests.acceptance.test_random_scenes import sound
 from tests.scenario.mutated_scenes import mutated, prepare
 
 COUNT, PARTS = 3000, 6

@@ -1,7 +1,7 @@
 """Runs `holdfast`, or the run that remembers, and dies by SIGKILL where it is told to.
 
-    python -m tests.bars.dying BOOK AT simulate SCENE --out FOLDER ...
-    python -m tests.bars.dying BOOK AT remembering DURATION FOLDER [--resume]
+    python -m tests.acceptance.dying BOOK AT simulate SCENE --out FOLDER ...
+    python -m tests.acceptance.dying BOOK AT remembering DURATION FOLDER [--resume]
 
 It writes to BOOK how many samples every finished flush has put on disk. AT counts moves of files into
 a result folder; instead of the one of that number comes death. With 0 it lives.

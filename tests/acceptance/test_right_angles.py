@@ -12,7 +12,7 @@ from holdfast import Inputs, State
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.constraint import constraint_rows
 from holdfast.dynamics.methods import METHODS
-from tests.bars.comparison import relative
+from tests.acceptance.comparison import relative
 from tests.compiled.problems import answer
 from tests.compiler.conftest import no_cache  # noqa: F401
 from tests.dynamics.test_right_angles import excess

@@ -15,8 +15,8 @@ import pytest
 import holdfast
 from holdfast import ClosedChain, Status
 from holdfast.compiler import cpu
-from tests.bars.comparison import disagreement, relative
-from tests.bars.test_agreement import grasps_for
+from tests.acceptance.comparison import disagreement, relative
+from tests.acceptance.test_agreement import grasps_for
 from tests.compiled import problems
 from tests.compiled.problems import FIELDS, STATE, answer, numbers, one, outputs
 from tests.compiler.programs import all_same_bits

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from holdfast import METHODS, SingularChainError, Status, forward_dynamics
-from tests.bars.comparison import relative
+from tests.acceptance.comparison import relative
 from tests.oracles.arithmetic import arithmetic
 from tests.oracles.maximal_kkt import KktSystem
 from tests.systems import (

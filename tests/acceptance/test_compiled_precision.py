@@ -9,8 +9,8 @@ import pytest
 
 import holdfast
 from holdfast import ClosedChain, CompiledResult, Inputs, State
-from tests.bars import test_precision as precision
-from tests.bars import test_singular as singular
+from tests.acceptance import test_precision as precision
+from tests.acceptance import test_singular as singular
 from tests.compiled.problems import compiled_for
 from tests.compiler.conftest import no_cache  # noqa: F401
 from tests.systems.as_chain import Problem

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from holdfast import forward_dynamics
-from tests.bars.comparison import errors
+from tests.acceptance.comparison import errors
 from tests.oracles.maximal_kkt import solve
 from tests.systems import one_straight_arm_of_three, well_conditioned_system
 from tests.systems.as_chain import as_chain

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from holdfast import forward_dynamics
-from tests.bars.comparison import disagreement
+from tests.acceptance.comparison import disagreement
 from tests.compiled.problems import answer
 from tests.compiled.test_functions import BOUND, EVERY
 from tests.compiled.test_functions import disagreement as of_function

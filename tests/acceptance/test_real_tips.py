@@ -13,7 +13,7 @@ import holdfast as hf
 from holdfast.model.tip_direction import tip_advice, tip_angle
 from holdfast.robots import ROBOTS
 from holdfast.robots.urdf import UrdfChain, urdf_chain
-from tests.bars.test_real_robots import FOLDER
+from tests.acceptance.test_real_robots import FOLDER
 
 POSTURES = 40
 SPARE = 0.05  # of each joint's range, that the posture to be found again has on either side
