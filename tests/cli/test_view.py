@@ -5,24 +5,13 @@ import signal
 import subprocess
 import sys
 import urllib.request
-from pathlib import Path
 
 import pytest
 
 from holdfast.cli import main
+from tests.cli.conftest import EXAMPLE
 
 pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")
-EXAMPLE = Path(__file__).parents[2] / "examples" / "two_pandas.toml"
-
-
-@pytest.fixture(scope="module")
-def result(tmp_path_factory):
-    """A result of three samples."""
-    folder = tmp_path_factory.mktemp("view")
-    text = EXAMPLE.read_text().replace("duration = 2.0", "duration = 0.02").replace("step = 0.002", "step = 0.01")
-    (folder / "short.toml").write_text(text)
-    assert main(["simulate", str(folder / "short.toml"), "--out", str(folder / "result"), "--no-plots"]) == 0
-    return folder / "result"
 
 
 def test_page_of_a_result(result, tmp_path, capsys):
@@ -100,6 +89,7 @@ PROGRAM = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from holdfast.cli import main
+from tests.cli.conftest import EXAMPLE
 sys.exit(main())
 """
 

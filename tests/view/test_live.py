@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from holdfast.view.arrow_scale import ArrowScale
 from holdfast.view.film import film_of_run
-from holdfast.view.live import Controls, watch
-from holdfast.view.readout import readout
+from holdfast.view.live import Controls, readout, watch
+from holdfast.view.markers import ArrowScale
 from holdfast.view.scene_writer import viewer_server
 from tests.view.runs import lifted
 

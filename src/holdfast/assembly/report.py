@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.assembly.reach import asked_reach, longest_reach
+from holdfast.assembly.limits import asked_reach, longest_reach
 from holdfast.dynamics.consistency import closure
 from holdfast.dynamics.rank import constraint_rank
 from holdfast.model.closed_chain import ClosedChain

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.bench import own_entries
+from holdfast.bench import entries
 from holdfast.bench.clock import Effort, summary, timed
-from holdfast.bench.entry import ACCURATE, Answers, Candidate, Entry, relative_error
+from holdfast.bench.entries import ACCURATE, Answers, Candidate, Entry, relative_error
 from holdfast.bench.machine import memory_available
 from holdfast.bench.systems import System
 from holdfast.dynamics.forward import forward_dynamics
@@ -33,7 +33,7 @@ def measure_system(
         effort: how long to time.
         each_round: called now and then, for progress.
     """
-    own = [make(system, fast) for make in (own_entries.public, own_entries.bind, own_entries.bind_copying)]
+    own = [make(system, fast) for make in (entries.public, entries.bind, entries.bind_copying)]
     truth: Answers | None = None
     rows: dict[str, list[Array]] = {entry.name: [] for entry in own}
     records, skipped = [], []

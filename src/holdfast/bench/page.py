@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from holdfast.bench import bars, tables
-from holdfast.bench.own_entries import BIND, PUBLIC
+from holdfast.bench import acceptance, tables
+from holdfast.bench.entries import BIND, PUBLIC
 from holdfast.bench.tables import MISSING, Document, Table, number
 
 README_SIZES = ("2 x 7", "4 x 7", "16 x 7", "64 x 7", "2 x 24", "2 x 96")
@@ -70,7 +70,7 @@ def readme(document: Document) -> str:
         own = {entry["name"]: entry for entry in record["entries"]}
         cells = [record["name"], *(f"{number(own[name]['microseconds'])} us" for name in (PUBLIC, BIND))]
         for library in ("pinocchio", "mujoco"):
-            rival = bars.fastest(record, library)
+            rival = acceptance.fastest(record, library)
             cells.append(f"{number(rival['ratios'][PUBLIC])} times as long" if rival else MISSING)
             if rival and not rival["accurate"]:
                 soft.append(rival["error"])

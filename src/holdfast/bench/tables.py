@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, field
 from typing import Any
 
-from holdfast.bench.own_entries import LIBRARY, PUBLIC
+from holdfast.bench.entries import LIBRARY, PUBLIC
 
 Document = dict[str, Any]
 INEXACT = "*"
@@ -157,17 +157,17 @@ def compiling(document: Document) -> Table:
 
 
 def promises(document: Document) -> Table:
-    """Return the bars that this run measured, and whether they are met."""
+    """Return the acceptance checks that this run measured, and whether they are met."""
     rows, left = [], 0
-    for bar in document["bars"]:
-        if bar["value"] is None:
+    for check in document["bars"]:
+        if check["value"] is None:
             left += 1
             continue
-        value = f"{bar['value']:.1e}" if bar["goal"] < 1e-3 else number(bar["value"])
-        goal = f"{bar['sense']} {bar['goal']:g}"
-        rows.append([bar["what"], goal, value, "met" if bar["met"] else "MISSED", bar["note"]])
+        value = f"{check['value']:.1e}" if check["goal"] < 1e-3 else number(check["value"])
+        goal = f"{check['sense']} {check['goal']:g}"
+        rows.append([check["what"], goal, value, "met" if check["met"] else "MISSED", check["note"]])
     notes = [f"{left} more need the full run."] if left else []
-    return Table("Bars", ["bar", "goal", "value", "", "against"], rows, notes)
+    return Table("Acceptance checks", ["check", "goal", "value", "", "against"], rows, notes)
 
 
 def absences(document: Document) -> list[str]:

@@ -12,8 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from holdfast.bench import tables
-from holdfast.bench.plan import FULL, QUICK
-from holdfast.bench.run import Report, run
+from holdfast.bench.run import FULL, QUICK, Report, run
 from holdfast.cli.console import stdout
 
 ABREAST = 7  # systems side by side
