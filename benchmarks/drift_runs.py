@@ -1,4 +1,4 @@
-"""The motion of `holdfast.bench.circling` by several simulators, and how far the grasps open meanwhile.
+"""The motion of `circling.py` by several simulators, and how far the grasps open meanwhile.
 
 Everyone starts from the same closed state and is given the same torques of time and joint state, asked for at every
 stage. The gap is always found from joint positions and object pose by `holdfast.closure`: the largest of any grasp.
@@ -12,9 +12,9 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
+from circling import Circling, circling
 
 from holdfast import ControlLaw, State, closure, compile_rollout
-from holdfast.bench.circling import Circling, circling
 from holdfast.bench.mujoco_peer import inputs, mjcf
 from holdfast.bench.pinocchio_peer import PinocchioModel
 from holdfast.bench.rollout_entries import DEFAULT_IMPEDANCE

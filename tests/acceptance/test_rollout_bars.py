@@ -7,10 +7,10 @@ import time
 
 import numpy as np
 import pytest
+from benchmarks.circling import PERIOD, circling
 
 from holdfast import ControlLaw, closure, compile_rollout
 from holdfast.bench import rollout_entries
-from holdfast.bench.circling import PERIOD, circling
 from holdfast.bench.clock import Effort, timed
 from holdfast.bench.systems import make_system
 from tests.simulation.rollout.problems import state_of

@@ -46,7 +46,7 @@ def test_accuracy_decides(system, fast):
 
 
 def test_without_peers(system, fast):
-    """Alone, our machine code is compared with our readable text."""
+    """Alone, our machine code is compared with our equations on NumPy."""
     record = measure.measure_system(system, fast, [], EFFORT)
     assert [entry["library"] for entry in record["entries"]] == ["holdfast"] * 3
     assert all(entry["accurate"] for entry in record["entries"])

@@ -5,8 +5,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from benchmarks import bench_page as page
 
-from holdfast.bench import page, tables
+from holdfast.bench import tables
 from holdfast.bench.tables import Table, number
 from tests.bench.tiny import tiny_document
 

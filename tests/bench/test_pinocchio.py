@@ -19,7 +19,7 @@ SIZES = ((2, 7), (4, 7), (2, 24))
 
 @functools.cache
 def solved(arms, joints):
-    """Return a system and our readable text's answers."""
+    """Return a system and the answers of our equations on NumPy."""
     system = make_system(arms, joints, 4)
     return system, reference(system)
 

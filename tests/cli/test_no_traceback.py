@@ -50,10 +50,9 @@ def made(tmp_path_factory):
 def cases():
     """Return tries that are refused, and a part of what is said."""
     inputs = ("none", "a_folder", "latin.toml", "latin.json", "zeros", "empty", "deep.json", "pipe", "/dev/zero", LONG)
-    inputs += (".", "/")
     for command in ("solve", "diagnose", "simulate", "view", "plot", "export"):
         # diagnose reads its file as solve does, export its folder as plot does
-        for given in ("none", "a_folder", "broken") if command in ("diagnose", "export") else (*inputs, "broken"):
+        for given in ("none", "broken") if command in ("diagnose", "export") else (*inputs, ".", "/", "broken"):
             yield Try([command, given]), ""
         yield Try([command, ""]), "expected"
         yield Try([command]), "Missing"
@@ -61,7 +60,14 @@ def cases():
         yield Try([command, "short.toml", "--case", "x"]), ""
         yield Try([command, FILE, "--case", LONG]), "no case"
         yield Try([command, FILE, "--format", "xml"]), "invalid choice"
+    yield Try(["view", "nowhere"]), "nowhere: no such file or folder; expected a result folder or a scene file"
+    yield Try(["export", "nowhere"]), "no such folder"
+    yield Try(["view", "a_folder"]), "meta.json"
+    yield Try(["plot", "a_folder"]), "meta.json"
+    yield Try(["view", "result", "--export", "nowhere/page.html"]), "nowhere/page.html: cannot be written"
+    yield Try(["plot", "result", "--out", "empty/in"]), "cannot be written"
     yield Try(["solve", FILE, "--method", "\x1b[31m"]), "no method"
+    yield Try(["export", "result", "--format", "xlsx"]), "xlsx"
     yield Try(["solve", "short.toml"]), "holdfast simulate"
     yield Try(["simulate", "cases.json"]), "not valid TOML"
     for out in ("/", ".", "a_folder", "empty", "empty/under", LONG, "/proc/none", "/dev/null", "/dev/full", "pipe"):
@@ -80,8 +86,8 @@ def cases():
         yield Try([command, "short.toml" if command == "simulate" else "result", f"{option}="]), "expected"
     for port in ("-1", "99999", "65536", "x", "1e3", "9" * 30):
         yield Try(["view", "result", "--port", port]), "port"
-    for rate in ("nan", "inf", "-1", "0", "x"):
-        yield Try(["view", "result", "--rate", rate, "--export", "rate.html"]), "rate"
+    for rate, said in (("nan", ""), ("inf", ""), ("-1", ": expected > 0"), ("0", ": expected > 0"), ("x", "")):
+        yield Try(["view", "result", "--rate", rate, "--export", "rate.html"]), f"rate{said}"
     yield Try(["simulate", "short.toml", "--resume", "--overwrite"]), "one of them"
     yield Try(["simulate", "short.toml", "--out", "result", "--resume"]), "nothing to resume"
     yield Try(["export", "result", "--format", "parquet"], missing=("pyarrow",)), "holdfast[parquet]"

@@ -3,7 +3,6 @@
 import pytest
 
 from holdfast.cli import main
-from holdfast.errors import MissingExtra
 from tests.io.recorded import filled
 
 FIGURES = ["grasp_wrenches", "joint_torques", "load_share", "closure_and_energy"]
@@ -25,24 +24,6 @@ def test_beside_the_result(result, monkeypatch, capsys):
     monkeypatch.setattr("holdfast.cli.results.save_plots", lambda chain, run, folder: [f"{len(run)}.png"])
     assert main(["plot", str(result)]) == 0
     assert capsys.readouterr().out == f"look at {result / '3.png'}\n"
-
-
-def test_plot_refused(result, tmp_path, capsys, monkeypatch):
-    """No result, a place that cannot be written, no matplotlib: one line on stderr, code 2."""
-    (tmp_path / "file").touch()
-    for arguments, message in (
-        ([str(tmp_path)], "meta.json"),
-        ([str(result), "--out", str(tmp_path / "file" / "in")], "cannot be written"),
-    ):
-        assert main(["plot", *arguments]) == 2
-        assert message in capsys.readouterr().err
-
-    def missing(*arguments):
-        raise MissingExtra("plots need matplotlib; try pip install 'holdfast[plot]'")
-
-    monkeypatch.setattr("holdfast.cli.results.save_plots", missing)
-    assert main(["plot", str(result)]) == 2
-    assert "pip install 'holdfast[plot]'" in capsys.readouterr().err
 
 
 @pytest.fixture
@@ -81,11 +62,3 @@ def test_export_of_an_incomplete_run(tmp_path, capsys):
     said = capsys.readouterr()
     assert "incomplete, up to t = 0.2 s of 30.0 s" in said.err
     assert "3 samples" in said.out
-
-
-def test_export_refused(tmp_path, capsys):
-    """No result there, or no such format: exit 2 and one line."""
-    assert main(["export", str(tmp_path / "none")]) == 2
-    assert "no such folder" in capsys.readouterr().err
-    assert main(["export", str(tmp_path), "--format", "xlsx"]) == 2
-    assert "xlsx" in capsys.readouterr().err

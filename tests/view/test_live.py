@@ -53,7 +53,7 @@ def test_readout(film, controls):
     for number in (f"{force:.3g}", f"{film.margin[0, 1]:.3g}", f"{100 * film.torque_use('right')[0]:.3g}"):
         assert f">{number}<" in text
     assert text.count("<tr>") == 3
-    controls.tell(0)
+    controls.show_numbers(0)
     assert controls._numbers.content == text
 
 

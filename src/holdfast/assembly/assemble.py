@@ -140,7 +140,7 @@ def _nearest(chain: ClosedChain, preferred: Mapping[str, Array], starts: Starts,
     """
     wanted, missed = np.concatenate([preferred[name] for name in chain.arms]), None
     for within in (with_room(chain, preferred), chain):
-        missed = None  # told is what misses within the arms' own limits, in the preferred postures
+        missed = None  # the error names what misses within the arms' own limits, in the preferred postures
         for group in starts(within, preferred):
             closed = []
             for start in group:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,7 +38,7 @@ class Entry:
         sweep: evaluates every state once, inputs handed over as a caller must.
         evaluations: how many that is.
         answers: computes every state and returns what came out.
-        note: what was chosen for it and what it leaves out, in words.
+        note: states what was chosen for it and what it leaves out.
         floor: True if it leaves the grasps out: a lower bound, no competitor.
     """
 
@@ -70,6 +70,11 @@ class Candidate:
     exact: bool = False
 
 
+def answers_of(results: Sequence[Any]) -> Answers:
+    """Return the answers in forward dynamics' results, one a state."""
+    return Answers(np.array([r.qdd for r in results]), np.array([r.grasp_wrench for r in results]))
+
+
 def relative_error(got: Array, truth: Array) -> float:
     """Return the largest error of any state over that state's largest true entry; NaN where `got` lacks an arm."""
     given = ~np.isnan(got)
@@ -98,8 +103,7 @@ def public(system: System, fast: Any) -> Entry:
             solve(q, qd, tau, pose, twist, out=out)
 
     def answers() -> Answers:
-        found = [solve(*state) for state in states]
-        return Answers(np.array([r.qdd for r in found]), np.array([r.grasp_wrench for r in found]))
+        return answers_of([solve(*state) for state in states])
 
     return Entry(PUBLIC, LIBRARY, sweep, system.states, answers, "five arrays, result re-used")
 
@@ -115,8 +119,7 @@ def bind(system: System, fast: Any) -> Entry:
 
     def answers() -> Answers:
         sweep()
-        found = [step.result for step in bound]
-        return Answers(np.array([r.qdd for r in found]), np.array([r.grasp_wrench for r in found]))
+        return answers_of([step.result for step in bound])
 
     return Entry(BIND, LIBRARY, sweep, system.states, answers, "tied to each state's own five arrays")
 

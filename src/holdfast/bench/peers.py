@@ -18,7 +18,7 @@ class Peer:
     Attributes:
         name: of the module.
         package: what to install.
-        needs: a function that tells it from others of its name, and from too old a release.
+        needs: a function that neither another package of that name nor too old a release has.
         candidates: its ways to solve a system.
     """
 

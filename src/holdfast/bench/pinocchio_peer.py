@@ -22,6 +22,7 @@ import numpy as np
 from holdfast.bench.entries import ACCURATE, Answers, Candidate, Entry, relative_error
 from holdfast.bench.systems import System
 from holdfast.model.arm import Arm
+from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
 
 LIBRARY = "pinocchio"
@@ -225,16 +226,13 @@ class PinocchioModel:
             found[chain.names.index(name)] = np.concatenate([world @ force.angular, world @ force.linear])
         return found
 
-    def answers(self, evaluate: Any, weld_data: Any = None, passes: int = 1) -> Answers:
-        """Return the answers of the last of several passes of `evaluate(q, v, tau)` over the states."""
+    def answers(self, evaluate: Any, weld_data: Any = None) -> Answers:
+        """Return what `evaluate(q, v, tau)` answers at every state."""
         n, qdd, wrenches = self.system.chain.joint_count, [], []
-        for left in range(passes, 0, -1):
-            for k, given in enumerate(self.inputs):
-                a = evaluate(*given)
-                if left == 1:
-                    qdd.append(np.array(a[:n]))
-                    if weld_data is not None:
-                        wrenches.append(self.wrenches(weld_data, k))
+        for k, given in enumerate(self.inputs):
+            qdd.append(np.array(evaluate(*given)[:n]))
+            if weld_data is not None:
+                wrenches.append(self.wrenches(weld_data, k))
         return Answers(np.array(qdd), np.array(wrenches) if wrenches else None)
 
 
@@ -261,6 +259,4 @@ def add_arm(model: Any, arm: Arm, name: str) -> int:
 
 
 def _rotation(system: System, k: int) -> Array:
-    from holdfast.spatial import rotation
-
     return rotation.from_quaternion(system.object_pose[k, :4])

@@ -72,7 +72,7 @@ def name_of(size: Size) -> str:
 
 
 FORMAT = 1  # of the document
-Report = Callable[[str, float], None]  # what is being done, and the part of all that is done
+Report = Callable[[str, float], None]
 
 
 def run(plan: Plan, report: Report = lambda _doing, _part: None) -> dict[str, Any]:
@@ -80,7 +80,7 @@ def run(plan: Plan, report: Report = lambda _doing, _part: None) -> dict[str, An
 
     Args:
         plan: `QUICK`, `FULL` or another.
-        report: told what is being done, and the part of all that is done.
+        report: is called with what is being done, and with the part of all that is done.
 
     Raises:
         HoldfastError: a chain does not compile.

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.cli import complain, say
+from holdfast.cli import complain
 from holdfast.cli.console import stdout
+from holdfast.cli.streams import say
 from holdfast.errors import ResultError, SceneError
 from holdfast.interop.mcap_writer import write_mcap
 from holdfast.io.atomic import require_file
@@ -173,9 +174,9 @@ def export(folder: Path, format: str, out: Path | None, overwrite: bool, trust_x
     result = load_result(folder)
     path = folder / f"trajectory.{format}" if out is None else out
     require_file(path)
-    taken = [one for one in (path, occurrences_path(path)) if os.path.lexists(one)]
-    if taken and not overwrite:
-        raise ResultError(f"{taken[0]}: is there already; try --overwrite, or another --out")
+    present = [one for one in (path, occurrences_path(path)) if os.path.lexists(one)]
+    if present and not overwrite:
+        raise ResultError(f"{present[0]}: is there already; try --overwrite, or another --out")
     if format == "mcap":
         written = _export_mcap(result, path, trust_xacro)
     else:

@@ -10,9 +10,10 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from holdfast.cli import INTERRUPTED, REFUSED, complain, say
+from holdfast.cli import INTERRUPTED, REFUSED, complain
 from holdfast.cli.console import stdout
 from holdfast.cli.results import opened_scene
+from holdfast.cli.streams import say
 from holdfast.errors import MissingExtra, ResultError, SingularChainError, StateError
 from holdfast.io.result_folder import ResultWriter, run_meta
 from holdfast.io.result_reader import load_result

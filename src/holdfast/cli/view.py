@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from holdfast.cli import say
 from holdfast.cli.console import stdout
 from holdfast.cli.results import opened_scene, recorded
+from holdfast.cli.streams import say
 from holdfast.errors import ModelError, ResultError, SingularChainError, StateError
 from holdfast.io.place import refusal
 from holdfast.robots.urdf import urdf_visuals

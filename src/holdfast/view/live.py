@@ -45,7 +45,7 @@ def watch(film: Film, announce: Callable[[str], None], port: int = 0) -> None:
                 shown = moment, scale
                 scene.scale = scale
                 scene.show(moment)
-                controls.tell(moment)
+                controls.show_numbers(moment)
             time.sleep(TICK)
 
 
@@ -104,7 +104,7 @@ class Controls:
             self._slider.value = round(self._time, 3)
         return int(np.searchsorted(film.t, self._time + 1e-9, side="right").clip(1, len(film))) - 1
 
-    def tell(self, moment: int) -> None:
+    def show_numbers(self, moment: int) -> None:
         """Show the numbers of a moment."""
         self._legend.content = f"<div style='padding:0 1em;opacity:.75'>{legend(self._film, self.scale)}</div>"
         self._numbers.content = readout(self._film, moment)

@@ -107,14 +107,14 @@ def panel_data(film: Film, scale: ArrowScale) -> dict[str, Any]:
 
 
 def legend(film: Film, scale: ArrowScale) -> str:
-    """Return how arrows and cones are to be read, in words."""
-    words = [
+    """Return a sentence or two that explain arrows and cones."""
+    sentences = [
         f"Arrows, in the arm's colour, are what the arm does to the object: 0.1 m is {0.1 / scale.force:.3g}{GAP}N,"
         f" with two heads {0.1 / scale.moment:.3g}{GAP}N{GAP}m. Purple: the internal part of the force."
     ]
     if any(grasp.contact is not None for grasp in film.chain.grasps.values()):
-        words.append("Friction cones turn from green to red as a contact nears slipping.")
-    return " ".join(words)
+        sentences.append("Friction cones turn from green to red as a contact nears slipping.")
+    return " ".join(sentences)
 
 
 def plots(film: Film) -> list[dict[str, Any]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from os import PathLike
 from typing import Any
 
@@ -25,11 +27,17 @@ from holdfast.view.figure_style import (
     ORANGE,
     PURPLE,
     SKY,
-    STYLE,
     VERMILLION,
     arm_look,
+    new_figure,
 )
 from holdfast.view.margin_figure import friction_margin_figure
+
+ARMS_ABREAST = 4
+# no vermillion: the limit has it
+JOINT_LOOKS = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."), (BLACK, "-"), (PURPLE, "--"), (SKY, "-."), (BLUE, ":"))
+POINTS = 300  # as many as a column can show
+SMALLEST_GAP = 1e-18  # where a logarithmic axis shows a gap of 0
 
 
 def figures(chain: ClosedChain, run: Trajectory) -> dict[str, Any]:
@@ -78,9 +86,6 @@ def save_plots(chain: ClosedChain, run: Trajectory, folder: str | PathLike[str])
     return names
 
 
-ARMS_ABREAST = 4
-
-
 def grasp_wrench_figure(chain: ClosedChain, run: Trajectory) -> Any:
     """Return a figure of the grasp wrenches, one column of panels per arm that holds.
 
@@ -97,19 +102,12 @@ def grasp_wrench_figure(chain: ClosedChain, run: Trajectory) -> Any:
     Raises:
         MissingExtra: matplotlib is not installed.
     """
-    Figure, rc_context = figure_style.matplotlib()
     held = [i for i in range(len(chain.names)) if run.holding[:, i].any()]
-    abreast = min(max(len(held), 1), ARMS_ABREAST)
-    bands = -(-max(len(held), 1) // abreast)
     internal = run.internal_wrench[..., 3:]
     norms = (np.linalg.norm(part, axis=2) for part in (run.grasp_wrench[..., 3:] - internal, internal))
     parts = list(zip(("motion part", "internal part"), norms, ("-", "--"), (BLACK, INTERNAL), strict=True))
-    with rc_context(STYLE):
-        figure = Figure(figsize=(COLUMN * max(1.0, abreast / 2), 4.2 * bands + 0.3), layout="constrained")
-        panels = figure.subplots(3 * bands, abreast, sharex=True, sharey="row", squeeze=False)
-        for k, i in enumerate(held):
-            band, column = divmod(k, abreast)
-            force, moment, split = panels[3 * band : 3 * band + 3, column]
+    with _columns(len(held), 4.2, 0.3, ("force [N]", "moment [N m]", "|force| [N]")) as (figure, columns):
+        for i, (force, moment, split) in zip(held, columns, strict=True):
             force.set_title(_title(chain, i))
             for panel, first in ((force, 3), (moment, 0)):
                 for axis, (label, colour, line) in enumerate(COMPONENTS):
@@ -117,30 +115,43 @@ def grasp_wrench_figure(chain: ClosedChain, run: Trajectory) -> Any:
             for label, norm, line, colour in parts:
                 split.plot(run.t, norm[:, i], line, color=colour, label=label)
             split.set_ylim(bottom=0)
-            split.set_xlabel("time [s]")
-            split.tick_params(labelbottom=True)
-            if column == 0:
-                for panel, label in ((force, "force [N]"), (moment, "moment [N m]"), (split, "|force| [N]")):
-                    panel.set_ylabel(label)
+        if held:
+            handles = [*columns[0][0].lines, *columns[0][2].lines]
+            figure.legend(handles=handles, loc="outside upper center", ncols=5, columnspacing=1.0)
+    return figure
+
+
+@contextmanager
+def _columns(count: int, height: float, spare: float, labels: Sequence[str]) -> Iterator[tuple[Any, list[Any]]]:
+    """Yield a figure and, for each of several arms, a column of panels over time; columns stand four abreast.
+
+    Args:
+        count: of arms.
+        height: of a column [inches].
+        spare: what the figure is higher than its columns [inches].
+        labels: of the panels of a column, from above.
+    """
+    abreast, rows = min(max(count, 1), ARMS_ABREAST), len(labels)
+    bands = -(-max(count, 1) // abreast)
+    with new_figure(COLUMN * max(1.0, abreast / 2), height * bands + spare) as figure:
+        panels = figure.subplots(rows * bands, abreast, sharex=True, sharey="row", squeeze=False)
+        columns = [panels[rows * (k // abreast) :, k % abreast][:rows] for k in range(count)]
+        yield figure, columns
+        for k, column in enumerate(columns):
+            column[-1].set_xlabel("time [s]")
+            column[-1].tick_params(labelbottom=True)
+            for panel, label in zip(column, labels, strict=True) if k % abreast == 0 else ():
+                panel.set_ylabel(label)
         for panel in panels.flat:
             if not panel.lines:
                 panel.set_axis_off()
         figure.align_ylabels()
-        if held:
-            handles = [line for panel in (panels[0, 0], panels[2, 0]) for line in panel.lines]
-            figure.legend(handles=handles, loc="outside upper center", ncols=5, columnspacing=1.0)
-    return figure
 
 
 def _title(chain: ClosedChain, arm: int) -> str:
     """Return an arm's name and, if it begins with one, its grasp's kind."""
     name = chain.names[arm]
     return f"{name} ({chain.grasps[name].kind})" if name in chain.grasps else name
-
-
-ARMS_ABREAST = 4
-# no vermillion: the limit has it
-JOINT_LOOKS = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."), (BLACK, "-"), (PURPLE, "--"), (SKY, "-."), (BLUE, ":"))
 
 
 def joint_torque_figure(chain: ClosedChain, run: Trajectory) -> Any:
@@ -159,27 +170,11 @@ def joint_torque_figure(chain: ClosedChain, run: Trajectory) -> Any:
     Raises:
         MissingExtra: matplotlib is not installed.
     """
-    Figure, rc_context = figure_style.matplotlib()
-    abreast = min(len(chain.names), ARMS_ABREAST)
-    bands = -(-len(chain.names) // abreast)
-    with rc_context(STYLE):
-        figure = Figure(figsize=(COLUMN * max(1.0, abreast / 2), 3.2 * bands + 0.5), layout="constrained")
-        panels = figure.subplots(2 * bands, abreast, sharex=True, sharey="row", squeeze=False)
-        for k, name in enumerate(chain.names):
-            band, column = divmod(k, abreast)
-            torque, share = panels[2 * band : 2 * band + 2, column]
+    with _columns(len(chain.names), 3.2, 0.5, (_label(chain), "share of limit [%]")) as (figure, columns):
+        for name, (torque, share) in zip(chain.names, columns, strict=True):
             torque.set_title(name)
             _draw(chain, run, name, torque, share)
-            share.set_xlabel("time [s]")
-            share.tick_params(labelbottom=True)
-            if column == 0:
-                torque.set_ylabel(_label(chain))
-                share.set_ylabel("share of limit [%]")
-        for panel in panels.flat:
-            if not panel.lines:
-                panel.set_axis_off()
-        figure.align_ylabels()
-        handles = {line.get_label(): line for panel in panels.flat for line in panel.lines}
+        handles = {line.get_label(): line for panel in figure.axes for line in panel.lines}
         named = [handles[label] for label in sorted(handles) if not label.startswith("_")]
         figure.legend(handles=named[:28], loc="outside upper center", ncols=4, columnspacing=1.0)
     return figure
@@ -222,12 +217,10 @@ def load_share_figure(chain: ClosedChain, run: Trajectory) -> Any:
     Raises:
         MissingExtra: matplotlib is not installed.
     """
-    Figure, rc_context = figure_style.matplotlib()
     net = np.linalg.norm(run.grasp_wrench[..., 3:].sum(axis=1), axis=1)
     defined = run.load_share.any(axis=1, keepdims=True)  # there is a net force
     shares = np.where(defined, 100 * run.load_share, np.nan)
-    with rc_context(STYLE):
-        figure = Figure(figsize=(COLUMN, 3.2), layout="constrained")
+    with new_figure(COLUMN, 3.2) as figure:
         share, force = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1))
         for i, name in enumerate(chain.names):
             if run.holding[:, i].any():
@@ -252,10 +245,6 @@ def _wide_enough(shares: Any) -> tuple[float, float]:
     return low - 0.04 * (high - low), high + 0.04 * (high - low)
 
 
-POINTS = 300  # as many as a column can show
-SMALLEST_GAP = 1e-18  # where a logarithmic axis shows a gap of 0
-
-
 def closure_and_energy_figure(run: Trajectory) -> Any:
     """Return a figure of the gaps at the grasps, the energies, and the energy balance.
 
@@ -268,9 +257,7 @@ def closure_and_energy_figure(run: Trajectory) -> Any:
     Raises:
         MissingExtra: matplotlib is not installed.
     """
-    Figure, rc_context = figure_style.matplotlib()
-    with rc_context(STYLE):
-        figure = Figure(figsize=(COLUMN, 6.4), layout="constrained")
+    with new_figure(COLUMN, 6.4) as figure:
         position, velocity, energy, balance = figure.subplots(4, 1, sharex=True, height_ratios=(1, 1, 1.6, 1))
         for panel, gaps, label in (
             (position, run.position_gap, "position gap\n[m or rad]"),
