@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test test-portable bars lint counts bench drift pictures robots docs clean
+.PHONY: demo test test-portable acceptance lint counts bench drift pictures robots docs clean
 
 demo: $(VENV)/.plot
 	$(BIN)/holdfast simulate examples/two_pandas.toml --out results/two_pandas --overwrite
@@ -20,7 +20,7 @@ test-portable: $(VENV)/.dev
 	$(BIN)/python -m tests.portable
 
 # The issue's full-size checks: thousands of random systems, multiprecision sweeps.
-bars: $(VENV)/.dev
+acceptance: $(VENV)/.dev
 	$(BIN)/python -m pytest -m long -n 2 --dist worksteal -rP --timeout 3600
 
 lint: $(VENV)/.dev

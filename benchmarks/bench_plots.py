@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from holdfast.bench import bars
-from holdfast.bench.own_entries import LIBRARY, PUBLIC
+from holdfast.bench import acceptance
+from holdfast.bench.entries import LIBRARY, PUBLIC
 from holdfast.view import figure_style
 from holdfast.view.figure_style import BLACK, BLUE, COLUMN, GREEN, ORANGE, PURPLE, SKY, STYLE, VERMILLION
 
@@ -75,7 +75,7 @@ def batch_curve(document: Document) -> Any:
             ("pinocchio", "Pinocchio {}, in a loop", ORANGE, "--"),
             ("mujoco", "MuJoCo {}, in a loop (soft welds)", PURPLE, "-."),
         ):
-            if rival := bars.fastest(record, library):
+            if rival := acceptance.fastest(record, library):
                 name = label.format(rival["name"])
                 panel.axhline(rival["microseconds"], color=colour, linestyle=line, label=name)
         _axes(panel, sizes, f"states in one call ({found['system']}, one thread)", "us per state")
@@ -92,7 +92,7 @@ def _own_curve(panel: Any, points: list[tuple[int, float]], name: str) -> None:
 def _entry(record: dict[str, Any], library: str, method: str) -> Any:
     """Return the fastest accurate entry whose name begins so, else a floor or an own entry of that name."""
     named = (e for e in record["entries"] if e["library"] == library and e["name"].startswith(method))
-    return (bars.fastest(record, library, method) if library != LIBRARY else None) or next(named, None)
+    return (acceptance.fastest(record, library, method) if library != LIBRARY else None) or next(named, None)
 
 
 def _axes(panel: Any, ticks: list[int], label: str, times: str = "us per evaluation") -> None:

@@ -1,4 +1,4 @@
-"""The motion of `holdfast.bench.circling` by several simulators, and how far the grasps open meanwhile.
+"""The motion of `circling.py` by several simulators, and how far the grasps open meanwhile.
 
 Everyone starts from the same closed state and is given the same torques of time and joint state, asked for at every
 stage. The gap is always found from joint positions and object pose by `holdfast.closure`: the largest of any grasp.
@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 import numpy as np
+from circling import Circling, circling
 
 from holdfast import ControlLaw, State, closure, compile_rollout
-from holdfast.bench import library
-from holdfast.bench.circling import Circling, circling
-from holdfast.bench.mujoco_model import inputs, mjcf
-from holdfast.bench.pinocchio_model import PinocchioModel
+from holdfast.bench.mujoco_peer import inputs, mjcf
+from holdfast.bench.pinocchio_peer import PinocchioModel
 from holdfast.bench.rollout_entries import DEFAULT_IMPEDANCE
 from holdfast.bench.systems import System
 from holdfast.interop.mjcf_writer import HARDEST
@@ -86,7 +86,7 @@ def by_holdfast(motion: Circling) -> Run:
 
 def by_pinocchio(motion: Circling, integrator: str) -> Run:
     """Return `constraintDynamics` under Baumgarte's feedback of the best of several gains."""
-    pin = library.pinocchio()
+    pin: Any = import_module("pinocchio")
 
     def gaps(gain: float, duration: float) -> Array:
         return _gaps(motion, _pinocchio_positions(motion, integrator, gain, duration))
@@ -101,8 +101,7 @@ def by_pinocchio(motion: Circling, integrator: str) -> Run:
 
 
 def _pinocchio_positions(motion: Circling, integrator: str, gain: float, duration: float) -> Iterator[Positions]:
-    pin = library.pinocchio()
-
+    pin: Any = import_module("pinocchio")
     posed = PinocchioModel(_system(motion), "free")
     model, data, n = posed.model, posed.model.createData(), motion.chain.joint_count
     for weld in posed.welds:
@@ -138,8 +137,7 @@ def _pinocchio_positions(motion: Circling, integrator: str, gain: float, duratio
 
 def by_mujoco(motion: Circling, integrator: str, step: float, hardest: bool) -> Run:
     """Return `mj_step` with its default equalities, or the hardest that it keeps stable."""
-    mujoco = library.mujoco()
-
+    mujoco: Any = import_module("mujoco")
     model = mujoco.MjModel.from_xml_string(mjcf(motion.chain, "Newton", "dense"))
     model.opt.timestep = step
     model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")

@@ -10,9 +10,8 @@ import argparse
 import json
 from pathlib import Path
 
+import bench_page
 import bench_plots
-
-from holdfast.bench import page
 
 ROOT = Path(__file__).parents[1]
 
@@ -22,10 +21,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("document", type=Path, help="what `holdfast bench --json` printed")
     document = json.loads(parser.parse_args().document.read_text())
-    (ROOT / "docs" / "benchmarks.md").write_text(page.page(document))
+    (ROOT / "docs" / "benchmarks.md").write_text(bench_page.page(document))
     bench_plots.save(document, ROOT / "docs" / "images")
     readme = ROOT / "README.md"
-    readme.write_text(page.with_table(readme.read_text(), page.readme(document)))
+    readme.write_text(bench_page.with_table(readme.read_text(), bench_page.readme(document)))
     print("wrote docs/benchmarks.md, docs/images/bench_*.png and the table in README.md")
 
 

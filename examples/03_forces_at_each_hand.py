@@ -11,7 +11,7 @@ from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest
 from holdfast.robots import iiwa14
 from holdfast.view.figure_style import DPI
-from holdfast.view.wrench_figure import grasp_wrench_figure
+from holdfast.view.plots import grasp_wrench_figure
 
 OUT = Path(__file__).parent / "out"
 SQUEEZE = 30.0  # N

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.circling import DAMPING, PERIOD, STIFFNESS, circling, rate_of, waves
 
 from holdfast import closure, forward_dynamics
-from holdfast.bench.circling import DAMPING, PERIOD, STIFFNESS, circling, rate_of, waves
 
 
 def test_never_at_rest():

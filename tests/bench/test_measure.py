@@ -1,10 +1,15 @@
-"""One system's record: who is accurate, who was left out and why."""
+"""One system's record: who is accurate, who was left out and why; and fair timing."""
+
+import gc
+import time
 
 import numpy as np
 import pytest
 
-from holdfast.bench import measure, own_entries
-from holdfast.bench.entry import Candidate, relative_error
+import holdfast
+from holdfast.bench import measure
+from holdfast.bench.clock import Effort, summary, timed
+from holdfast.bench.entries import Candidate, Entry, relative_error
 from holdfast.bench.systems import make_system
 from tests.bench.tiny import EFFORT, exact_rival
 
@@ -18,7 +23,7 @@ def system():
 @pytest.fixture(scope="module")
 def fast(system):
     """Its machine code."""
-    return own_entries.compiled(system)
+    return holdfast.compile(system.chain)
 
 
 def entries(record):
@@ -41,7 +46,7 @@ def test_accuracy_decides(system, fast):
 
 
 def test_without_peers(system, fast):
-    """Alone, our machine code is compared with our readable text."""
+    """Alone, our machine code is compared with our equations on NumPy."""
     record = measure.measure_system(system, fast, [], EFFORT)
     assert [entry["library"] for entry in record["entries"]] == ["holdfast"] * 3
     assert all(entry["accurate"] for entry in record["entries"])
@@ -84,3 +89,35 @@ def test_relative_error():
     assert relative_error(truth + np.array([[0.0, 0.1], [0.1, 0.0]]), truth) == pytest.approx(0.01)
     assert relative_error(np.array([[np.nan, -10.0], [np.nan, 1.0]]), truth) == pytest.approx(0.01)
     assert np.isnan(relative_error(np.full((2, 2), np.nan), truth))
+
+
+def sleeper(name, seconds, evaluations=1, log=None):
+    """Return an entry that sleeps, and the list of its turns."""
+
+    def sweep():
+        if log is not None:
+            log.append((name, gc.isenabled()))
+        time.sleep(seconds)
+
+    return Entry(name, "made up", sweep, evaluations, lambda: None)
+
+
+def test_seconds_per_evaluation():
+    """A sweep's time is shared among its evaluations."""
+    seconds = timed([sleeper("a", 1e-3), sleeper("b", 4e-3, evaluations=4)], Effort(2e-3, 5))
+    assert seconds.shape == (5, 2)
+    assert (seconds >= 1e-3).all()
+    found = summary(seconds[:, 1])
+    assert found["lower_quartile"] <= found["microseconds"] <= found["upper_quartile"]
+    assert found["microseconds"] == pytest.approx(1e3, rel=0.5)
+
+
+def test_turns_rotate_and_nothing_is_collected():
+    """No entry always follows the same other; the collector rests while the clock runs, and only then."""
+    log, rounds = [], []
+    timed([sleeper(n, 2e-3, log=log) for n in "abc"], Effort(1e-3, 3), lambda: rounds.append(len(log)))
+    turns = [name for name, _ in log[-9:]]
+    assert turns == list("abcbcacab")
+    assert len(rounds) == 3
+    assert not any(collecting for _, collecting in log)
+    assert gc.isenabled()

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from holdfast import ClosedChain, State, forward_dynamics
-from holdfast.bench.entry import ACCURATE, relative_error
+from holdfast.bench.entries import ACCURATE, relative_error
 from holdfast.bench.measure import reference
 from holdfast.bench.systems import make_system
 
 mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo: pip install mujoco-core")
 
-from holdfast.bench import mujoco_entries as entries  # noqa: E402
-from holdfast.bench.mujoco_model import inputs, mjcf  # noqa: E402
+from holdfast.bench import mujoco_peer as entries  # noqa: E402
+from holdfast.bench.mujoco_peer import inputs, mjcf  # noqa: E402
 
 
 def test_same_arms_and_object():

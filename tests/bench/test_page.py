@@ -1,10 +1,13 @@
-"""From the document to Markdown."""
+"""From the document to Markdown, and to the figures of the page."""
 
 import copy
+import sys
+from pathlib import Path
 
 import pytest
+from benchmarks import bench_page as page
 
-from holdfast.bench import page, tables
+from holdfast.bench import tables
 from holdfast.bench.tables import Table, number
 from tests.bench.tiny import tiny_document
 
@@ -22,7 +25,7 @@ def test_readme_is_a_pure_function_of_the_document():
 
 
 def test_page_has_everything():
-    """Every system, entry, bar and version is on the page; no date."""
+    """Every system, entry and version is on the page; no date."""
     document = tiny_document()
     text = page.page(document)
     for record in document["systems"]:
@@ -75,3 +78,24 @@ def test_disturbed_times_are_marked():
     entry = document["systems"][0]["entries"][0]
     entry |= {"lower_quartile": 1.0, "microseconds": 1.5, "upper_quartile": 2.0}
     assert tables.times(document).rows[0][1] == "~1.50"
+
+
+@pytest.fixture
+def bench_plots(monkeypatch):
+    """The script's module."""
+    pytest.importorskip("matplotlib", reason="needs matplotlib: pip install 'holdfast[plot]'")
+    monkeypatch.setattr(sys, "path", [str(Path(__file__).parents[2] / "benchmarks"), *sys.path])
+    import bench_plots
+
+    return bench_plots
+
+
+def test_figures(bench_plots, tmp_path):
+    """Three pictures, log-log, our line in each."""
+    names = bench_plots.save(tiny_document(), tmp_path)
+    assert sorted(names) == ["bench_arms.png", "bench_batch.png", "bench_links.png"]
+    assert all((tmp_path / name).read_bytes().startswith(b"\x89PNG") for name in names)
+    figure = bench_plots.batch_curve(tiny_document())
+    (panel,) = figure.axes
+    assert (panel.get_xscale(), panel.get_yscale()) == ("log", "log")
+    assert any(line.get_label().startswith("holdfast") for line in panel.lines)

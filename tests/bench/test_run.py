@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from holdfast.bench import bars, peers, tables
+from holdfast.bench import acceptance, peers, tables
 from holdfast.bench.run import run
 from tests.bench.tiny import TINY, tiny_document
 
@@ -60,25 +60,25 @@ def test_ours_is_accurate():
 
 
 def test_rollouts():
-    """Every scheme and rival; ours close their grasps, MuJoCo's are soft; the bars are read from the fastest."""
+    """Every scheme and rival; ours close their grasps, MuJoCo's are soft; the checks are read from the fastest."""
     document = tiny_document()
     rows = {row["name"]: row for row in document["rollouts"]["entries"]}
     assert {"rk4, 4 systems", "midpoint, 4 systems", "mj_step, Euler, default welds"} <= rows.keys()
     assert all((row["gap"] <= 1e-12) == (row["library"] == "holdfast") for row in rows.values())
     assert rows["rk4, 4 systems"]["ratios"]["rk4, 4 systems"] == 1.0
-    found = {bar["what"]: bar for bar in document["bars"]}
-    bar = found["2 x 7, rollouts by RK4: steps a second, one thread"]
-    assert bar["value"] == rows["rk4, 4 systems"]["steps_per_second"]
+    found = {check["what"]: check for check in document["bars"]}
+    check = found["2 x 7, rollouts by RK4: steps a second, one thread"]
+    assert check["value"] == rows["rk4, 4 systems"]["steps_per_second"]
     assert "mj_step, Euler" in found["2 x 7, a step by RK4: fastest mj_step by Euler / ours"]["note"]
 
 
-def test_bars_not_measured():
-    """A bar whose system was not run has no value and is neither met nor missed."""
-    found = {bar["what"]: bar for bar in tiny_document()["bars"]}
+def test_checks_not_measured():
+    """A check whose system was not run has no value and is neither met nor missed."""
+    found = {check["what"]: check for check in tiny_document()["bars"]}
     assert found["64 x 7: lcaba / ours"]["value"] is None
     assert found["64 x 7: lcaba / ours"]["met"] is None
     assert isinstance(found["2 x 7: operations"]["met"], bool)
-    assert len(found) == len(bars.BARS)
+    assert len(found) == len(acceptance.CHECKS)
 
 
 def test_absent_peers_are_named(monkeypatch):
@@ -94,9 +94,9 @@ def test_absent_peers_are_named(monkeypatch):
         assert reason.endswith(f"; try pip install {package}")
     assert {e["library"] for record in document["systems"] for e in record["entries"]} == {"holdfast"}
     assert [line.split(":")[0] for line in tables.absences(document)] == ["pinocchio", "mujoco"]
-    rivals = [bar for bar in document["bars"] if "Pinocchio" in bar["what"] or "mj_forward" in bar["what"]]
+    rivals = [check for check in document["bars"] if "Pinocchio" in check["what"] or "mj_forward" in check["what"]]
     assert rivals
-    assert all(bar["met"] is None for bar in rivals)
+    assert all(check["met"] is None for check in rivals)
 
 
 def test_a_module_of_another_kind(monkeypatch):
@@ -115,7 +115,7 @@ def test_fastest(library):
 
     rough, exact, floor = entry("rough", 1.0, False), entry("exact", 3.0, True), entry("floor", 0.1, False, True)
     slower = entry("exact, slower", 4.0, True)
-    assert bars.fastest({"entries": [rough, slower, exact, floor]}, library) is exact
-    assert bars.fastest({"entries": [rough, floor]}, library) is rough
-    assert bars.fastest({"entries": [floor]}, library) is None
-    assert bars.fastest({"entries": [slower, exact, rough]}, library, "rough") is rough
+    assert acceptance.fastest({"entries": [rough, slower, exact, floor]}, library) is exact
+    assert acceptance.fastest({"entries": [rough, floor]}, library) is rough
+    assert acceptance.fastest({"entries": [floor]}, library) is None
+    assert acceptance.fastest({"entries": [slower, exact, rough]}, library, "rough") is rough

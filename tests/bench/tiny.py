@@ -3,12 +3,11 @@
 import functools
 from unittest import mock
 
-from holdfast.bench import pinocchio_entries
+from holdfast.bench import pinocchio_peer
 from holdfast.bench.clock import Effort
-from holdfast.bench.entry import Answers, Candidate, Entry
+from holdfast.bench.entries import Answers, Candidate, Entry
 from holdfast.bench.measure import reference
-from holdfast.bench.plan import Plan
-from holdfast.bench.run import run
+from holdfast.bench.run import Plan, run
 
 EFFORT = Effort(turn=1e-4, rounds=3)
 TINY = Plan("tiny", ((2, 7), (3, 6)), (1, 5), (((3, 6), (2, 7)),), ((2, 7),), 1, EFFORT, rollout_sizes=(4,))
@@ -17,7 +16,7 @@ TINY = Plan("tiny", ((2, 7), (3, 6)), (1, 5), (((3, 6), (2, 7)),), ((2, 7),), 1,
 @functools.cache
 def tiny_document() -> dict:
     """Return the document of the tiny run."""
-    with mock.patch.multiple(pinocchio_entries, TRIAL=0.002, PROBATION=0.02):
+    with mock.patch.multiple(pinocchio_peer, TRIAL=0.002, PROBATION=0.02):
         return run(TINY)
 
 

@@ -33,12 +33,12 @@ def test_json_only_on_stdout(quickly, capsys):
 
 
 def test_tables(quickly, capsys):
-    """Ratios before times, then the bars; every entry is named."""
+    """Ratios before times, then the acceptance checks; every entry is named."""
     assert main(["bench"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
     assert quickly == [command.FULL]
-    assert out.index("Time over ours") < out.index("Microseconds per evaluation") < out.index("Bars")
+    assert out.index("Time over ours") < out.index("Microseconds per evaluation") < out.index("Acceptance checks")
     for entry in tiny_document()["systems"][0]["entries"]:
         assert f"{entry['library']} {entry['name']}" in out
     assert "the ratios travel better" in out
@@ -61,7 +61,7 @@ def test_quick_run(capsys):
 
 
 def test_plans():
-    """The full run has the sizes of every bar."""
+    """The full run has the sizes of every acceptance check."""
     names = {f"{arms} x {joints}" for arms, joints in command.FULL.systems}
     assert {"2 x 7", "16 x 7", "64 x 7", "2 x 96"} <= names
     assert set(command.QUICK.systems) < set(command.FULL.systems)

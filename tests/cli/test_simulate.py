@@ -11,16 +11,10 @@ import holdfast.cli.simulate as command
 from holdfast.cli import main
 from holdfast.errors import ResultError, SingularChainError
 from holdfast.io.result_reader import load_result
+from tests.cli.conftest import EXAMPLE
+from tests.io.recorded import same_bits
 
-TEXT = (Path(__file__).parents[2] / "examples" / "two_pandas.toml").read_text()
-
-
-@pytest.fixture
-def scene(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    path = tmp_path / "short.toml"
-    path.write_text(TEXT.replace("duration = 2.0", "duration = 0.02"))
-    return path
+TEXT = EXAMPLE.read_text()
 
 
 def test_complete_run(scene, tmp_path, capsys):
@@ -40,7 +34,7 @@ def test_complete_run(scene, tmp_path, capsys):
     # and not twice into the same folder unless told to
     assert main(["simulate", str(scene)]) == 2
     assert "--overwrite" in capsys.readouterr().err
-    assert main(["simulate", str(scene), "--overwrite"]) == 0
+    assert main(["simulate", str(scene), "--overwrite", "--no-plots"]) == 0
 
 
 @pytest.mark.parametrize(
@@ -93,7 +87,7 @@ def simulate_until(t_end, then):
 def test_interrupted(scene, capsys, monkeypatch):
     """Ctrl-C: 130, and what was simulated until then is kept."""
     monkeypatch.setattr(command, "run_simulation", simulate_until(0.011, KeyboardInterrupt()))
-    assert main(["simulate", str(scene), "--out", "there"]) == 130
+    assert main(["simulate", str(scene), "--out", "there", "--no-plots"]) == 130
     assert "interrupted after t = 0.01 s; what was simulated until then is in there" in capsys.readouterr().err
     found = load_result("there")
     assert found.trajectory.t[-1] == pytest.approx(0.01)
@@ -169,12 +163,9 @@ def test_slip_stops_the_run(scene, capsys):
     summary = json.loads(Path("results/short/summary.json").read_text())
     assert summary["occurrences"][0]["kind"] == "violation"
     assert summary["lowest_margin"]["left"][0] < 0
-
-
-def test_slip_is_recorded_if_asked_for(scene, capsys):
-    """The run reaches its end; the table says what happened and when."""
+    # where the scene asks for it, the run goes on to its end and the table says what happened and when
     scene.write_text(WEAK.replace("step = 0.002", 'step = 0.002\non_slip = "record"'))
-    assert main(["simulate", str(scene), "--no-plots"]) == 0
+    assert main(["simulate", str(scene), "--no-plots", "--overwrite"]) == 0
     said = capsys.readouterr()
     assert "grasp 'left' slips" in said.out
     assert "t = 0 s" in said.out
@@ -190,3 +181,53 @@ def test_events_of_a_scene(scene, capsys):
     assert run.holding[-1].tolist() == [True, False]
     assert [one.kind for one in run.occurrences] == ["release"]
     assert (run.t[1:] > run.t[:-1]).all()
+
+
+def interrupted_in_the_middle(scene, monkeypatch):
+    """Press Ctrl-C in the middle of a run."""
+    real = command.run_simulation
+
+    def simulation(*arguments, on_sample, **options):
+        def add(sample):
+            on_sample(sample)
+            if sample.t > 0.011:
+                raise KeyboardInterrupt
+
+        return real(*arguments, on_sample=add, **options)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(command, "run_simulation", simulation)
+        assert main(["simulate", str(scene), "--out", "left", "--no-plots"]) == 130
+
+
+def test_resume(scene, capsys, monkeypatch):
+    """The same samples, the same summary; a second time it says that the run is complete."""
+    assert main(["simulate", str(scene), "--out", "whole", "--no-plots"]) == 0
+    table = capsys.readouterr().out.replace("whole", "left")
+    interrupted_in_the_middle(scene, monkeypatch)
+    assert "--resume" in capsys.readouterr().err
+    assert main(["simulate", str(scene), "--out", "left", "--resume", "--no-plots"]) == 0
+    assert capsys.readouterr().out == table
+    same_bits(load_result("left").trajectory, load_result("whole").trajectory)
+    assert Path("left/summary.json").read_bytes() == Path("whole/summary.json").read_bytes()
+    assert main(["simulate", str(scene), "--out", "left", "--resume"]) == 2
+    assert "left: nothing to resume: the run is complete, 11 samples up to t = 0.02 s" in capsys.readouterr().err
+
+
+def test_resume_refused(scene, capsys, monkeypatch):
+    """Another text of the scene is another run; what is there stays there."""
+    interrupted_in_the_middle(scene, monkeypatch)
+    capsys.readouterr()
+    scene.write_text(scene.read_text().replace("squeeze = 20.0", "squeeze = 21.0"))
+    assert main(["simulate", str(scene), "--out", "left", "--resume"]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "these differ: the scene's text; try what it was begun with, or --overwrite" in said.err
+    assert load_result("left").samples == 7
+
+
+def test_resume_of_nothing(scene, capsys):
+    """Where nothing was flushed yet it begins."""
+    assert main(["simulate", str(scene), "--out", "none", "--resume", "--no-plots"]) == 0
+    assert "none: nothing to resume yet; the run begins" in capsys.readouterr().err
+    assert load_result("none").complete

@@ -5,24 +5,13 @@ import signal
 import subprocess
 import sys
 import urllib.request
-from pathlib import Path
 
 import pytest
 
 from holdfast.cli import main
+from tests.cli.conftest import EXAMPLE
 
 pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")
-EXAMPLE = Path(__file__).parents[2] / "examples" / "two_pandas.toml"
-
-
-@pytest.fixture(scope="module")
-def result(tmp_path_factory):
-    """A result of three samples."""
-    folder = tmp_path_factory.mktemp("view")
-    text = EXAMPLE.read_text().replace("duration = 2.0", "duration = 0.02").replace("step = 0.002", "step = 0.01")
-    (folder / "short.toml").write_text(text)
-    assert main(["simulate", str(folder / "short.toml"), "--out", str(folder / "result"), "--no-plots"]) == 0
-    return folder / "result"
 
 
 def test_page_of_a_result(result, tmp_path, capsys):
@@ -65,26 +54,6 @@ def test_page_of_a_scene(tmp_path, capsys):
     assert '"label":"left, internal","colour":"#0072B2","dashed":true,"values":[20.0]' in page.read_text()
 
 
-@pytest.mark.parametrize(
-    ("target", "options", "message"),
-    [
-        ("nowhere", (), "nowhere: no such file or folder; expected a result folder or a scene file"),
-        (".", (), "meta.json"),
-        (str(EXAMPLE), ("--export", "nowhere/page.html"), "nowhere/page.html: cannot be written"),
-        ("result", ("--export", "page.html", "--rate", "-1"), "rate: expected > 0"),
-    ],
-)
-def test_refused(result, tmp_path, monkeypatch, capsys, target, options, message):
-    """One line on stderr, code 2, nothing written."""
-    monkeypatch.chdir(tmp_path)
-    target = str(result) if target == "result" else target
-    assert main(["view", target, *options]) == 2
-    said = capsys.readouterr()
-    assert message in said.err
-    assert said.err.count("\n") == 1
-    assert not list(tmp_path.iterdir())
-
-
 def test_another_scene(result, tmp_path, capsys):
     """A folder whose scene was exchanged is refused before anything is drawn."""
     shutil.copytree(result, tmp_path / "copy")
@@ -100,6 +69,7 @@ PROGRAM = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from holdfast.cli import main
+from tests.cli.conftest import EXAMPLE
 sys.exit(main())
 """
 

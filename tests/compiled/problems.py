@@ -15,7 +15,7 @@ from holdfast.dynamics.arm.posture import posture
 from holdfast.model.arm import Arm
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
-from tests.bars.comparison import disagreement
+from tests.acceptance.comparison import disagreement
 from tests.systems import random_system
 from tests.systems.as_chain import Problem, as_chain
 

@@ -9,7 +9,7 @@ import holdfast
 from holdfast import Link, MethodNotApplicable, SingularChainError, StateError, Status
 from holdfast.dynamics.closed.stacked import Stacked
 from holdfast.spatial.spatial_vector import shift_wrench
-from tests.bars.comparison import errors, relative
+from tests.acceptance.comparison import errors, relative
 from tests.compiled import problems
 from tests.compiled.problems import CHAINS, answer, chain_named, chain_of, compiled, numbers, one
 from tests.dynamics.problems import CASES, motion_of, random_case, stored
@@ -19,7 +19,7 @@ from tests.systems.as_chain import as_chain
 
 TOLERANCE = 1e-11
 UNIQUE = [name for name, case in CASES.items() if case["tags"]["f_unique"]]
-# one of each sort; the others are compiled in tests/bars, as that takes a minute
+# one of each sort; the others are compiled in tests/acceptance, as that takes a minute
 HERE = {
     "rigid_1arm_7mixed_gravity", "rigid_2arm_moving_base", "rigid_3arm_oblique_gravity", "rigid_short_arm_5_7",
     "hinge_2arm", "ball_2arm", "softfinger_2arm", "mixed_3arm_moving_base", "stewart_6_RRP_ball",

@@ -15,7 +15,7 @@ from holdfast.dynamics.constraint import constraint_rows, coordinate_sizes
 from holdfast.dynamics.rank import constraint_rank
 from holdfast.robots import gen3, ur5e
 from holdfast.spatial.linalg import least_solution
-from tests.bars.comparison import relative
+from tests.acceptance.comparison import relative
 from tests.oracles.maximal_kkt import solve
 from tests.systems.as_case import as_case
 from tests.systems.as_chain import Problem

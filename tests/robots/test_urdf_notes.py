@@ -2,9 +2,8 @@
 
 import pytest
 
-from holdfast.cli.robot_notes import tell_notes
+from holdfast.cli.results import opened_scene
 from holdfast.robots.urdf import urdf_chain
-from holdfast.scenario.build import load_scene
 
 # As the UR5's: a massless root, and two frames on the flange, `hand` with x forward and `tool0` with z forward.
 ROBOT = """<robot name="ur">
@@ -70,8 +69,7 @@ def test_in_a_scene(tmp_path, capsys, turned):
     (tmp_path / "ur.urdf").write_text(ROBOT)
     tip = ", tip = { rpy = [0, 1.5707963267948966, 0] }" if turned else ""
     (tmp_path / "scene.toml").write_text(SCENE.format(tip=tip))
-    scenario = load_scene(tmp_path / "scene.toml")
-    tell_notes(scenario)
+    opened_scene(tmp_path / "scene.toml", trust_xacro=False)
     said = capsys.readouterr().err
     assert said.count("as a tip") == (not turned)
     assert "link 'world'" not in said

@@ -1,4 +1,4 @@
-"""The bars of `tests/bars/test_simulation_accuracy.py`, over as much time as every run can afford."""
+"""The checks of `tests/acceptance/test_simulation_accuracy.py`, over as much time as every run can afford."""
 
 import numpy as np
 import pytest

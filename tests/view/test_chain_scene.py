@@ -7,10 +7,9 @@ import pytest
 
 from holdfast import Pose
 from holdfast.dynamics.arm.posture import posture
-from holdfast.view.arrow_scale import ArrowScale, arrow_scale
 from holdfast.view.chain_scene import ChainScene
 from holdfast.view.film import film_of_run
-from holdfast.view.friction_cone import cone_colour
+from holdfast.view.markers import ArrowScale, cone_colour
 from tests.view.runs import lifted
 
 
@@ -137,13 +136,3 @@ def test_one_colour_an_arm(shown):
         colours["/forces/left"], colours["/forces/right"],
     )  # fmt: skip
     assert notebook.drawn["/arms/left/(name)"] == "left"
-
-
-def test_scale_is_round(shown):
-    """The largest force is 0.1 to 0.25 of an arm long, and 0.1 m are 1, 2 or 5 times a power of ten newtons."""
-    film, *_ = shown
-    scale = arrow_scale(film)
-    longest = scale.force * np.linalg.norm(film.wrench[..., 3:], axis=-1).max()
-    assert 0.1 < longest < 0.4
-    digits = f"{0.1 / scale.force:.6e}".split("e")[0].rstrip("0").rstrip(".")
-    assert digits in {"1", "2", "5"}

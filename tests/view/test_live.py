@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from holdfast.view.arrow_scale import ArrowScale
 from holdfast.view.film import film_of_run
-from holdfast.view.live import Controls, watch
-from holdfast.view.readout import readout
+from holdfast.view.live import Controls, readout, watch
+from holdfast.view.markers import ArrowScale
 from holdfast.view.scene_writer import viewer_server
 from tests.view.runs import lifted
 
@@ -54,7 +53,7 @@ def test_readout(film, controls):
     for number in (f"{force:.3g}", f"{film.margin[0, 1]:.3g}", f"{100 * film.torque_use('right')[0]:.3g}"):
         assert f">{number}<" in text
     assert text.count("<tr>") == 3
-    controls.tell(0)
+    controls.show_numbers(0)
     assert controls._numbers.content == text
 
 

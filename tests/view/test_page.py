@@ -6,10 +6,9 @@ import re
 import numpy as np
 import pytest
 
-from holdfast.view.arrow_scale import arrow_scale
 from holdfast.view.film import film_of_run
-from holdfast.view.page import export_page, page
-from holdfast.view.page_panel import HERE, panel_data, with_panel
+from holdfast.view.markers import arrow_scale
+from holdfast.view.page import HERE, export_page, page, panel_data, with_panel
 from tests.view.runs import lifted
 
 pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")

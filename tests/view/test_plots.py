@@ -1,19 +1,18 @@
 """Figures render, every axis says its unit, nothing but safe colours is used, and curves are the run's numbers."""
 
-import builtins
 import io
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from holdfast import ClosedChain, MissingExtra
+from holdfast import ClosedChain
 from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.summary import summarise
 from holdfast.simulation.trajectory import Trajectory, array_names
-from holdfast.view import closure_figure, figure_style
+from holdfast.view import figure_style, plots
 from holdfast.view.margin_figure import slips
-from holdfast.view.plots import figures, save_plots
+from holdfast.view.plots import figures
 from holdfast.view.summary_table import rows, summary_table
 from tests.control.two_pandas import two_pandas
 from tests.view.runs import lifted
@@ -57,7 +56,7 @@ def chains():
     return {"two": chain, "six": many, "none": chain.without_grasp("left").without_grasp("right")}, state
 
 
-@pytest.mark.parametrize(("which", "samples"), [("two", 1), ("two", 30), ("six", 30), ("none", 30)])
+@pytest.mark.parametrize(("which", "samples"), [("two", 1), ("six", 30), ("none", 30)])
 def test_figures(which, samples, recwarn):
     """What has something to show is drawn, with a unit on every outer axis and no warning."""
     every, state = chains()
@@ -77,6 +76,14 @@ def test_figures(which, samples, recwarn):
         assert figure.get_figwidth() <= 2 * figure_style.COLUMN
         figure.draw_without_rendering()
     assert not recwarn.list
+
+
+def test_arms_look_different():
+    """Twenty arms differ; the first five even without their lines; danger and squeeze are nobody's colours."""
+    looks = [figure_style.arm_look(i) for i in range(20)]
+    assert len(set(looks)) == 20
+    assert len({colour for colour, _ in looks[:5]}) == 5
+    assert not {colour for colour, _ in looks} & {figure_style.DANGER, figure_style.INTERNAL}
 
 
 def test_wrenches_are_the_runs():
@@ -130,7 +137,7 @@ def test_shares_add_up():
 def test_energies():
     """Works that stay zero are left out."""
     every, state = chains()
-    figure = closure_figure.closure_and_energy_figure(made_up_run(every["two"], state))
+    figure = plots.closure_and_energy_figure(made_up_run(every["two"], state))
     names = [text.get_text() for text in figure.axes[2].get_legend().get_texts()]
     assert names == ["kinetic", "potential, change", "work of drives", "work of damping"]
 
@@ -139,33 +146,9 @@ def test_largest_gap_is_never_hidden():
     """However many samples, the worst one is on the curve."""
     gaps = np.zeros(5000)
     gaps[3137] = 1e-6
-    _, shown = closure_figure._worst(np.linspace(0, 1, 5000), gaps)
+    _, shown = plots._worst(np.linspace(0, 1, 5000), gaps)
     assert shown.max() == 1e-6
-    assert len(shown) <= closure_figure.POINTS
-
-
-def test_files(tmp_path):
-    """Every figure is written under its name."""
-    chain, run = lifted()
-    names = save_plots(chain, run, tmp_path)
-    assert names == [f"{name}.png" for name in figures(chain, run)]
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
-    assert all((tmp_path / name).stat().st_size > 1000 for name in names)
-
-
-def test_missing_matplotlib(monkeypatch):
-    """Without matplotlib the error names the extra."""
-    real = builtins.__import__
-
-    def without(name, *arguments, **options):
-        if name.startswith("matplotlib"):
-            raise ImportError(name)
-        return real(name, *arguments, **options)
-
-    chain, run = lifted()
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(MissingExtra, match=r"pip install 'holdfast\[plot\]'"):
-        figures(chain, run)
+    assert len(shown) <= plots.POINTS
 
 
 def test_summary_table():

@@ -1,12 +1,11 @@
 """The little that we ask of viser, asked of viser itself."""
 
-import builtins
 import socket
 
 import numpy as np
 import pytest
 
-from holdfast import HoldfastError, MissingExtra, Pose
+from holdfast import HoldfastError, Pose
 from holdfast.view import meshes
 from holdfast.view.scene_writer import SceneWriter, viewer_server
 
@@ -62,17 +61,3 @@ def test_port_in_use():
         port = taken.getsockname()[1]
         with pytest.raises(HoldfastError, match=f"port {port} is in use"), viewer_server(port):
             pass
-
-
-def test_missing_viser(monkeypatch):
-    """Without viser the error names the extra."""
-    real = builtins.__import__
-
-    def without(name, *arguments, **options):
-        if name == "viser":
-            raise ImportError(name)
-        return real(name, *arguments, **options)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(MissingExtra, match=r"pip install 'holdfast\[view\]'"), viewer_server():
-        pass

@@ -10,8 +10,8 @@ from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.view.film import film_of_run
-from holdfast.view.page_panel import meter
-from holdfast.view.readout import readout
+from holdfast.view.live import readout
+from holdfast.view.page import meter
 from tests.control.two_pandas import two_pandas
 from tests.systems import planar_parallelogram
 from tests.systems.as_chain import as_chain

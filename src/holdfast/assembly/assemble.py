@@ -8,13 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from holdfast.assembly.limits import asked_reach, longest_reach, room_left, with_room
 from holdfast.assembly.nearest_posture import distance, nearest_posture
-from holdfast.assembly.object_guesses import object_guesses
-from holdfast.assembly.preferred import preferred_postures, starting_postures
-from holdfast.assembly.reach import asked_reach, longest_reach
 from holdfast.assembly.reaching_postures import reaching_postures
 from holdfast.assembly.report import AssemblyReport, assembly_report
-from holdfast.assembly.room import room_left, with_room
+from holdfast.assembly.starts import object_guesses, preferred_postures, starting_postures
 from holdfast.dynamics.closing import close
 from holdfast.errors import ClosureError, ModelError
 from holdfast.model import checks
@@ -142,7 +140,7 @@ def _nearest(chain: ClosedChain, preferred: Mapping[str, Array], starts: Starts,
     """
     wanted, missed = np.concatenate([preferred[name] for name in chain.arms]), None
     for within in (with_room(chain, preferred), chain):
-        missed = None  # told is what misses within the arms' own limits, in the preferred postures
+        missed = None  # the error names what misses within the arms' own limits, in the preferred postures
         for group in starts(within, preferred):
             closed = []
             for start in group:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.assembly.reach import asked_reach, longest_reach
+from holdfast.assembly.limits import asked_reach, longest_reach
 from holdfast.dynamics.consistency import closure
 from holdfast.dynamics.rank import constraint_rank
 from holdfast.model.closed_chain import ClosedChain
@@ -51,18 +51,18 @@ class ArmReport(Frozen):
         return self.reach / self.longest
 
     def __str__(self) -> str:
-        words = [f"{self.name}:"]
+        parts = [f"{self.name}:"]
         if self.holds:
-            words.append(f"reach {self.reach:.3f} m, {100 * self.reach_used:.0f} % of the longest,")
+            parts.append(f"reach {self.reach:.3f} m, {100 * self.reach_used:.0f} % of the longest,")
         else:
-            words.append("holds nothing,")
+            parts.append("holds nothing,")
         if self.joint and self.margin <= AT_LIMIT:
-            words.append(f"{self.joint} stands at its limit,")
+            parts.append(f"{self.joint} stands at its limit,")
         elif self.joint:
-            words.append(f"{self.joint} nearest to a limit ({self.margin:.3g} {self.unit}),")
+            parts.append(f"{self.joint} nearest to a limit ({self.margin:.3g} {self.unit}),")
         else:
-            words.append("no joint limits,")
-        return " ".join(words) + (f" closed to {self.residual:.1e}" if self.holds else " in its preferred posture")
+            parts.append("no joint limits,")
+        return " ".join(parts) + (f" closed to {self.residual:.1e}" if self.holds else " in its preferred posture")
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.bench.entry import Entry
+from holdfast.bench.entries import Entry
 from holdfast.spatial.scalar import Array
 
 

@@ -15,7 +15,7 @@ PROGRAM = """
 import json, sys, time
 import llvmlite.binding
 import holdfast
-from holdfast.bench.entry import each_state
+from holdfast.bench.entries import each_state
 from holdfast.bench.systems import make_system
 system = make_system(int(sys.argv[1]), int(sys.argv[2]), 1)
 state = each_state(system)[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import subprocess
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ def description() -> dict[str, Any]:
 
     made_for = cpu.target()
     return {
-        "processor": processor(),
+        "processor": processor()[0],
         "cores": os.cpu_count() or 1,
         "lanes": cpu.lanes(),
         "features": [name for name in ("avx2", "avx512f", "fma", "neon") if name in made_for.features],
@@ -27,18 +28,32 @@ def description() -> dict[str, Any]:
     }
 
 
-def processor() -> str:
-    """Return the processor's name, as far as the system tells."""
+def processor() -> tuple[str, set[str]]:
+    """Return the processor's name and its features, lower case; empty where unknown."""
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.exists():
+        fields: dict[str, str] = {}
         for line in cpuinfo.read_text(errors="replace").splitlines():
-            if line.lower().startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
+            key, _, value = line.partition(":")
+            fields.setdefault(key.strip().lower(), value.strip())
+        flags = fields.get("flags") or fields.get("features") or ""
+        return fields.get("model name") or platform.machine(), set(flags.lower().split())
+    if platform.system() == "Darwin":
+        name = _sysctl("machdep.cpu.brand_string")
+        flags = set(f"{_sysctl('machdep.cpu.features')} {_sysctl('machdep.cpu.leaf7_features')}".lower().split())
+        return name or platform.machine(), flags | ({"asimd"} if platform.machine() == "arm64" else set())
+    return platform.processor() or platform.machine(), set()
+
+
+def _sysctl(name: str) -> str:
+    try:
+        return subprocess.run(["sysctl", "-n", name], capture_output=True, text=True, timeout=5).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return ""
 
 
 def memory_available() -> float:
-    """Return the bytes that can be had without swapping; infinite where the system does not tell."""
+    """Return the bytes that can be had without swapping; infinite where the system does not state it."""
     meminfo = Path("/proc/meminfo")
     if meminfo.exists():
         for line in meminfo.read_text().splitlines():

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.bench import own_entries
+from holdfast.bench import entries
 from holdfast.bench.clock import Effort, summary, timed
-from holdfast.bench.entry import ACCURATE, Answers, Candidate, Entry, relative_error
+from holdfast.bench.entries import ACCURATE, Answers, Candidate, Entry, answers_of, relative_error
 from holdfast.bench.machine import memory_available
 from holdfast.bench.systems import System
 from holdfast.dynamics.forward import forward_dynamics
@@ -33,7 +33,7 @@ def measure_system(
         effort: how long to time.
         each_round: called now and then, for progress.
     """
-    own = [make(system, fast) for make in (own_entries.public, own_entries.bind, own_entries.bind_copying)]
+    own = [make(system, fast) for make in (entries.public, entries.bind, entries.bind_copying)]
     truth: Answers | None = None
     rows: dict[str, list[Array]] = {entry.name: [] for entry in own}
     records, skipped = [], []
@@ -69,11 +69,11 @@ def measure_system(
 
 
 def reference(system: System) -> Answers:
-    """Return the answers of this library's readable text, which no machine code touches."""
+    """Return the answers of this library's equations as they run on NumPy, without machine code."""
     found = []
     for q, qd, tau, pose, twist in zip(*system.arrays, strict=True):
         found.append(forward_dynamics(system.chain, State(q, qd, pose, twist), tau))
-    return Answers(np.array([r.qdd for r in found]), np.array([r.grasp_wrench for r in found]))
+    return answers_of(found)
 
 
 def _groups(peers: Sequence[Candidate]) -> list[list[Candidate]]:
@@ -100,10 +100,10 @@ def _built(candidate: Candidate, truth: Answers | None, skipped: list[dict[str, 
 def _record(entry: Entry, truth: Answers, seconds: Array, ours: dict[str, Array]) -> dict[str, Any]:
     """Return an entry's record; its answers are computed again after the timing, because some keep state."""
     got = entry.answers()
-    error = relative_error(got.qdd, _as_many(truth.qdd, got.qdd))
+    error = relative_error(got.qdd, truth.qdd)
     wrench_error = None
     if got.wrenches is not None and truth.wrenches is not None:
-        wrench_error = relative_error(got.wrenches, _as_many(truth.wrenches, got.wrenches))
+        wrench_error = relative_error(got.wrenches, truth.wrenches)
     return {
         "name": entry.name,
         "library": entry.library,
@@ -115,8 +115,3 @@ def _record(entry: Entry, truth: Answers, seconds: Array, ours: dict[str, Array]
         "accurate": bool(error <= ACCURATE) and not entry.floor,
         "ratios": {name: float(np.median(seconds / own)) for name, own in ours.items()},
     }
-
-
-def _as_many(truth: Array, got: Array) -> Array:
-    """Return the truth repeated for a batch in which the states come again and again."""
-    return np.resize(truth, got.shape)

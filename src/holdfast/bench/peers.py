@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from importlib import import_module
 
-from holdfast.bench import library, mujoco_entries, pinocchio_entries
-from holdfast.bench.entry import Candidate
+from holdfast.bench import mujoco_peer, pinocchio_peer
+from holdfast.bench.entries import Candidate
 from holdfast.bench.systems import System
 
 
@@ -17,24 +17,20 @@ class Peer:
 
     Attributes:
         name: of the module.
-        load: imports it.
         package: what to install.
-        needs: a function that tells it from others of its name, and from too old a release.
+        needs: a function that neither another package of that name nor too old a release has.
         candidates: its ways to solve a system.
     """
 
     name: str
-    load: Callable[[], Any]
     package: str
     needs: str
     candidates: Callable[[System], list[Candidate]]
 
 
 PEERS = (
-    Peer(
-        "pinocchio", library.pinocchio, "pin", "lcaba", pinocchio_entries.candidates
-    ),  # first: it supplies the true answers
-    Peer("mujoco", library.mujoco, "mujoco-core", "mj_forward", mujoco_entries.candidates),
+    Peer("pinocchio", "pin", "lcaba", pinocchio_peer.candidates),  # first: it supplies the true answers
+    Peer("mujoco", "mujoco-core", "mj_forward", mujoco_peer.candidates),
 )
 
 
@@ -45,7 +41,7 @@ def found() -> dict[str, dict[str, str]]:
 
 def _look_for(peer: Peer) -> dict[str, str]:
     try:
-        module = peer.load()
+        module = import_module(peer.name)
     except ImportError as error:
         return {"absent": f"{error}; try pip install {peer.package}"}
     if not hasattr(module, peer.needs):

@@ -5,15 +5,14 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 import holdfast
-from holdfast.bench import library
-from holdfast.bench.entry import Answers, Entry
-from holdfast.bench.mujoco_model import inputs, mjcf
-from holdfast.bench.own_entries import LIBRARY
+from holdfast.bench.entries import LIBRARY, Answers, Entry
+from holdfast.bench.mujoco_peer import inputs, mjcf
 from holdfast.bench.systems import System
 
 STEP = 1e-3  # s
@@ -69,8 +68,7 @@ def mj_step(system: System, integrator: str, welds: str) -> Stepping:
         integrator: "Euler", "implicitfast" or "RK4".
         welds: "hardest", or "default": MuJoCo's own impedance.
     """
-    mujoco = library.mujoco()
-
+    mujoco: Any = import_module("mujoco")
     model = mujoco.MjModel.from_xml_string(mjcf(system.chain, "Newton", "dense"))
     if welds == "default":
         model.eq_solimp[:] = DEFAULT_IMPEDANCE

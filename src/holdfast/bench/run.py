@@ -1,25 +1,78 @@
-"""A run of the benchmark: one document with everything that was measured, ready for JSON."""
+"""A run of the benchmark: what it measures, and one document with everything that was measured, ready for JSON."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from holdfast.bench import bars, machine, own_entries, peers
-from holdfast.bench.clock import summary, timed
+import holdfast
+from holdfast.bench import acceptance, entries, machine, peers
+from holdfast.bench.clock import Effort, summary, timed
 from holdfast.bench.compile_times import compile_times
-from holdfast.bench.entry import ACCURATE, relative_error
+from holdfast.bench.entries import ACCURATE, LIBRARY, relative_error
 from holdfast.bench.measure import measure_system, reference
-from holdfast.bench.own_entries import LIBRARY
-from holdfast.bench.plan import Plan, Size, name_of
 from holdfast.bench.rollout_entries import MUJOCO, SCHEMES, STEP, STEPS, mj_step, rollout
 from holdfast.bench.systems import System, make_system
 
+Size = tuple[int, int]  # arms, joints of each
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The sizes and the effort of a run.
+
+    Attributes:
+        mode: its name.
+        systems: sizes to compare at.
+        batch_sizes: states in one call.
+        batch_of: the system whose states those are.
+        growth: pairs (larger, smaller) whose times are compared in the same rounds.
+        compiled: sizes whose compile time is taken.
+        compile_runs: fresh processes for each.
+        effort: of every timing.
+        rollout_sizes: systems of `batch_of` that one call steps.
+    """
+
+    mode: str
+    systems: tuple[Size, ...]
+    batch_sizes: tuple[int, ...]
+    growth: tuple[tuple[Size, Size], ...]
+    compiled: tuple[Size, ...]
+    compile_runs: int
+    effort: Effort
+    batch_of: Size = (2, 7)
+    rollout_sizes: tuple[int, ...] = ()
+
+
+QUICK = Plan(
+    "quick", ((2, 7), (4, 7), (2, 24)), (512,), (), ((2, 7),), 1, Effort(turn=0.02, rounds=5), rollout_sizes=(512,)
+)
+FULL = Plan(
+    "full",
+    (
+        *((arms, 7) for arms in (2, 3, 4, 8, 16, 32, 64)),
+        *((2, joints) for joints in (6, 12, 24, 48, 96)),
+    ),
+    (1, 8, 64, 512, 4096, 16384),
+    (((64, 7), (16, 7)), ((2, 96), (2, 24))),
+    ((2, 7), (64, 7), (2, 96)),
+    3,
+    Effort(turn=0.03, rounds=15),
+    rollout_sizes=(8, 64, 512, 4096),
+)
+
+
+def name_of(size: Size) -> str:
+    """Return "l x N"."""
+    return f"{size[0]} x {size[1]}"
+
+
 FORMAT = 1  # of the document
-Report = Callable[[str, float], None]  # what is being done, and the part of all that is done
+Report = Callable[[str, float], None]
 
 
 def run(plan: Plan, report: Report = lambda _doing, _part: None) -> dict[str, Any]:
@@ -27,7 +80,7 @@ def run(plan: Plan, report: Report = lambda _doing, _part: None) -> dict[str, An
 
     Args:
         plan: `QUICK`, `FULL` or another.
-        report: told what is being done, and the part of all that is done.
+        report: is called with what is being done, and with the part of all that is done.
 
     Raises:
         HoldfastError: a chain does not compile.
@@ -46,7 +99,7 @@ def run(plan: Plan, report: Report = lambda _doing, _part: None) -> dict[str, An
         report(doing, k / len(steps))
         step(*arguments)
     report("done", 1.0)
-    return work.document | {"bars": bars.bars(work.document)}
+    return work.document | {"bars": acceptance.checked(work.document)}
 
 
 class Work:
@@ -77,7 +130,7 @@ class Work:
         """Return a system and its machine code, made once."""
         if size not in self._systems:
             made = make_system(*size)
-            self._systems[size] = made, own_entries.compiled(made)
+            self._systems[size] = made, holdfast.compile(made.chain)
         return self._systems[size]
 
     def compare(self, size: Size) -> None:
@@ -90,10 +143,10 @@ class Work:
         """Time batches, per state, against the peers' fastest ways in a loop over the same states."""
         made, fast = self.system(self.plan.batch_of)
         record = next(r for r in self.document["systems"] if r["name"] == made.name)
-        best = [entry["name"] for peer in self.document["peers"] if (entry := bars.fastest(record, peer))]
+        best = [entry["name"] for peer in self.document["peers"] if (entry := acceptance.fastest(record, peer))]
         truth = reference(made)
         rivals = [way.build(truth) for way in peers.candidates(made, self.document["peers"]) if way.name in best]
-        ours = [own_entries.batch(made, fast, size) for size in self.plan.batch_sizes]
+        ours = [entries.batch(made, fast, size) for size in self.plan.batch_sizes]
         seconds = timed([*ours, *rivals], self.plan.effort)
         for k, (size, entry) in enumerate(zip(self.plan.batch_sizes, ours, strict=True)):
             got = entry.answers().qdd
@@ -132,7 +185,7 @@ class Work:
 
     def growth(self, larger: Size, smaller: Size) -> None:
         """Time a larger system over a smaller one."""
-        seconds = timed([own_entries.public(*self.system(size)) for size in (larger, smaller)], self.plan.effort)
+        seconds = timed([entries.public(*self.system(size)) for size in (larger, smaller)], self.plan.effort)
         ratio = float(np.median(seconds[:, 0] / seconds[:, 1]))
         self.document["growth"].append({"larger": name_of(larger), "smaller": name_of(smaller), "ratio": ratio})
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from holdfast.bench.own_entries import LIBRARY, PUBLIC
+from holdfast.bench.entries import LIBRARY, PUBLIC
 
 Document = dict[str, Any]
 INEXACT = "*"
@@ -56,13 +56,12 @@ def number(x: float) -> str:
 
 def ratios(document: Document) -> Table:
     """Return how many times as long every peer takes as our checked call, from the same rounds."""
-    table = _by_system(document, "Time over ours", lambda e: number(e["ratios"][PUBLIC]), own=False)
     notes = [
         f"Over one checked call of `{PUBLIC}`. {INEXACT} answers further than {document['accuracy']:g} from the exact"
         " ones (MuJoCo's welds are soft by design; see the errors). The row without grasps is a floor, no competitor.",
         "The tree form lacks one grasp wrench: that of the arm whose hand the object is part of. Ours gives all.",
     ]
-    return Table(table.title, table.header, table.rows, notes)
+    return _by_system(document, "Time over ours", lambda e: number(e["ratios"][PUBLIC]), notes, own=False)
 
 
 def times(document: Document) -> Table:
@@ -72,12 +71,11 @@ def times(document: Document) -> Table:
         steady = entry["upper_quartile"] <= STEADY * entry["lower_quartile"]
         return ("" if steady else "~") + number(entry["microseconds"])
 
-    table = _by_system(document, "Microseconds per evaluation", short)
     notes = [
         f"Medians of {document['rounds']} rounds. These are this machine's; the ratios travel better. ~ the quartiles"
         f" are more than {round(100 * (STEADY - 1))} % apart: others used the machine."
     ]
-    return Table(table.title, table.header, table.rows, notes)
+    return _by_system(document, "Microseconds per evaluation", short, notes)
 
 
 def errors(document: Document) -> Table:
@@ -86,9 +84,8 @@ def errors(document: Document) -> Table:
     def short(entry: dict[str, Any]) -> str:
         return f"{entry['error']:.0e}" if entry["error"] else "exact"
 
-    table = _by_system(document, "Relative error of the joint accelerations", short, floors=False)
     notes = ["Largest over the states, after the timing; against the answers taken as exact."]
-    return Table(table.title, table.header, table.rows, notes)
+    return _by_system(document, "Relative error of the joint accelerations", short, notes, floors=False)
 
 
 def settings(document: Document) -> Table:
@@ -98,10 +95,9 @@ def settings(document: Document) -> Table:
         found = re.match(r"mu = (\S+), (\d+)", entry["note"])
         return f"{found[1]}, {found[2]}" if found else MISSING
 
-    table = _by_system(document, "lcaba: mu, iterations", short, own=False)
-    rows = [row for row in table.rows if "lcaba" in row[0]]
     notes = ["The fewest iterations, and then the best mu, that keep the accuracy call after call."]
-    return Table(table.title, table.header, rows, notes)
+    table = _by_system(document, "lcaba: mu, iterations", short, notes, own=False)
+    return replace(table, rows=[row for row in table.rows if "lcaba" in row[0]])
 
 
 def batches(document: Document) -> Table:
@@ -156,18 +152,24 @@ def compiling(document: Document) -> Table:
     return Table("Compiling, the first answer included", header, rows)
 
 
-def promises(document: Document) -> Table:
-    """Return the bars that this run measured, and whether they are met."""
+def acceptance_checks(document: Document) -> Table:
+    """Return the acceptance checks that this run measured, and whether they are met."""
     rows, left = [], 0
-    for bar in document["bars"]:
-        if bar["value"] is None:
+    for check in document["bars"]:
+        if check["value"] is None:
             left += 1
             continue
-        value = f"{bar['value']:.1e}" if bar["goal"] < 1e-3 else number(bar["value"])
-        goal = f"{bar['sense']} {bar['goal']:g}"
-        rows.append([bar["what"], goal, value, "met" if bar["met"] else "MISSED", bar["note"]])
+        value = f"{check['value']:.1e}" if check["goal"] < 1e-3 else number(check["value"])
+        goal = f"{check['sense']} {check['goal']:g}"
+        rows.append([check["what"], goal, value, "met" if check["met"] else "MISSED", check["note"]])
     notes = [f"{left} more need the full run."] if left else []
-    return Table("Bars", ["bar", "goal", "value", "", "against"], rows, notes)
+    return Table("Acceptance checks", ["check", "goal", "value", "", "against"], rows, notes)
+
+
+def growth(document: Document) -> Table:
+    """Return our time at a larger size over that at a smaller one."""
+    rows = [[f"{row['larger']} / {row['smaller']}", number(row["ratio"])] for row in document["growth"]]
+    return Table("Growth of our time", ["systems", "ratio"], rows)
 
 
 def absences(document: Document) -> list[str]:
@@ -180,7 +182,9 @@ def absences(document: Document) -> list[str]:
     return lines
 
 
-def _by_system(document: Document, title: str, cell: Any, *, own: bool = True, floors: bool = True) -> Table:
+def _by_system(
+    document: Document, title: str, cell: Any, notes: list[str], *, own: bool = True, floors: bool = True
+) -> Table:
     """Return a table with a row per entry and a column per system."""
     systems = document["systems"]
     names: dict[tuple[str, str], dict[str, Any]] = {}
@@ -196,4 +200,8 @@ def _by_system(document: Document, title: str, cell: Any, *, own: bool = True, f
             inexact = entry is not None and not entry["accurate"] and not entry["floor"]
             row.append(MISSING if entry is None else cell(entry) + (INEXACT if inexact else ""))
         rows.append(row)
-    return Table(title, ["arms x joints", *(record["name"] for record in systems)], rows)
+    return Table(title, ["arms x joints", *(record["name"] for record in systems)], rows, notes)
+
+
+# in the order of the page
+ALL = (ratios, times, errors, settings, batches, rollouts, growth, compiling, acceptance_checks)

@@ -16,18 +16,6 @@ from holdfast.cli.streams import OUTPUT, READER_GONE, WatchedStdout, open_stream
 from holdfast.errors import ClosureError, HoldfastError, MethodNotApplicable, SingularChainError
 
 BAD_INPUT, REFUSED, FAULT, NO_MEMORY, INTERRUPTED = 2, 3, 70, 71, 130
-__all__ = [
-    "BAD_INPUT",
-    "FAULT",
-    "INTERRUPTED",
-    "NO_MEMORY",
-    "OUTPUT",
-    "READER_GONE",
-    "REFUSED",
-    "complain",
-    "main",
-    "say",
-]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -73,7 +61,7 @@ def _run(argv: Sequence[str] | None, stdout: WatchedStdout) -> int:
 
 
 def complain(problem: str) -> None:
-    """Print one line on stderr, if anyone can be told."""
+    """Print an error as one line on stderr, if stderr can be written."""
     say(f"holdfast: error: {' '.join(problem.split())}")
 
 

@@ -12,11 +12,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from holdfast.bench import tables
-from holdfast.bench.plan import FULL, QUICK
-from holdfast.bench.run import Report, run
+from holdfast.bench.run import FULL, QUICK, Report, run
 from holdfast.cli.console import stdout
 
 ABREAST = 7  # systems side by side
+ONLY_ON_THE_PAGE = (tables.settings, tables.growth)
 
 
 def bench(as_json: bool, quick: bool) -> int:
@@ -27,17 +27,8 @@ def bench(as_json: bool, quick: bool) -> int:
         print(json.dumps(document, indent=1))
         return 0
     console = stdout()
-    made = (
-        tables.ratios,
-        tables.times,
-        tables.errors,
-        tables.batches,
-        tables.rollouts,
-        tables.compiling,
-        tables.promises,
-    )
-    for table in (make(document) for make in made):
-        for part in table.cut(ABREAST):
+    for make in tables.ALL:
+        for part in make(document).cut(ABREAST) if make not in ONLY_ON_THE_PAGE else ():
             if part.rows:
                 _print(console, part)
     for line in tables.absences(document):

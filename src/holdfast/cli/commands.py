@@ -13,7 +13,6 @@ from typing import Annotated, Literal
 import tyro
 
 from holdfast.cli import BAD_INPUT, complain
-from holdfast.cli.repeated import refuse_repeated
 from holdfast.errors import SceneError
 from holdfast.model import checks
 
@@ -98,9 +97,9 @@ def export(
         overwrite: replace an existing file.
         trust_xacro: as for `plot`; only MCAP files need the robot.
     """
-    from holdfast.cli import export as command
+    from holdfast.cli import results
 
-    return command.export(result, format, out, overwrite, trust_xacro)
+    return results.export(result, format, out, overwrite, trust_xacro)
 
 
 def plot(result: ResultFolder, out: Folder = None, trust_xacro: Switch = False) -> int:
@@ -111,9 +110,9 @@ def plot(result: ResultFolder, out: Folder = None, trust_xacro: Switch = False) 
         out: the folder for the figures; the result folder without it.
         trust_xacro: for a result of holdfast 0.1, which kept no robots: expand its xacro files where they are now.
     """
-    from holdfast.cli import plot as command
+    from holdfast.cli import results
 
-    return command.plot(result, out, trust_xacro)
+    return results.plot(result, out, trust_xacro)
 
 
 def view(
@@ -153,9 +152,18 @@ def bench(json: Switch = False, quick: Switch = False) -> int:
 
 def methods() -> int:
     """List the forward dynamics algorithms: equation, cost, where they apply."""
-    from holdfast.cli import methods as command
+    from rich.table import Table
 
-    return command.methods()
+    from holdfast.cli.console import stdout
+    from holdfast.dynamics.methods import METHODS
+
+    table = Table("method", "equation", "cost", "applies to")
+    for method in METHODS.values():
+        table.add_row(method.name, method.equation, method.cost, method.applies)
+    console = stdout()
+    console.print(table)
+    console.print("n joints in all, l arms, N joints an arm; 'sequential' is the default")
+    return 0
 
 
 def doctor() -> int:
@@ -187,9 +195,30 @@ def run(arguments: list[str]) -> int:
     first = arguments[0] if arguments else "--help"
     if not first.startswith("-") and first not in COMMANDS:
         raise SceneError(f"no command {first!r}.{checks.did_you_mean(first, COMMANDS)}")
-    refuse_repeated(arguments)
+    _refuse_repeated(arguments)
     call = _parsed(arguments or ["--help"])
     return call if isinstance(call, int) else call()
+
+
+def _refuse_repeated(arguments: list[str]) -> None:
+    """Refuse an option that is given twice, also as `--plots` and `--no-plots`: only one of them could be obeyed.
+
+    Raises:
+        SceneError: naming the option and what it is given.
+    """
+    given: dict[str, list[str]] = {}
+    for k, argument in enumerate(arguments):
+        if argument == "--":
+            break
+        if not argument.startswith("--"):
+            continue
+        name, equals, value = argument.partition("=")
+        after = arguments[k + 1] if not equals and k + 1 < len(arguments) else ""
+        shown = f"{name} {value or ('' if after.startswith('--') else after)}".strip()
+        given.setdefault(name[2:].removeprefix("no-").replace("_", "-"), []).append(shown)
+    for name, times in given.items():
+        if len(times) > 1:
+            raise SceneError(f"--{name}: expected once, got {' and '.join(times)}; try one of them, or two commands")
 
 
 def _parsed(arguments: list[str]) -> Callable[[], int] | int:

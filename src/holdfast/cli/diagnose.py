@@ -8,16 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.cli import REFUSED
-from holdfast.cli.case_choice import chosen_cases, print_json
 from holdfast.cli.console import stdout, with_progress
-from holdfast.cli.robot_notes import tell_notes
+from holdfast.cli.results import opened_scene
+from holdfast.cli.solve import chosen_cases, print_json
 from holdfast.dynamics import consistency
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.diagnose import Diagnosis
 from holdfast.dynamics.diagnose import diagnose as diagnosis_of
 from holdfast.errors import SceneError, StateError
 from holdfast.io.case_file import Case
-from holdfast.scenario.build import load_scene
 
 
 def diagnose(file: Path, case: str | None, format: str, trust_xacro: bool) -> int:
@@ -40,8 +39,7 @@ def diagnose(file: Path, case: str | None, format: str, trust_xacro: bool) -> in
     if file.suffix.lower() == ".toml":
         if case is not None:
             raise SceneError(f"{file}: expected no --case for a scene, got '{case}'")
-        scenario = load_scene(file, trust_xacro=trust_xacro)
-        tell_notes(scenario)
+        scenario = opened_scene(file, trust_xacro)
         found = [(scenario.name, diagnosis_of(scenario.chain, scenario.state))]
     else:
         cases = chosen_cases(file, case)

@@ -10,13 +10,14 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from holdfast.cli import INTERRUPTED, REFUSED, complain, say
+from holdfast.cli import INTERRUPTED, REFUSED, complain
 from holdfast.cli.console import stdout
-from holdfast.cli.robot_notes import tell_notes
+from holdfast.cli.results import opened_scene
+from holdfast.cli.streams import say
 from holdfast.errors import MissingExtra, ResultError, SingularChainError, StateError
 from holdfast.io.result_folder import ResultWriter, run_meta
 from holdfast.io.result_reader import load_result
-from holdfast.scenario.build import Scenario, load_scene
+from holdfast.scenario.build import Scenario
 from holdfast.simulation.simulate import simulate as run_simulation
 from holdfast.simulation.summary import summarise
 from holdfast.simulation.trajectory import Trajectory
@@ -57,8 +58,7 @@ def simulate(
     if resume and overwrite:
         raise ResultError("--resume goes on with a result, --overwrite replaces it; try one of them")
     folder = Path("results") / scene.stem if out is None else out
-    scenario = load_scene(scene, trust_xacro=trust_xacro)
-    tell_notes(scenario)
+    scenario = opened_scene(scene, trust_xacro)
     if with_plots:
         _require_plots()
     robots = {name: robot.source for name, robot in scenario.robots.items() if robot.source is not None}

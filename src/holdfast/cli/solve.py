@@ -1,17 +1,212 @@
-"""`holdfast solve`: answers to problem cases."""
+"""`holdfast solve`: answers to problem cases by one or all algorithms, as tables or in the layout of the case file."""
 
 from __future__ import annotations
 
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
 from holdfast.cli import REFUSED
-from holdfast.cli.answer import Answer, answers
-from holdfast.cli.answer_table import print_answers
-from holdfast.cli.case_choice import chosen_cases, print_json
-from holdfast.cli.console import with_progress
+from holdfast.cli.console import stdout, with_progress
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
+from holdfast.dynamics.consistency import require_closed, require_rates
+from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.methods import METHODS
-from holdfast.errors import SceneError
+from holdfast.dynamics.result import ForwardResult, Status
+from holdfast.errors import MethodNotApplicable, ModelError, SceneError, SingularChainError, StateError
+from holdfast.io.case_file import Case, load_cases
+from holdfast.io.case_format import ExpectedData
+from holdfast.io.place import one_line, refusal
 from holdfast.model import checks
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import shift_wrench
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """A result, or the reason why there is none.
+
+    Attributes:
+        case: the problem.
+        method: the algorithm's name.
+        result: what forward dynamics returned; None if refused.
+        reason: `not_applicable: ...`, `singular: ...` or `inconsistent: ...`; None if solved.
+        error: largest relative difference to the expected answer; None without one.
+    """
+
+    case: Case
+    method: str
+    result: ForwardResult | None = None
+    reason: str | None = None
+    error: float | None = None
+
+    def as_json(self) -> dict[str, object]:
+        """Return the answer as plain data; per arm, base to tip; numbers are null if refused."""
+        r, names = self.result, self.case.chain.names
+        return {
+            "name": self.case.name,
+            "method": self.method,
+            "status": "refused" if r is None else "ok",
+            "reason": self.reason,
+            "qdd": None if r is None else [r[name].qdd.tolist() for name in names],
+            "f": None if r is None else r.grasp_wrench.tolist(),
+            "alpha_C": None if r is None else r.object_acceleration.tolist(),
+            "W_dot": None if r is None else [r[name].contact_acceleration.tolist() for name in names],
+            "f_unique": r is not None and r.status is Status.OK,
+            "rank": None if r is None else r.rank,
+            "mobility": None if r is None else r.mobility,
+            "error_vs_expected": self.error,
+        }
+
+
+def answers(case: Case, methods: list[str]) -> list[Answer]:
+    """Return the answer of every method to a case."""
+    with np.errstate(all="ignore"):  # numbers beyond float64's range are refused below, not warned of
+        motion = chain_motion(case.chain, case.state, case.tau, case.inputs.shaped(case.chain))
+        try:
+            require_closed(motion, case.state)
+            if case.rates is not None:
+                require_rates(motion, case.rates)
+        except StateError as cause:
+            return [Answer(case, method, reason=f"inconsistent: {cause}") for method in methods]
+        found: list[Answer] = []
+        for method in methods:
+            ranks = [answer.result.rank for answer in found if answer.result is not None]
+            # a rank once accepted is the generic one; looking for it again would take most of the time
+            found.append(_answer(case, motion, method, ranks[0] if ranks else None))
+        return found
+
+
+def _answer(case: Case, motion: ChainMotion, method: str, generic_rank: int | None) -> Answer:
+    options = {"inputs": case.inputs, "method": method, "check": False, "generic_rank": generic_rank}
+    try:
+        result = forward_dynamics(case.chain, case.state, case.tau, **options)
+    except MethodNotApplicable as cause:
+        return Answer(case, method, reason=f"not_applicable: {cause}")
+    except (SingularChainError, ModelError) as cause:  # the latter: an arm whose mass matrix is singular
+        return Answer(case, method, reason=f"singular: {cause}")
+    numbers = (result.qdd, result.grasp_wrench, result.object_acceleration, result.contact_acceleration)
+    if not all(np.isfinite(part).all() for part in numbers):
+        return Answer(case, method, reason="singular: the answer is not finite; masses or lengths too far apart?")
+    error = None if case.expected is None else error_vs_expected(result, case.expected, motion)
+    return Answer(case, method, result, error=error)
+
+
+def error_vs_expected(result: ForwardResult, expected: ExpectedData, motion: ChainMotion) -> float:
+    """Return the largest of max|x - e| / max(1, max|e|) over qdd, f, alpha(C) and W_dot.
+
+    All arms of a quantity together. Where f is not unique, sum_i phi(C, O_i) f_i takes its place.
+    """
+    wanted_f = np.array(expected.f)
+    f = (result.grasp_wrench, wanted_f)
+    if result.status is not Status.OK:
+        f = (_about_C(result.grasp_wrench, motion), _about_C(wanted_f, motion))
+    pairs = (
+        (result.qdd, np.concatenate([np.array(part) for part in expected.qdd])),
+        f,
+        (result.object_acceleration, np.array(expected.alpha_C)),
+        (result.contact_acceleration, np.concatenate([np.array(part) for part in expected.W_dot])),
+    )
+    return max(_relative_error(got, wanted) for got, wanted in pairs)
+
+
+def _relative_error(got: Array, wanted: Array) -> float:
+    return float(np.abs(got - wanted).max(initial=0.0)) / max(1.0, float(np.abs(wanted).max(initial=0.0)))
+
+
+def _about_C(wrenches: Array, motion: ChainMotion) -> Array:
+    """Return the total wrench on the object about C, (6,)."""
+    return np.sum([shift_wrench(c.offset, f) for c, f in zip(motion.contacts, wrenches, strict=True)], axis=0)
+
+
+def chosen_cases(file: Path, name: str | None) -> list[Case]:
+    """Return all cases of a file, or the named one.
+
+    Raises:
+        SceneError: the file is unreadable or invalid, or has no such case.
+    """
+    if file.suffix.lower() == ".toml":
+        raise refusal(str(file), "expected problem cases (JSON), got a scene; try holdfast simulate, view or diagnose")
+    cases = load_cases(file)
+    if name is None:
+        return cases
+    known = [case.name for case in cases]
+    if name not in known:
+        raise refusal(str(file), f"no case '{one_line(name, 60)}'.{checks.did_you_mean(name, known)}")
+    return [cases[known.index(name)]]
+
+
+def print_json(items: Sequence[dict[str, object]]) -> None:
+    """Print a JSON list on stdout, one item a line; NaN or infinity in it is a fault of ours."""
+    lines = [json.dumps(item, allow_nan=False) for item in items]
+    print("[" + ",\n ".join(lines) + "]")
+
+
+def print_answers(answers: list[Answer]) -> None:
+    """Print a line per answer, why some were refused, and the numbers of a single one."""
+    console = stdout()
+    table = Table("case", "method", "status", "rank", "mobility", "error")
+    for answer in answers:
+        table.add_row(answer.case.name, answer.method, *_line(answer))
+    console.print(table)
+    refused = [answer for answer in answers if answer.reason is not None]
+    if len({answer.case.name for answer in answers}) == 1:
+        for answer in refused:
+            console.print(f"{answer.method}: refused: {answer.reason}", soft_wrap=True)
+    elif refused:
+        kinds = Counter(_kind(answer) for answer in refused)
+        listed = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+        console.print(f"refused: {listed}; --case NAME or --format json says why")
+    if len(answers) == 1:
+        print_numbers(console, answers[0])
+
+
+def _kind(answer: Answer) -> str:
+    return (answer.reason or "").partition(":")[0]
+
+
+def _line(answer: Answer) -> tuple[str, str, str, str]:
+    """Return status, rank, mobility and error of an answer."""
+    if answer.result is None:
+        return f"refused: {_kind(answer)}", "", "", ""
+    r = answer.result
+    status = "ok" if r.status is Status.OK else "ok, f not unique"
+    error = "" if answer.error is None else f"{answer.error:.1e}"
+    return status, f"{r.rank} of {r.chain.constraint_row_count}", str(r.mobility), error
+
+
+def print_numbers(console: Console, answer: Answer) -> None:
+    """Print joint accelerations, grasp forces and the object's acceleration of one answer."""
+    r = answer.result
+    if r is None:
+        return
+    joints = Table("arm", "joint", "acceleration", "unit", title="joint accelerations, base to tip")
+    for name, arm in r.chain.arms.items():
+        for k, (joint, qdd) in enumerate(zip(arm.joints, r[name].qdd, strict=True)):
+            unit = "rad/s^2" if joint.kind == "revolute" else "m/s^2"
+            joints.add_row(name if k == 0 else "", joint.name or f"{joint.kind} {k + 1}", f"{qdd:+.6g}", unit)
+    console.print(joints)
+
+    title = "what each arm exerts on the object, about the contact point, world axes"
+    forces = Table("arm", "grasp", "force x, y, z [N]", "moment x, y, z [N m]", title=title)
+    for name, grasp in r.chain.grasps.items():
+        moment, force = r[name].grasp_wrench[:3], r[name].grasp_wrench[3:]
+        forces.add_row(name, grasp.kind, _triple(force), _triple(moment))
+    console.print(forces)
+    if r.status is not Status.OK:
+        console.print(r.status.value, soft_wrap=True)
+    angular, linear = r.object_acceleration[:3], r.object_acceleration[3:]
+    console.print(f"object: angular acceleration {_triple(angular)} rad/s^2, of C {_triple(linear)} m/s^2")
+
+
+def _triple(vector) -> str:
+    return ", ".join(f"{x:+.6g}" for x in vector)
 
 
 def solve(file: Path, case: str | None, method: str, format: str) -> int:

@@ -31,7 +31,7 @@ def open_streams() -> bool:
 
 
 def say(line: str) -> None:
-    """Print a line on stderr, if anyone can be told."""
+    """Print a line on stderr, if stderr can be written."""
     try:
         print(line, file=sys.stderr, flush=True)
     except (OSError, ValueError):

@@ -5,14 +5,13 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from holdfast.cli import say
 from holdfast.cli.console import stdout
-from holdfast.cli.recorded import recorded
-from holdfast.cli.robot_notes import tell_notes
+from holdfast.cli.results import opened_scene, recorded
+from holdfast.cli.streams import say
 from holdfast.errors import ModelError, ResultError, SingularChainError, StateError
 from holdfast.io.place import refusal
 from holdfast.robots.urdf import urdf_visuals
-from holdfast.scenario.build import Scenario, load_scene
+from holdfast.scenario.build import Scenario
 from holdfast.simulation.instant import evaluate
 from holdfast.simulation.world import World
 from holdfast.state import Inputs
@@ -68,9 +67,7 @@ def _film(target: Path, rate: float, trust_xacro: bool) -> Film:
     if not os.path.exists(target):  # Path.exists raises at names that are too long
         raise refusal(str(target), "no such file or folder; expected a result folder or a scene file")
     if not os.path.isdir(target):
-        scenario = load_scene(target, trust_xacro=trust_xacro)
-        tell_notes(scenario)
-        return _film_of_scene(scenario, target)
+        return _film_of_scene(opened_scene(target, trust_xacro), target)
     scenario, result = recorded(target, trust_xacro)
     moving = scenario.options.get("base_motion")
     return film_of_run(scenario.chain, result.trajectory, scenario.name, rate, moving, _looks(scenario))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.assembly.preferred import preferred_posture
+from holdfast.assembly.starts import preferred_posture
 from holdfast.errors import HoldfastError
 from holdfast.io.place import Place
 from holdfast.model import checks

@@ -10,7 +10,7 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import cross
 from holdfast.view.film import Film
-from holdfast.view.object_body import box_lines, equivalent_box
+from holdfast.view.markers import box_lines, equivalent_box
 from holdfast.view.scene_writer import FIELD_OF_VIEW, Camera
 
 SEEN_OF = 5  # moments that are to fit into the picture

@@ -12,12 +12,10 @@ from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.view import figure_style, meshes
-from holdfast.view.arrow_scale import arrow_scale, one_two_five
 from holdfast.view.cameras import cameras, upward
 from holdfast.view.film import Film
-from holdfast.view.friction_cone import cone_colour, cone_lines
+from holdfast.view.markers import arrow_scale, box_lines, cone_colour, cone_lines, equivalent_box, one_two_five, struts
 from holdfast.view.meshes import Mesh
-from holdfast.view.object_body import box_lines, equivalent_box, struts
 from holdfast.view.pieces import pieces_of_arm
 from holdfast.view.scene_writer import Colour, SceneWriter
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
+from collections.abc import Iterator
 from typing import Any
 
 from holdfast.errors import MissingExtra
@@ -48,6 +49,18 @@ def arm_look(index: int) -> tuple[str, str]:
 def rgb(colour: str) -> tuple[int, int, int]:
     """Return red, green and blue, 0 to 255, of a colour '#rrggbb'."""
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
+
+
+@contextlib.contextmanager
+def new_figure(width: float, height: float) -> Iterator[Any]:
+    """Yield an empty matplotlib Figure of a size [inches], in the style of all figures.
+
+    Raises:
+        MissingExtra: matplotlib is not installed.
+    """
+    Figure, rc_context = matplotlib()
+    with rc_context(STYLE):
+        yield Figure(figsize=(width, height), layout="constrained")
 
 
 def matplotlib() -> tuple[Any, Any]:

@@ -1,4 +1,4 @@
-"""The live viewer: a film in the browser, with time, speed, cameras and the length of arrows to hand."""
+"""The live viewer: a film in the browser, with controls beside it and the numbers of the moment that is shown."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.view.arrow_scale import ArrowScale
 from holdfast.view.cameras import cameras, upward
 from holdfast.view.chain_scene import ChainScene
+from holdfast.view.figure_style import DANGER, GREEN, ORANGE, arm_look
 from holdfast.view.film import Film
-from holdfast.view.page_panel import legend, plots
-from holdfast.view.readout import chip, readout
+from holdfast.view.markers import ArrowScale
+from holdfast.view.page import legend, meter, plots
 from holdfast.view.scene_writer import Camera, SceneWriter, viewer_server
 
 SPEEDS = ("0.1x", "0.25x", "0.5x", "1x", "2x", "4x")
@@ -45,7 +45,7 @@ def watch(film: Film, announce: Callable[[str], None], port: int = 0) -> None:
                 shown = moment, scale
                 scene.scale = scale
                 scene.show(moment)
-                controls.tell(moment)
+                controls.show_numbers(moment)
             time.sleep(TICK)
 
 
@@ -104,7 +104,7 @@ class Controls:
             self._slider.value = round(self._time, 3)
         return int(np.searchsorted(film.t, self._time + 1e-9, side="right").clip(1, len(film))) - 1
 
-    def tell(self, moment: int) -> None:
+    def show_numbers(self, moment: int) -> None:
         """Show the numbers of a moment."""
         self._legend.content = f"<div style='padding:0 1em;opacity:.75'>{legend(self._film, self.scale)}</div>"
         self._numbers.content = readout(self._film, moment)
@@ -133,3 +133,48 @@ def _add_curves(gui: Any, film: Film, plot: dict[str, Any]) -> None:
     values = (np.array([np.nan if v is None else v for v in curve["values"]]) for curve in plot["curves"])
     scales = {"x": uplot.Scale(time=False), "y": uplot.Scale(distr=3 if plot["log"] else 1)}
     gui.add_uplot((film.t, *values), tuple(series), title=plot["title"], scales=scales, aspect=1.8)
+
+
+HEADINGS = ("", "force [N]", "internal [N]", "moment [N m]", "margin [N]", "torque [%]")
+ZONES = f"{GREEN} 28%,{ORANGE} 38%,{ORANGE} 62%,{DANGER} 72%"
+METER = f"height:8px;border-radius:4px;background:linear-gradient(90deg,{ZONES})"
+NEEDLE = "position:relative;top:-3px;width:3px;height:14px;background:#000"
+
+
+def readout(film: Film, moment: int) -> str:
+    """Return the wrenches of a moment, the margins, how near the torques are to their limits, and the condition."""
+    rows = "".join(_row(film, moment, i, name) for i, name in enumerate(film.chain.names))
+    head = "".join(f"<th style='text-align:right;font-weight:normal'>{heading}</th>" for heading in HEADINGS)
+    shown = meter(film)
+    share, nearest = shown["values"][moment] or 0.0, shown["names"][shown["nearest"][moment]]
+    return (
+        f"<div style='padding:0 1em;font-size:.8em'><b>t = {film.t[moment]:.3f} s</b>"
+        f"<table style='width:100%'><tr>{head}</tr>{rows}</table>"
+        f"condition of the grasps {film.condition[moment]:.3g}; regular to singular, nearest: {html.escape(nearest)}"
+        f"<div style='{METER}'><div style='{NEEDLE};left:{99 * share:.1f}%'></div></div></div>"
+    )
+
+
+def chip(index: int, name: str) -> str:
+    """Return an arm's name beside a square of its colour, as HTML."""
+    return f"<span style='color:{arm_look(index)[0]}'>&#9632;</span> {html.escape(name)}"
+
+
+def _row(film: Film, moment: int, i: int, name: str) -> str:
+    use = film.torque_use(name)
+    moments, forces = film.wrench[moment, i, :3], film.wrench[moment, i, 3:]
+    values = (
+        float(np.linalg.norm(forces)),
+        float(np.linalg.norm(film.internal[moment, i, 3:])),
+        float(np.linalg.norm(moments)),
+        float(film.margin[moment, i]),
+        np.inf if use is None else 100 * float(use[moment]),
+    )
+    cells = "".join(f"<td style='text-align:right'>{_short(value)}</td>" for value in values)
+    return f"<tr><td style='white-space:nowrap'>{chip(i, name)}</td>{cells}</tr>"
+
+
+def _short(value: float) -> str:
+    if not np.isfinite(value):
+        return "-"
+    return "0" if abs(value) < 1e-9 else f"{value:.3g}"

@@ -9,8 +9,7 @@ import numpy as np
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.scalar import Array
-from holdfast.view import figure_style
-from holdfast.view.figure_style import COLUMN, DANGER, STYLE, arm_look
+from holdfast.view.figure_style import COLUMN, DANGER, arm_look, new_figure
 
 MOST_NAMED = 4  # instants of slip with their times beside
 OPEN = 1e-6  # of the axis: wider ranges of margins are drawn
@@ -32,10 +31,8 @@ def friction_margin_figure(chain: ClosedChain, run: Trajectory) -> Any:
     Raises:
         MissingExtra: matplotlib is not installed.
     """
-    Figure, rc_context = figure_style.matplotlib()
     limited = [i for i in range(len(chain.names)) if np.isfinite(run.margin[:, i]).any()]
-    with rc_context(STYLE):
-        figure = Figure(figsize=(COLUMN, 2.6), layout="constrained")
+    with new_figure(COLUMN, 2.6) as figure:
         panel = figure.subplots()
         panel.axhspan(-BEYOND, 0.0, color=DANGER, alpha=0.12, linewidth=0, zorder=0)
         panel.axhline(0.0, color=DANGER, linewidth=0.8)

@@ -1,15 +1,25 @@
-"""One HTML file that plays a film: opens from disk, without network, without this program."""
+"""One HTML file that plays a film beside a panel of curves; it opens without network and without this program."""
 
 from __future__ import annotations
 
+import html
+import json
 from os import PathLike
+from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from holdfast.dynamics.near_singular import NEAR, NEARING, chain_strength
 from holdfast.errors import ModelError
 from holdfast.io.atomic import write_atomically
 from holdfast.io.path import file_path
+from holdfast.spatial.scalar import Array
+from holdfast.view.cameras import cameras
 from holdfast.view.chain_scene import ChainScene
+from holdfast.view.figure_style import arm_look
 from holdfast.view.film import Film
-from holdfast.view.page_panel import with_panel
+from holdfast.view.markers import ArrowScale
 from holdfast.view.scene_writer import SceneWriter, viewer_server
 
 PAUSE = 0.8  # the last moment stays so long before the player begins again [s]
@@ -50,3 +60,112 @@ def page(film: Film) -> str:
         if len(film) > 1:
             recording.insert_sleep(PAUSE)
         return with_panel(recording.as_html(), film, scene.scale)
+
+
+HERE = Path(__file__).parent
+DIGITS = 4
+GAP = "\u00a0"  # a space at which no line ends
+GONE = 1e-3  # strength at the meter's end
+NOISE = 1e-9  # N m per N: smaller moments are rounding
+
+
+def with_panel(page: str, film: Film, scale: ArrowScale) -> str:
+    """Return viser's page with the panel in it, and with the film's title.
+
+    Args:
+        page: what viser's recording returns.
+        film: what was recorded.
+        scale: of the arrows.
+    """
+    data = json.dumps(panel_data(film, scale), allow_nan=False, separators=(",", ":")).replace("</", "<\\/")
+    style, script = ((HERE / f"page_panel.{kind}").read_text(encoding="utf-8") for kind in ("css", "js"))
+    head, body = f"<style>{style}</style></head>", page.rindex("</body>")
+    panel = (
+        f'<aside id="holdfast"></aside><script type="application/json" id="holdfast-data">{data}</script>'
+        f"<script>{script}</script>"
+    )
+    page = page[:body] + panel + page[body:]
+    return page.replace("<title>Viser</title>", f"<title>{html.escape(film.title)}</title>", 1).replace(
+        "</head>", head, 1
+    )
+
+
+def panel_data(film: Film, scale: ArrowScale) -> dict[str, Any]:
+    """Return what the panel shows, as plain data; times count from the first moment [s]."""
+    return {
+        "title": film.title,
+        "start": float(film.t[0]),
+        "times": _rounded(film.t - film.t[0], 6),
+        "cameras": [
+            {"name": view.name, "position": view.position.tolist(), "target": view.target.tolist()}
+            for view in cameras(film)
+        ],
+        "notes": [legend(film, scale)],
+        "plots": [plot for plot in plots(film) if plot["curves"]],
+        "meters": [meter(film)],
+    }
+
+
+def legend(film: Film, scale: ArrowScale) -> str:
+    """Return a sentence or two that explain arrows and cones."""
+    sentences = [
+        f"Arrows, in the arm's colour, are what the arm does to the object: 0.1 m is {0.1 / scale.force:.3g}{GAP}N,"
+        f" with two heads {0.1 / scale.moment:.3g}{GAP}N{GAP}m. Purple: the internal part of the force."
+    ]
+    if any(grasp.contact is not None for grasp in film.chain.grasps.values()):
+        sentences.append("Friction cones turn from green to red as a contact nears slipping.")
+    return " ".join(sentences)
+
+
+def plots(film: Film) -> list[dict[str, Any]]:
+    """Return the panel's curves: forces, moments, friction margins, torques, condition."""
+    names = film.chain.names
+    force, moment, squeeze = (
+        np.linalg.norm(part, axis=2) for part in (film.wrench[..., 3:], film.wrench[..., :3], film.internal[..., 3:])
+    )
+    moment[moment < NOISE * force.max(initial=0.0)] = 0.0
+    held = [(name, names.index(name)) for name in film.holding]
+    forces = [_curve(name, i, force[:, i]) for name, i in held]
+    forces += [_curve(f"{name}, internal", i, squeeze[:, i], dashed=True) for name, i in held]
+    moments = [_curve(name, i, moment[:, i]) for name, i in held]
+    margins = [_curve(name, i, film.margin[:, i]) for name, i in held if np.isfinite(film.margin[:, i]).any()]
+    uses = [(name, i, film.torque_use(name)) for i, name in enumerate(names)]
+    torques = [_curve(name, i, 100 * use) for name, i, use in uses if use is not None]
+    return [
+        _plot("force on the object [N]", forces),
+        _plot("moment on the object [N m]", moments),
+        _plot("margin of the grasp [N], gives way below 0", margins, lines=[0.0]),
+        _plot("largest torque [% of its limit]", torques),
+        _plot("condition of the grasps [1]", [_curve("grasps", 4, film.condition)], log=True),
+    ]
+
+
+def meter(film: Film) -> dict[str, Any]:
+    """Return the singularity meter: green up to 1/3, orange to 2/3, then red, and who is nearest to a singularity.
+
+    It shows the weaker of the grasp constraint and the weakest arm, on the scale of `near_singular`.
+    """
+    strengths = np.column_stack([chain_strength(film.condition), film.strength])
+    nearest = np.argmin(strengths, axis=1)
+    weakest = np.maximum(strengths.min(axis=1), GONE)
+    values = np.interp(-np.log(weakest), -np.log([1.0, NEARING, NEAR, GONE]), [0.0, 1 / 3, 2 / 3, 1.0])
+    return {
+        "title": "singularity meter",
+        "values": _rounded(values),
+        "names": ["the grasps", *film.chain.names],
+        "nearest": nearest.tolist(),
+        "ends": ["regular", "singular"],
+    }
+
+
+def _plot(title: str, curves: list[dict[str, Any]], lines: list[float] | None = None, log: bool = False) -> Any:
+    return {"title": title, "curves": curves, "lines": lines or [], "log": log}
+
+
+def _curve(label: str, arm: int, values: Array, dashed: bool = False) -> dict[str, Any]:
+    return {"label": label, "colour": arm_look(arm)[0], "dashed": dashed, "values": _rounded(values)}
+
+
+def _rounded(values: Array, digits: int = DIGITS) -> list[float | None]:
+    """Return values short enough to be read, None where there is no finite one."""
+    return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in values]

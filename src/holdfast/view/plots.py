@@ -1,7 +1,9 @@
-"""The figures of a run as files."""
+"""The figures of a run, and how they become files."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from os import PathLike
 from typing import Any
 
@@ -10,13 +12,32 @@ import numpy as np
 from holdfast.io.atomic import write_atomically
 from holdfast.io.path import file_path
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.trajectory import Trajectory, require_run_of
+from holdfast.spatial.scalar import Array
 from holdfast.view import figure_style
-from holdfast.view.closure_figure import closure_and_energy_figure
+from holdfast.view.figure_style import (
+    BLACK,
+    BLUE,
+    COLUMN,
+    COMPONENTS,
+    DANGER,
+    GREEN,
+    INTERNAL,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILLION,
+    arm_look,
+    new_figure,
+)
 from holdfast.view.margin_figure import friction_margin_figure
-from holdfast.view.share_figure import load_share_figure
-from holdfast.view.torque_figure import joint_torque_figure
-from holdfast.view.wrench_figure import grasp_wrench_figure
+
+ARMS_ABREAST = 4
+# no vermillion: the limit has it
+JOINT_LOOKS = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."), (BLACK, "-"), (PURPLE, "--"), (SKY, "-."), (BLUE, ":"))
+POINTS = 300  # as many as a column can show
+SMALLEST_GAP = 1e-18  # where a logarithmic axis shows a gap of 0
 
 
 def figures(chain: ClosedChain, run: Trajectory) -> dict[str, Any]:
@@ -63,3 +84,219 @@ def save_plots(chain: ClosedChain, run: Trajectory, folder: str | PathLike[str])
 
         write_atomically(place / names[-1], draw)
     return names
+
+
+def grasp_wrench_figure(chain: ClosedChain, run: Trajectory) -> Any:
+    """Return a figure of the grasp wrenches, one column of panels per arm that holds.
+
+    Force and moment of the arm on the object about the contact, world axes, and the norms
+    of the force's motion and internal parts.
+
+    Args:
+        chain: the chain that was simulated.
+        run: its run.
+
+    Returns:
+        A matplotlib Figure.
+
+    Raises:
+        MissingExtra: matplotlib is not installed.
+    """
+    held = [i for i in range(len(chain.names)) if run.holding[:, i].any()]
+    internal = run.internal_wrench[..., 3:]
+    norms = (np.linalg.norm(part, axis=2) for part in (run.grasp_wrench[..., 3:] - internal, internal))
+    parts = list(zip(("motion part", "internal part"), norms, ("-", "--"), (BLACK, INTERNAL), strict=True))
+    with _columns(len(held), 4.2, 0.3, ("force [N]", "moment [N m]", "|force| [N]")) as (figure, columns):
+        for i, (force, moment, split) in zip(held, columns, strict=True):
+            force.set_title(_title(chain, i))
+            for panel, first in ((force, 3), (moment, 0)):
+                for axis, (label, colour, line) in enumerate(COMPONENTS):
+                    panel.plot(run.t, run.grasp_wrench[:, i, first + axis], line, color=colour, label=label)
+            for label, norm, line, colour in parts:
+                split.plot(run.t, norm[:, i], line, color=colour, label=label)
+            split.set_ylim(bottom=0)
+        if held:
+            handles = [*columns[0][0].lines, *columns[0][2].lines]
+            figure.legend(handles=handles, loc="outside upper center", ncols=5, columnspacing=1.0)
+    return figure
+
+
+@contextmanager
+def _columns(count: int, height: float, spare: float, labels: Sequence[str]) -> Iterator[tuple[Any, list[Any]]]:
+    """Yield a figure and, for each of several arms, a column of panels over time; columns stand four abreast.
+
+    Args:
+        count: of arms.
+        height: of a column [inches].
+        spare: what the figure is higher than its columns [inches].
+        labels: of the panels of a column, from above.
+    """
+    abreast, rows = min(max(count, 1), ARMS_ABREAST), len(labels)
+    bands = -(-max(count, 1) // abreast)
+    with new_figure(COLUMN * max(1.0, abreast / 2), height * bands + spare) as figure:
+        panels = figure.subplots(rows * bands, abreast, sharex=True, sharey="row", squeeze=False)
+        columns = [panels[rows * (k // abreast) :, k % abreast][:rows] for k in range(count)]
+        yield figure, columns
+        for k, column in enumerate(columns):
+            column[-1].set_xlabel("time [s]")
+            column[-1].tick_params(labelbottom=True)
+            for panel, label in zip(column, labels, strict=True) if k % abreast == 0 else ():
+                panel.set_ylabel(label)
+        for panel in panels.flat:
+            if not panel.lines:
+                panel.set_axis_off()
+        figure.align_ylabels()
+
+
+def _title(chain: ClosedChain, arm: int) -> str:
+    """Return an arm's name and, if it begins with one, its grasp's kind."""
+    name = chain.names[arm]
+    return f"{name} ({chain.grasps[name].kind})" if name in chain.grasps else name
+
+
+def joint_torque_figure(chain: ClosedChain, run: Trajectory) -> Any:
+    """Return a figure of the drives' torques, and of their share of the limits, one column per arm.
+
+    Of an arm with more than seven joints the seven that come nearest to their limits (or, without
+    limits, with the largest torques) are told apart, the others are grey.
+
+    Args:
+        chain: the chain that was simulated.
+        run: its run.
+
+    Returns:
+        A matplotlib Figure.
+
+    Raises:
+        MissingExtra: matplotlib is not installed.
+    """
+    with _columns(len(chain.names), 3.2, 0.5, (_label(chain), "share of limit [%]")) as (figure, columns):
+        for name, (torque, share) in zip(chain.names, columns, strict=True):
+            torque.set_title(name)
+            _draw(chain, run, name, torque, share)
+        handles = {line.get_label(): line for panel in figure.axes for line in panel.lines}
+        named = [handles[label] for label in sorted(handles) if not label.startswith("_")]
+        figure.legend(handles=named[:28], loc="outside upper center", ncols=4, columnspacing=1.0)
+    return figure
+
+
+def _draw(chain: ClosedChain, run: Trajectory, name: str, torque: Any, share: Any) -> None:
+    """Draw the torques of one arm into its two panels."""
+    arm, tau = chain.arms[name], run.tau[:, chain.joints[name]]
+    limits = np.array([joint.effort_limit for joint in arm.joints])
+    limited = np.isfinite(limits)
+    use = np.where(limited, 100 * np.abs(tau) / limits, 0.0)
+    first = np.argsort(-(use if limited.any() else np.abs(tau)).max(axis=0), kind="stable")[: len(JOINT_LOOKS)]
+    for k, joint in enumerate(arm.joints):
+        place = sorted(first).index(k) if k in first else None
+        colour, line = ("#bbbbbb", "-") if place is None else JOINT_LOOKS[place]
+        label = "_" if place is None else joint.name or f"joint{k + 1}"
+        torque.plot(run.t, tau[:, k], linestyle=line, color=colour, label=label)
+        if limited[k]:
+            share.plot(run.t, use[:, k], linestyle=line, color=colour, label=label)
+    if limited.any():
+        share.axhline(100.0, color=DANGER, linewidth=0.8)
+        share.set_ylim(0, max(105.0, 1.05 * use.max()))
+
+
+def _label(chain: ClosedChain) -> str:
+    kinds = {joint.kind for arm in chain.arms.values() for joint in arm.joints}
+    return {1: "torque [N m]", 2: "torque, force\n[N m, N]"}[len(kinds)] if "revolute" in kinds else "force [N]"
+
+
+def load_share_figure(chain: ClosedChain, run: Trajectory) -> Any:
+    """Return a figure of the part of the net force on the object that each arm carries, and of that force.
+
+    Args:
+        chain: the chain that was simulated.
+        run: its run.
+
+    Returns:
+        A matplotlib Figure.
+
+    Raises:
+        MissingExtra: matplotlib is not installed.
+    """
+    net = np.linalg.norm(run.grasp_wrench[..., 3:].sum(axis=1), axis=1)
+    defined = run.load_share.any(axis=1, keepdims=True)  # there is a net force
+    shares = np.where(defined, 100 * run.load_share, np.nan)
+    with new_figure(COLUMN, 3.2) as figure:
+        share, force = figure.subplots(2, 1, sharex=True, height_ratios=(1.6, 1))
+        for i, name in enumerate(chain.names):
+            if run.holding[:, i].any():
+                colour, line = arm_look(i)
+                share.plot(run.t, shares[:, i], linestyle=line, color=colour, label=name)
+        share.set_ylabel("load share [%]")
+        share.set_ylim(*_wide_enough(shares))
+        force.plot(run.t, net, "-", color=BLACK)
+        force.set_ylabel("net force [N]")
+        force.set_ylim(0, 1.08 * net.max() or 1.0)
+        force.set_xlabel("time [s]")
+        figure.align_ylabels()
+        if share.lines:
+            figure.legend(handles=share.lines, loc="outside upper center", ncols=4, columnspacing=1.0)
+    return figure
+
+
+def _wide_enough(shares: Any) -> tuple[float, float]:
+    """Return limits of an axis that shows 0 to 100 %, and what lies beyond."""
+    known = shares[np.isfinite(shares)]
+    low, high = float(np.min(known, initial=0.0)), float(np.max(known, initial=100.0))
+    return low - 0.04 * (high - low), high + 0.04 * (high - low)
+
+
+def closure_and_energy_figure(run: Trajectory) -> Any:
+    """Return a figure of the gaps at the grasps, the energies, and the energy balance.
+
+    Args:
+        run: a run.
+
+    Returns:
+        A matplotlib Figure.
+
+    Raises:
+        MissingExtra: matplotlib is not installed.
+    """
+    with new_figure(COLUMN, 6.4) as figure:
+        position, velocity, energy, balance = figure.subplots(4, 1, sharex=True, height_ratios=(1, 1, 1.6, 1))
+        for panel, gaps, label in (
+            (position, run.position_gap, "position gap\n[m or rad]"),
+            (velocity, run.velocity_gap, "velocity gap\n[m/s or rad/s]"),
+        ):
+            panel.semilogy(*_worst(run.t, gaps[:, 0]), "--", color=VERMILLION, label="after the step")
+            panel.semilogy(*_worst(run.t, gaps[:, 1]), "-", color=BLUE, label="after projection")
+            panel.set_ylabel(label)
+        for values, line, colour, label in _energies(run):
+            energy.plot(run.t, values, line, color=colour, label=label)
+        energy.set_ylabel("energy [J]")
+        balance.plot(run.t, run.imbalance, "-", color=BLACK)
+        balance.set_ylabel("imbalance [J]")
+        balance.set_xlabel("time [s]")
+        for panel in (position, energy):
+            panel.legend(loc="lower center", bbox_to_anchor=(0.45, 1.0), ncols=3, columnspacing=1.0)
+        figure.align_ylabels()
+    return figure
+
+
+def _worst(t: Array, gaps: Array) -> tuple[Array, Array]:
+    """Return the largest gap of every short stretch of time, and the stretch's end."""
+    if len(t) < 2:
+        return t, np.maximum(gaps, SMALLEST_GAP)
+    # the first sample came from no step
+    first = np.unique(np.linspace(1, len(t), min(len(t) - 1, POINTS), endpoint=False).astype(int))
+    last = np.append(first[1:], len(t)) - 1
+    return t[last], np.maximum(np.maximum.reduceat(gaps, first), SMALLEST_GAP)
+
+
+def _energies(run: Trajectory) -> list[tuple[Array, str, str, str]]:
+    """Return the curves of the energy panel; works and impacts that stay zero are left out."""
+    curves = [
+        (run.kinetic, "-", BLUE, "kinetic"),
+        (run.potential - run.potential[0], "--", VERMILLION, "potential, change"),
+    ]
+    styles = (("-.", GREEN), (":", ORANGE), (":", PURPLE), ("-.", SKY), ("-", BLACK))
+    names = [*(f"work of {term}" for term in WORK_TERMS), "impacts"]
+    for name, done, (line, colour) in zip(names, (*run.work.T, run.impact), styles, strict=True):
+        if done.any():
+            curves.append((done, line, colour, name))
+    return curves

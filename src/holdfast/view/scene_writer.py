@@ -36,12 +36,6 @@ class Camera(NamedTuple):
     target: Array
 
 
-class _Arrows(NamedTuple):
-    node: Any
-    shaft: float
-    head: float
-
-
 class SceneWriter:
     """Draws into a viser server.
 
@@ -57,8 +51,8 @@ class SceneWriter:
         """
         self.server = server
         self._nodes: dict[str, Any] = {}
-        self._arrows: dict[str, _Arrows] = {}
-        self._told: dict[str, Any] = {}  # what is there already
+        self._arrows: dict[str, tuple[Any, float]] = {}  # node, radius of its shafts
+        self._sent: dict[str, Any] = {}  # what viewers have already
 
     def look_from(self, camera: Camera, up: Array) -> None:
         """Set where a viewer begins, and which way is up (3,)."""
@@ -74,7 +68,7 @@ class SceneWriter:
         )
 
     def mesh(self, name: str, mesh: Mesh, colour: Colour, opacity: float | None = None) -> None:
-        """Add a surface, opaque unless told; a translucent one is seen from both sides."""
+        """Add a surface, opaque by default; a translucent one is seen from both sides."""
         self._nodes[name] = self.server.scene.add_mesh_simple(
             name, mesh.vertices, mesh.faces, color=colour, opacity=opacity,
             side="front" if opacity is None else "double",
@@ -105,19 +99,20 @@ class SceneWriter:
             shaft: radius of their shafts [m]; short arrows are made thinner.
         """
         none = np.zeros((count, 2, 3), dtype=np.float32)
-        # viser shows the colours of arrows lighter than it is told: it takes them for linear light
+        # viser shows the colours of arrows lighter than they are given: it takes them for linear light
         dark = tuple(round(255 * (channel / 255) ** 2.2) for channel in colour)
         node = self.server.scene.add_arrows(name, none, dark, shaft_radius=0.0, head_radius=0.0, head_length=0.0)
-        self._arrows[name] = _Arrows(node, shaft, 6.0 * shaft)
+        self._arrows[name] = node, shaft
 
     def point(self, name: str, segments: Array) -> None:
         """Let arrows go from tail to tip, (count, 2, 3) world axes [m]."""
-        node, shaft, head = self._arrows[name]
+        node, shaft = self._arrows[name]
+        head = 6.0 * shaft
         longest = float(np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).max())
         # a head that is longer than its arrow would stand out at the tail
         size = int(1000 * min(1.0, 0.5 * longest / head)) / 1000
-        if self._told.get(name) != size:  # viser compares too, but slowly
-            self._told[name] = size
+        if self._sent.get(name) != size:  # viser compares too, but slowly
+            self._sent[name] = size
             node.shaft_radius, node.head_radius, node.head_length = size * shaft, 2.4 * size * shaft, size * head
         node.points = segments.astype(np.float32)
 
@@ -126,10 +121,10 @@ class SceneWriter:
         node = self._nodes[name]
         for part, now in (("wxyz", wxyz), ("position", position)):
             # float32 halves what a recording compresses to; a viewer draws no finer
-            told = now.astype(np.float32).tobytes()
-            if self._told.get(name + part) != told:
-                self._told[name + part] = told
-                setattr(node, part, np.frombuffer(told, dtype=np.float32))
+            data = now.astype(np.float32).tobytes()
+            if self._sent.get(name + part) != data:
+                self._sent[name + part] = data
+                setattr(node, part, np.frombuffer(data, dtype=np.float32))
 
     def paint(self, name: str, colour: Colour) -> None:
         """Give lines another colour."""

@@ -1,14 +1,14 @@
-"""A mesh file by the name that a robot's file gives it."""
+"""A mesh file by the name that a robot's file gives it: where the file is, and the surface in it."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
 
 from holdfast.view.mesh_files.collada import read_collada
 from holdfast.view.mesh_files.limits import LARGEST_FILE, MeshFault, require_plain
-from holdfast.view.mesh_files.mesh_path import mesh_path
 from holdfast.view.mesh_files.obj import read_obj
 from holdfast.view.mesh_files.stl import read_stl
 from holdfast.view.meshes import Mesh
@@ -43,3 +43,63 @@ def read_mesh(filename: str, folder: Path) -> Mesh:
     except MeshFault as cause:
         raise MeshFault(f"{path}: cannot be read: {cause}") from cause
     return Mesh(vertices, faces)
+
+
+MANIFEST = "package.xml"
+
+
+def mesh_path(filename: str, folder: Path) -> Path:
+    """Return where a mesh file is.
+
+    A robot's package is the nearest folder at or above its file's that has a package.xml, or
+    else the folder above its file's. A relative name, an absolute one and `file://` must lie in
+    it. `package://name/...` and `model://name/...` are looked for at and above the robot's file:
+    in its package, and in folders of that name that have a package.xml.
+
+    Args:
+        filename: as the robot's file gives it.
+        folder: that the robot's file is in.
+
+    Raises:
+        MeshFault: no such file, or one outside.
+    """
+    shown = filename if len(filename) <= 200 and filename.isprintable() else ascii(filename[:200])
+    scheme, separator, rest = filename.rpartition("://")
+    folder = Path(os.path.abspath(folder))
+    root = _package_of(folder)
+    try:
+        if not separator or scheme == "file":
+            place = Path(os.path.normpath(folder / rest))
+            if not place.is_relative_to(root):
+                raise MeshFault(f"{shown}: expected a file in the robot's package, which is {root}")
+            candidates = [place]
+        elif scheme in ("package", "model"):
+            candidates = _in_packages(rest, folder, root)
+        else:
+            raise MeshFault(f"{shown}: expected a file name, file://, package:// or model://")
+        found = next((path for path in candidates if path.is_file()), None)
+    except OSError as cause:
+        raise MeshFault(f"{shown}: {cause.strerror or 'cannot be read'}") from cause
+    except ValueError as cause:  # a name that no file system takes
+        raise MeshFault(f"{shown}: {cause}") from cause
+    if found is None:
+        raise MeshFault(f"{shown}: no such file")
+    return found
+
+
+def _package_of(folder: Path) -> Path:
+    return next((above for above in (folder, *folder.parents) if (above / MANIFEST).is_file()), folder.parent)
+
+
+def _in_packages(rest: str, folder: Path, root: Path) -> list[Path]:
+    """Return where `name/path` may be."""
+    name, _, path = rest.partition("/")
+    if not name or ".." in rest.replace("\\", "/").split("/"):
+        raise MeshFault(f"{rest[:200]!r}: expected the name of a package and a path in it, without '..'")
+    places = []
+    for above in (folder, *folder.parents):
+        if above.is_relative_to(root) or (above / name).is_relative_to(root) or (above / name / MANIFEST).is_file():
+            places.append(above / name / path)
+        if above.is_relative_to(root):  # the package's folder may bear another name
+            places.append(above / path)
+    return [place for place in places if not os.path.isabs(path)]

@@ -1,0 +1,62 @@
+"""How far an arm reaches at most, and the room that its joints have to their limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from holdfast.model.arm import Arm
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+from holdfast.state import State
+
+
+def longest_reach(arm: Arm) -> float:
+    """Return a distance from the first joint that the tip cannot exceed in any posture [m].
+
+    The lengths from joint to joint and on to the tip, and the strokes; infinite with a
+    stroke that has no limit.
+    """
+    lengths = [float(np.linalg.norm(joint.placement.p)) for joint in arm.joints[1:]]
+    strokes = [max(map(abs, joint.position_limits)) for joint in arm.joints if joint.kind == "prismatic"]
+    return math.fsum([*lengths, *strokes, float(np.linalg.norm(arm.tip.p))])
+
+
+def asked_reach(chain: ClosedChain, name: str, object_pose: Pose) -> float:
+    """Return the distance from an arm's first joint to its contact point [m]."""
+    arm = chain.arms[name]
+    contact = object_pose @ chain.grasps[name].frame
+    return float(np.linalg.norm(contact.p - (arm.base @ arm.joints[0].placement).p))
+
+
+ROOM = 0.02  # of a joint's range: more room to a limit does not count
+
+
+def with_room(chain: ClosedChain, preferred: Mapping[str, Array]) -> ClosedChain:
+    """Return the chain with limits that keep 2 % of each joint's range free, as far as the preferred postures do."""
+    arms = {}
+    for name, arm in chain.arms.items():
+        low, high = arm.position_limits.T
+        wish, room = np.clip(preferred[name], low, high), ROOM * _spans(arm)
+        limits = zip(np.minimum(low + room, wish), np.maximum(high - room, wish), strict=True)
+        joints = [replace(joint, position_limits=pair) for joint, pair in zip(arm.joints, limits, strict=True)]
+        arms[name] = replace(arm, joints=joints)
+    return ClosedChain(arms, chain.held_object, chain.grasps, chain.gravity)
+
+
+def room_left(chain: ClosedChain, state: State) -> float:
+    """Return the smallest margin to a joint limit, as part of the joint's range, up to `ROOM`."""
+    low, high = np.concatenate([arm.position_limits for arm in chain.arms.values()]).T
+    spans = np.concatenate([_spans(arm) for arm in chain.arms.values()])
+    margin = np.minimum(state.q - low, high - state.q) / np.maximum(spans, 1e-300)
+    return float(np.clip(margin.min(), 0.0, ROOM))
+
+
+def _spans(arm: Arm) -> Array:
+    """Return the joints' ranges, (N,); of one without two limits, a turn or as many metres."""
+    low, high = arm.position_limits.T
+    return np.where(np.isfinite(high - low), high - low, 2 * np.pi)

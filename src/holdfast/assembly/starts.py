@@ -1,0 +1,118 @@
+"""Where a search begins: the postures that arms prefer, others farther away, and guesses of the object's pose."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from holdfast.assembly.limits import longest_reach
+from holdfast.dynamics.arm.posture import posture
+from holdfast.errors import ModelError, StateError
+from holdfast.model import checks
+from holdfast.model.arm import Arm
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.robots.recognise import home_of
+from holdfast.spatial import rotation
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+
+WIDEST = np.pi  # rad, or m: how far from 0 an unlimited joint is searched
+
+
+def preferred_postures(chain: ClosedChain, given: Mapping[str, Any] | None) -> dict[str, Array]:
+    """Return the preferred joint positions of every arm, by name.
+
+    Given ones first; else a built-in robot's home posture; else the middle of the joint
+    limits (0 where there are none).
+
+    Raises:
+        ModelError: a posture of an arm that is not there.
+        StateError: a posture of the wrong length.
+    """
+    given = {} if given is None else given
+    if not isinstance(given, Mapping):
+        raise ModelError(f"q: expected joint positions by arm name, e.g. {{'left': [...]}}, got {type(given).__name__}")
+    for name in given:
+        if name not in chain.arms:
+            raise ModelError(f"q: no arm '{name}'.{checks.did_you_mean(str(name), chain.arms)}")
+    return {
+        name: checks.numbers(given[name], (arm.joint_count,), f"q of '{name}'", StateError)
+        if name in given
+        else preferred_posture(arm)
+        for name, arm in chain.arms.items()
+    }
+
+
+def starting_postures(arm: Arm, preferred: Array, count: int) -> Iterator[Array]:
+    """Yield joint positions to search from: the preferred ones, then seeded ones farther and farther away."""
+    low, high = _range(arm)
+    yield np.clip(preferred, *arm.position_limits.T)
+    random = np.random.default_rng(arm.joint_count)
+    for spread in np.linspace(0.2, 1.0, count - 1):
+        yield np.clip(preferred + spread * random.uniform(low - high, high - low) / 2, low, high)
+
+
+def preferred_posture(arm: Arm) -> Array:
+    """Return a built-in robot's home posture, or the middle of the joint limits (0 where there are none), (N,)."""
+    home = home_of(arm)
+    return np.mean(_range(arm), axis=0) if home is None else home
+
+
+def _range(arm: Arm) -> tuple[Array, Array]:
+    """Return lowest and highest positions; an unlimited end lies `WIDEST` beyond the other end, or beyond 0."""
+    low, high = arm.position_limits.T
+    bounded_low = np.where(np.isfinite(low), low, np.where(np.isfinite(high), high - 2 * WIDEST, -WIDEST))
+    return bounded_low, np.where(np.isfinite(high), high, bounded_low + 2 * WIDEST)
+
+
+FREE_ATTITUDE = 1e-3  # weight of attitudes that a grasp leaves free: decides only what nothing else does
+QUARTER_TURNS = 4
+
+
+def object_guesses(chain: ClosedChain, preferred: Mapping[str, Array]) -> list[Pose]:
+    """Return poses of the object to close the chains from, the likeliest first.
+
+    * The best fit: contact frames on the hands, points and attitudes together.
+    * Upright, turned about the vertical by quarters of a turn, its contacts' centroid at the
+      hands' centroid, and in the middle of what the arms reach.
+    * Where each hand whose grasp fixes an attitude would hold it.
+    """
+    hands = {name: posture(chain.arms[name], preferred[name]).tip for name in chain.grasps}
+    contacts = {name: grasp.frame for name, grasp in chain.grasps.items()}
+    middle = np.mean([frame.p for frame in contacts.values()], axis=0)
+    centroids = [np.mean([hand.p for hand in hands.values()], axis=0), _middle_of_reach(chain)]
+    guesses = [_best_fit(chain, hands)]
+    for quarter in range(QUARTER_TURNS):
+        R = rotation.exp(np.array([0.0, 0.0, np.pi / 2 * quarter]))
+        guesses += [Pose(R, centroid - R @ middle) for centroid in centroids]
+    fixing = [name for name, grasp in chain.grasps.items() if grasp.kind in ("rigid", "hinge")]
+    return guesses + [hands[name] @ contacts[name].inverse() for name in fixing]
+
+
+def _best_fit(chain: ClosedChain, hands: Mapping[str, Pose]) -> Pose:
+    """Return the pose that brings contacts to hands: max tr(R^T B), B summed over points and attitudes."""
+    points = np.array([grasp.frame.p for grasp in chain.grasps.values()])
+    targets = np.array([hands[name].p for name in chain.grasps])
+    middle, centroid = points.mean(axis=0), targets.mean(axis=0)
+    size = max(float(np.abs(points - middle).max()), 1e-3)
+    B = (targets - centroid).T @ (points - middle) / size**2
+    for name, grasp in chain.grasps.items():
+        weights = np.array([FREE_ATTITUDE if grasp.kind in ("softfinger", "ball") else 1.0] * 3)
+        if grasp.kind == "hinge":
+            weights[1:] = FREE_ATTITUDE
+        B += hands[name].R @ np.diag(weights) @ grasp.frame.R.T
+    U, _, Vt = np.linalg.svd(B)
+    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    return Pose(R, centroid - R @ middle)
+
+
+def _middle_of_reach(chain: ClosedChain) -> Array:
+    """Return the point between the arms' shoulders, lifted by a third of the shortest reach along their mean z."""
+    held = [chain.arms[name] for name in chain.grasps]
+    shoulders = [arm.base @ arm.joints[0].placement for arm in held]
+    up = np.mean([arm.base.R[:, 2] for arm in held], axis=0)
+    reach = min(longest_reach(arm) for arm in held)
+    lift = reach / 3 if np.isfinite(reach) else 0.0
+    return np.mean([shoulder.p for shoulder in shoulders], axis=0) + lift * up

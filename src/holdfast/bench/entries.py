@@ -1,0 +1,168 @@
+"""Ways to compute forward dynamics of a system, ready to be timed; those of this library, as a user would call them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from holdfast.bench.systems import System
+from holdfast.spatial.scalar import Array
+
+ACCURATE = 1e-9  # relative error of the joint accelerations up to which answers count as the same
+
+
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """What an entry computes at every state.
+
+    Attributes:
+        qdd: (states, n) joint accelerations.
+        wrenches: (states, arms, 6) [moment; force] of each arm on the object about the contact,
+            world axes; NaN for an arm whose wrench the entry does not give; None: none given.
+    """
+
+    qdd: Array
+    wrenches: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """One way to compute forward dynamics, ready to be timed.
+
+    Attributes:
+        name: short, unique within a system.
+        library: whose it is.
+        sweep: evaluates every state once, inputs handed over as a caller must.
+        evaluations: how many that is.
+        answers: computes every state and returns what came out.
+        note: states what was chosen for it and what it leaves out.
+        floor: True if it leaves the grasps out: a lower bound, no competitor.
+    """
+
+    name: str
+    library: str
+    sweep: Callable[[], object]
+    evaluations: int
+    answers: Callable[[], Answers]
+    note: str = ""
+    floor: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An entry that is not built yet, because building may take gigabytes.
+
+    Attributes:
+        name: the entry's.
+        library: the entry's.
+        build: makes the entry, given the true answers (None for the exact candidate).
+        memory: what it holds while it lives, roughly [bytes].
+        exact: True if its answers are taken as the true ones.
+    """
+
+    name: str
+    library: str
+    build: Callable[[Answers | None], Entry]
+    memory: int = 0
+    exact: bool = False
+
+
+def answers_of(results: Sequence[Any]) -> Answers:
+    """Return the answers in forward dynamics' results, one a state."""
+    return Answers(np.array([r.qdd for r in results]), np.array([r.grasp_wrench for r in results]))
+
+
+def relative_error(got: Array, truth: Array) -> float:
+    """Return the largest error of any state over that state's largest true entry; NaN where `got` lacks an arm."""
+    given = ~np.isnan(got)
+    if not given.any():
+        return float("nan")
+    error = np.where(given, np.abs(got - truth), 0.0).reshape(len(truth), -1).max(axis=1)
+    return float((error / np.abs(truth).reshape(len(truth), -1).max(axis=1)).max())
+
+
+def each_state(system: System) -> list[tuple[Array, ...]]:
+    """Return the arguments of every state as arrays of their own, as a caller would hold them."""
+    return [tuple(array[k].copy() for array in system.arrays) for k in range(system.states)]
+
+
+LIBRARY = "holdfast"
+PUBLIC, BIND, BIND_COPYING = "forward_dynamics", "bind", "bind, copying"
+
+
+def public(system: System, fast: Any) -> Entry:
+    """Return the checked call: five arrays in, a re-used result out."""
+    states, solve = each_state(system), fast.forward_dynamics
+    out = solve(*states[0])
+
+    def sweep() -> None:
+        for q, qd, tau, pose, twist in states:
+            solve(q, qd, tau, pose, twist, out=out)
+
+    def answers() -> Answers:
+        return answers_of([solve(*state) for state in states])
+
+    return Entry(PUBLIC, LIBRARY, sweep, system.states, answers, "five arrays, result re-used")
+
+
+def bind(system: System, fast: Any) -> Entry:
+    """Return the bound call, tied to the caller's own five arrays; one for each state."""
+    names = ("q", "qd", "tau", "object_pose", "object_twist")
+    bound = [fast.bind(**dict(zip(names, state, strict=True))) for state in each_state(system)]
+
+    def sweep() -> None:
+        for step in bound:
+            step()
+
+    def answers() -> Answers:
+        sweep()
+        return answers_of([step.result for step in bound])
+
+    return Entry(BIND, LIBRARY, sweep, system.states, answers, "tied to each state's own five arrays")
+
+
+def bind_copying(system: System, fast: Any) -> Entry:
+    """Return one bound call, each state's five arrays copied into its own before."""
+    states, bound = each_state(system), fast.bind()
+    into_q, into_qd, into_tau = bound.q, bound.qd, bound.tau
+    into_pose, into_twist = bound.object_pose, bound.object_twist
+
+    def sweep() -> None:
+        for state in states:
+            solve(*state)
+
+    def solve(q: Array, qd: Array, tau: Array, pose: Array, twist: Array) -> None:
+        into_q[...] = q
+        into_qd[...] = qd
+        into_tau[...] = tau
+        into_pose[...] = pose
+        into_twist[...] = twist
+        bound()
+
+    def answers() -> Answers:
+        qdd, wrenches = [], []
+        for state in states:
+            solve(*state)
+            qdd.append(bound.result.qdd.copy())
+            wrenches.append(bound.result.grasp_wrench.copy())
+        return Answers(np.array(qdd), np.array(wrenches))
+
+    return Entry(BIND_COPYING, LIBRARY, sweep, system.states, answers, "five arrays copied into its own")
+
+
+def batch(system: System, fast: Any, size: int) -> Entry:
+    """Return one call for a batch of states, on one thread."""
+    arrays, solve = system.repeated(size).arrays, fast.forward_dynamics
+    out = solve(*arrays)
+
+    def sweep() -> None:
+        solve(*arrays, out=out)
+
+    def answers() -> Answers:
+        found = solve(*arrays)
+        return Answers(np.array(found.qdd), np.array(found.grasp_wrench))
+
+    return Entry(f"batch of {size}", LIBRARY, sweep, size, answers, "one call, result re-used, one thread")

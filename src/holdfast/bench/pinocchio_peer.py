@@ -1,0 +1,262 @@
+"""Pinocchio at its best: no list converted in a call, data made once, one thread, `lcaba` tuned per system.
+
+Its C++ library has more (`pv`, `constrainedABA`); its Python package does not, so they are not here. Pinocchio is
+imported where it is used: it is optional. Its spatial vectors are [linear; angular], ours [angular; linear].
+
+The problem is posed to it in two ways:
+    free: the object is a free body, one weld per arm (6 l rows);
+    tree: the object is part of the first arm's hand, one weld for each other arm (6 (l - 1) rows).
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import time
+from collections.abc import Callable, Iterable
+from importlib import import_module
+from typing import Any, Literal
+
+import numpy as np
+
+from holdfast.bench.entries import ACCURATE, Answers, Candidate, Entry, relative_error
+from holdfast.bench.systems import System
+from holdfast.model.arm import Arm
+from holdfast.spatial import rotation
+from holdfast.spatial.scalar import Array
+
+LIBRARY = "pinocchio"
+LARGE = 300e6  # bytes of Data from which on making one takes seconds
+MUS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
+ITERATIONS = (2, 3, 4, 5, 6, 8, 10)
+MUS_IF_LARGE = (1e-5, 1e-6, 1e-7)
+ITERATIONS_IF_LARGE = (3, 4, 6, 10)
+UNREACHED = 1e-14  # accuracy asked for: the iteration count alone decides
+TRIAL = 0.05  # seconds of calls in which a setting must keep its accuracy, because errors build up in Data
+PROBATION = 0.5  # the same for the setting that is chosen
+MISSING_WRENCH = "without the wrench of the arm whose hand the object is part of"
+
+Evaluate = Callable[[Any, Any, Any], Any]
+
+
+def candidates(system: System) -> list[Candidate]:
+    """Return every way to solve a system with Pinocchio; the first supplies the true answers."""
+    memory = data_size(system)
+    ways = [
+        ("constraintDynamics, free", functools.partial(cholesky, system, "free")),
+        ("constraintDynamics, tree", functools.partial(cholesky, system, "tree")),
+        ("lcaba, free", functools.partial(lcaba, system, "free")),
+        ("lcaba, tree", functools.partial(lcaba, system, "tree")),
+        ("aba, no grasps", functools.partial(aba, system)),
+    ]
+    return [Candidate(name, LIBRARY, build, memory, exact=not i) for i, (name, build) in enumerate(ways)]
+
+
+def data_size(system: System) -> int:
+    """Return what one Data takes, roughly: a few tensors of nv^3 doubles."""
+    return int(4.3 * 8 * (system.chain.joint_count + 6) ** 3)
+
+
+def cholesky(system: System, form: Form, truth: Answers | None) -> Entry:
+    """Return `constraintDynamics` with its default settings (mu = 0, exact)."""
+    pin: Any = import_module("pinocchio")
+    posed = PinocchioModel(system, form)
+    model, welds, data, weld_data = posed.model, posed.welds, posed.model.createData(), posed.weld_data()
+    pin.initConstraintDynamics(model, data, welds, weld_data)
+    solve, inputs = pin.constraintDynamics, posed.inputs
+
+    def sweep() -> None:
+        for q, v, tau in inputs:
+            solve(model, data, q, v, tau, welds, weld_data)
+
+    def evaluate(q: Any, v: Any, tau: Any) -> Any:
+        return solve(model, data, q, v, tau, welds, weld_data)
+
+    note = "mu = 0" if form == "free" else f"mu = 0; {MISSING_WRENCH}"
+    answers = functools.partial(posed.answers, evaluate, weld_data)
+    return Entry(f"constraintDynamics, {form}", LIBRARY, sweep, system.states, answers, note)
+
+
+def lcaba(system: System, form: Form, truth: Answers | None) -> Entry:
+    """Return `lcaba` with the fewest iterations, and the best mu, that keep 1e-9 call after call.
+
+    If no setting does, the most accurate one.
+
+    Args:
+        system: the system.
+        form: "free" or "tree".
+        truth: the true answers.
+    """
+    pin: Any = import_module("pinocchio")
+    assert truth is not None
+    posed = PinocchioModel(system, form)
+    model, welds, inputs, solve = posed.model, posed.welds, posed.inputs, pin.lcaba
+
+    def prepared(mu: float, iterations: int) -> tuple[Evaluate, Callable[[], None]]:
+        data, weld_data = model.createData(), posed.weld_data()  # a bad setting spoils them for every later call
+        pin.computeJointMinimalOrdering(model, data, welds)
+        settings = pin.ProximalSettings(UNREACHED, UNREACHED, mu, iterations)
+
+        def sweep() -> None:
+            for q, v, tau in inputs:
+                solve(model, data, q, v, tau, welds, weld_data, settings)
+
+        def evaluate(q: Any, v: Any, tau: Any) -> Any:
+            return solve(model, data, q, v, tau, welds, weld_data, settings)
+
+        return evaluate, sweep
+
+    def error(mu: float, iterations: int, seconds: float) -> float:
+        evaluate, sweep = prepared(mu, iterations)
+        end = time.perf_counter() + seconds
+        while time.perf_counter() < end:
+            sweep()
+        return relative_error(posed.answers(evaluate).qdd, truth.qdd)
+
+    large = data_size(system) > LARGE
+    mus, counts = (MUS_IF_LARGE, ITERATIONS_IF_LARGE) if large else (MUS, ITERATIONS)
+    mu, iterations = fewest_iterations(error, mus, counts)
+    evaluate, sweep = prepared(mu, iterations)
+    note = f"mu = {mu:g}, {iterations} iterations" + ("" if form == "free" else f"; {MISSING_WRENCH}")
+    answers = functools.partial(posed.answers, evaluate)
+    return Entry(f"lcaba, {form}", LIBRARY, sweep, system.states, answers, note)
+
+
+def fewest_iterations(
+    error: Callable[[float, int, float], float], mus: Iterable[float], counts: Iterable[int]
+) -> tuple[float, int]:
+    """Return mu and the number of iterations: the fewest that reach 1e-9, else the most accurate pair.
+
+    Args:
+        error: of (mu, iterations) after that many seconds of calls.
+        mus: to try.
+        counts: of iterations to try, ascending: each costs time.
+    """
+    tried: dict[tuple[float, int], float] = {}
+    for count in counts:
+        row = {(mu, count): error(mu, count, TRIAL) for mu in mus}
+        tried |= row
+        for pair in sorted(row, key=row.__getitem__):
+            if row[pair] <= ACCURATE and error(*pair, PROBATION) <= ACCURATE:
+                return pair
+    return min(tried, key=lambda pair: (math.isnan(tried[pair]), tried[pair]))
+
+
+def aba(system: System, truth: Answers | None) -> Entry:
+    """Return `aba` of arms and free object without any grasp: what no tree library goes below."""
+    pin: Any = import_module("pinocchio")
+    posed = PinocchioModel(system, "free")
+    model, data, inputs, solve = posed.model, posed.model.createData(), posed.inputs, pin.aba
+
+    def sweep() -> None:
+        for q, v, tau in inputs:
+            solve(model, data, q, v, tau)
+
+    answers = functools.partial(posed.answers, functools.partial(solve, model, data))
+    return Entry("aba, no grasps", LIBRARY, sweep, system.states, answers, "grasps left out", floor=True)
+
+
+Form = Literal["free", "tree"]
+
+
+class PinocchioModel:
+    """A system as a Pinocchio model with its welds, and its states in Pinocchio's coordinates.
+
+    Attributes:
+        form: "free" or "tree".
+        model: the tree.
+        welds: a StdVec of rigid constraints; a list would be converted in every call.
+        inputs: (q, v, tau) of every state.
+    """
+
+    def __init__(self, system: System, form: Form) -> None:
+        pin: Any = import_module("pinocchio")
+        self.system, self.form = system, form
+        chain = system.chain
+        self.model = pin.Model()
+        last = {name: add_arm(self.model, arm, name) for name, arm in chain.arms.items()}
+        tips = {name: se3(arm.tip) for name, arm in chain.arms.items()}
+        frames = {name: se3(grasp.frame) for name, grasp in chain.grasps.items()}
+        holder = next(iter(chain.arms))
+        if form == "free":
+            body, origin = self.model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "object"), pin.SE3()
+            origin.setIdentity()
+        else:
+            body, origin = last[holder], tips[holder] * frames[holder].inverse()
+        held = chain.held_object
+        self.model.appendBodyToJoint(body, pin.Inertia(held.mass, np.array(held.com), np.array(held.inertia)), origin)
+        drives = [arm.armature for arm in chain.arms.values()]
+        self.model.armature = np.concatenate(drives if form == "tree" else [*drives, np.zeros(6)])
+        self.model.gravity.linear = np.array(chain.gravity)
+        self.welds = pin.StdVec_RigidConstraintModel()
+        self.welded = [name for name in chain.grasps if form == "free" or name != holder]
+        for name in self.welded:
+            ends = (body, origin * frames[name], last[name], tips[name])
+            self.welds.append(pin.RigidConstraintModel(pin.ContactType.CONTACT_6D, self.model, *ends, pin.LOCAL))
+        self.inputs = [self._inputs(k) for k in range(system.states)]
+
+    def _inputs(self, k: int) -> tuple[Array, Array, Array]:
+        s = self.system
+        if self.form == "tree":
+            return s.q[k].copy(), s.qd[k].copy(), s.tau[k].copy()
+        (w, x, y, z), p = s.object_pose[k, :4], s.object_pose[k, 4:]
+        R = _rotation(s, k)
+        own = np.concatenate([R.T @ s.object_twist[k, 3:], R.T @ s.object_twist[k, :3]])
+        return (
+            np.concatenate([s.q[k], p, [x, y, z, w]]),
+            np.concatenate([s.qd[k], own]),
+            np.concatenate([s.tau[k], np.zeros(6)]),
+        )
+
+    def weld_data(self) -> Any:
+        """Return fresh data of the welds."""
+        pin: Any = import_module("pinocchio")
+        data = pin.StdVec_RigidConstraintData()
+        for weld in self.welds:
+            data.append(weld.createData())
+        return data
+
+    def wrenches(self, weld_data: Any, k: int) -> Array:
+        """Return (arms, 6) grasp wrenches at state k; NaN for the arm whose hand the object is part of."""
+        chain, R = self.system.chain, _rotation(self.system, k)
+        found = np.full((len(chain.arms), 6), np.nan)
+        for name, data in zip(self.welded, weld_data, strict=True):
+            world = R @ chain.grasps[name].frame.R
+            force = data.contact_force  # on the first body, the object; contact axes
+            found[chain.names.index(name)] = np.concatenate([world @ force.angular, world @ force.linear])
+        return found
+
+    def answers(self, evaluate: Any, weld_data: Any = None) -> Answers:
+        """Return what `evaluate(q, v, tau)` answers at every state."""
+        n, qdd, wrenches = self.system.chain.joint_count, [], []
+        for k, given in enumerate(self.inputs):
+            qdd.append(np.array(evaluate(*given)[:n]))
+            if weld_data is not None:
+                wrenches.append(self.wrenches(weld_data, k))
+        return Answers(np.array(qdd), np.array(wrenches) if wrenches else None)
+
+
+def se3(pose: Any) -> Any:
+    """Return a pose as Pinocchio's."""
+    pin: Any = import_module("pinocchio")
+    return pin.SE3(np.array(pose.R), np.array(pose.p))
+
+
+def add_arm(model: Any, arm: Arm, name: str) -> int:
+    """Append an arm at the world and return the number of its last joint."""
+    pin: Any = import_module("pinocchio")
+    # joints about a coordinate axis have cheaper models of their own
+    aligned = dict(zip("xyz", (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ), strict=True))
+    parent = 0
+    for k, (joint, link) in enumerate(zip(arm.joints, arm.links, strict=True)):
+        placement = se3(joint.placement) if k else se3(arm.base) * se3(joint.placement)
+        along = [axis for axis, unit in zip("xyz", np.eye(3), strict=True) if np.array_equal(joint.axis, unit)]
+        kind = aligned[along[0]]() if along else pin.JointModelRevoluteUnaligned(np.array(joint.axis))
+        parent = model.addJoint(parent, kind, placement, f"{name}/{k}")
+        inertia = pin.Inertia(link.mass, np.array(link.com), np.array(link.inertia))
+        model.appendBodyToJoint(parent, inertia, pin.SE3.Identity())
+    return parent
+
+
+def _rotation(system: System, k: int) -> Array:
+    return rotation.from_quaternion(system.object_pose[k, :4])

@@ -1,0 +1,189 @@
+"""The scenes and result folders that commands read; `holdfast plot` and `holdfast export`."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from holdfast.cli import complain
+from holdfast.cli.console import stdout
+from holdfast.cli.streams import say
+from holdfast.errors import ResultError, SceneError
+from holdfast.interop.mcap_writer import write_mcap
+from holdfast.io.atomic import require_file
+from holdfast.io.export import export_csv, export_parquet, occurrences_path
+from holdfast.io.kept_robots import kept_robots
+from holdfast.io.result_meta import ResultMeta
+from holdfast.io.result_reader import Result, load_result
+from holdfast.model.arm import Arm
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.fingerprint import fingerprint
+from holdfast.model.grasp import Grasp
+from holdfast.model.held_object import HeldObject
+from holdfast.model.joint import Joint
+from holdfast.model.link import Link
+from holdfast.scenario.build import Scenario, load_scene
+from holdfast.spatial.pose import Pose
+from holdfast.view.plots import save_plots
+
+
+def opened_scene(path: Path, trust_xacro: bool) -> Scenario:
+    """Return a scene's scenario; say on stderr what its robot files state that was read in another way, or not at all.
+
+    Raises:
+        SceneError, ClosureError: as for `load_scene`.
+    """
+    scenario = load_scene(path, trust_xacro=trust_xacro)
+    notes = [note for robot in scenario.robots.values() if robot.links is not None for note in robot.links.notes]
+    for note in dict.fromkeys(notes):
+        say(f"note: {note}")
+    return scenario
+
+
+def recorded(folder: Path, trust_xacro: bool = False) -> tuple[Scenario, Result]:
+    """Return scenario and result of a folder; say on stderr what is missing of an incomplete run.
+
+    Raises:
+        ResultError: no result, or its scene.toml is of another chain.
+        SceneError, ClosureError: as for `scenario_of`.
+    """
+    result = load_result(folder)
+    scenario = scenario_of(result, trust_xacro)
+    if result.note:
+        complain(f"{folder}: {result.note}")
+    return scenario, result
+
+
+def scenario_of(result: Result, trust_xacro: bool = False) -> Scenario:
+    """Return a result's scenario, of the robots that it keeps; say on stderr if it has another model now.
+
+    Robots of a folder that holdfast 0.1 wrote are read where they were then.
+
+    Args:
+        result: the run.
+        trust_xacro: expand xacro files of a folder that keeps no robots.
+
+    Raises:
+        ResultError: scene.toml is of another chain, or a robot is not the one that was simulated.
+        SceneError, ClosureError: it, or a robot file that it names, cannot be read any more.
+    """
+    scene, meta = result.folder / "scene.toml", result.meta
+    robots = kept_robots(result.folder, meta)
+    scenario = load_scene(scene, meta.scene_folder or None, trust_xacro=trust_xacro, robots=robots)
+    joints = scenario.chain.joint_names()
+    if joints != meta.joints:
+        raise ResultError(
+            f"{scene}: not the scene of this run: expected the joints {', '.join(meta.joints)}, got {', '.join(joints)}"
+        )
+    if fingerprint(scenario.chain) != meta.model_sha256:
+        complain(f"{scene}: describes another model now than was simulated; is a robot file another one?")
+    return scenario
+
+
+def chain_for_figures(folder: Path, trust_xacro: bool = False) -> tuple[ClosedChain, Result]:
+    """Return the chain of a run and the run; where no robot is to be had, a chain of its names alone.
+
+    Raises:
+        ResultError: no result, or its scene.toml is of another chain.
+    """
+    result = load_result(folder)
+    try:
+        chain = scenario_of(result, trust_xacro).chain
+    except SceneError as cause:
+        if result.meta.robots or not result.meta.scene_folder:
+            raise
+        complain(f"{cause}; drawn without the robots' limits")
+        chain = _named(result.meta)
+    if result.note:
+        complain(f"{folder}: {result.note}")
+    return chain, result
+
+
+def _named(meta: ResultMeta) -> ClosedChain:
+    """Return a chain with the arms, joints and grasps of a run by name and kind: all that figures need of it.
+
+    Raises:
+        ResultError: meta.json contradicts itself.
+    """
+    arms = {}
+    for name in meta.arms:
+        kinds: list[tuple[str, Any]] = [  # a kind that is none is refused by Joint
+            (joint.removeprefix(f"{name}/"), kind)
+            for joint, kind in zip(meta.joints, meta.joint_kinds, strict=False)
+            if joint.startswith(f"{name}/")
+        ]
+        joints = [Joint(kind, np.array([0.0, 0.0, 1.0]), Pose.identity(), name=joint) for joint, kind in kinds]
+        arms[name] = Arm(joints, [Link(1.0, np.zeros(3), np.eye(3))] * len(joints), Pose.identity(), Pose.identity())
+    grasp_kinds: dict[str, Any] = dict(meta.grasps)
+    grasps = {name: Grasp(kind, Pose.identity()) for name, kind in grasp_kinds.items()}
+    return ClosedChain(arms, HeldObject(1.0, np.eye(3)), grasps)
+
+
+def plot(folder: Path, out: Path | None, trust_xacro: bool) -> int:
+    """Draw every figure of a run; say on stderr what is missing of an incomplete run.
+
+    Args:
+        folder: the result folder.
+        out: folder for the figures; the result folder if None.
+        trust_xacro: expand xacro files of a result that keeps no robots.
+
+    Returns:
+        0.
+
+    Raises:
+        ResultError: no result, or a folder that cannot be written.
+        MissingExtra: matplotlib is not installed.
+    """
+    chain, result = chain_for_figures(folder, trust_xacro)
+    place = folder if out is None else out
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+    except OSError as cause:
+        raise ResultError(f"{place}: cannot be written: {cause.strerror or cause}") from cause
+    for name in save_plots(chain, result.trajectory, place):
+        stdout().print(f"look at {place / name}", soft_wrap=True)
+    return 0
+
+
+def _export_mcap(result: Result, path: Path, trust_xacro: bool) -> list[Path]:
+    scenario = scenario_of(result, trust_xacro)
+    write_mcap(scenario.chain, result.trajectory, path, scenario.options.get("base_motion"))
+    return [path]
+
+
+def export(folder: Path, format: str, out: Path | None, overwrite: bool, trust_xacro: bool) -> int:
+    """Write a run as tables; say on stderr what is missing of an incomplete run.
+
+    Args:
+        folder: the result folder.
+        format: csv, parquet, or mcap (ROS 2 messages).
+        out: the file to write; `trajectory.<format>` in the result folder if None.
+        overwrite: replace an existing file.
+        trust_xacro: expand xacro files of a result that keeps no robots.
+
+    Returns:
+        0.
+
+    Raises:
+        ResultError: no result, or a file in the way.
+        MissingExtra: Parquet without pyarrow, MCAP without mcap-ros2-support.
+    """
+    result = load_result(folder)
+    path = folder / f"trajectory.{format}" if out is None else out
+    require_file(path)
+    present = [one for one in (path, occurrences_path(path)) if os.path.lexists(one)]
+    if present and not overwrite:
+        raise ResultError(f"{present[0]}: is there already; try --overwrite, or another --out")
+    if format == "mcap":
+        written = _export_mcap(result, path, trust_xacro)
+    else:
+        written = {"csv": export_csv, "parquet": export_parquet}[format](result, path)
+    if result.note:
+        complain(f"{folder}: {result.note}")
+    stdout().print(f"{path}: {result.samples} samples", soft_wrap=True)
+    for log in written[1:]:
+        stdout().print(f"{log}: what happened at single instants", soft_wrap=True)
+    return 0

@@ -1,0 +1,119 @@
+"""What is drawn beside the arms: the object as a box, friction cones, and arrows of a handy length."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.split import length_scale
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.held_object import HeldObject
+from holdfast.robots.looks import arm_length
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+from holdfast.view.figure_style import DANGER, GREEN, ORANGE, rgb
+from holdfast.view.film import Film
+
+SMALLEST_EDGE = 1e-3  # m
+
+
+def equivalent_box(held: HeldObject) -> tuple[Array, Pose]:
+    """Return edges (3,) [m] and pose, in object axes, of the uniform box with the same inertia.
+
+    x^2 = 6 (Jyy + Jzz - Jxx) / m along principal axes, about the mass centre.
+    """
+    J = held.inertia
+    if np.count_nonzero(J - np.diag(np.diag(J))) == 0:  # keep the axes' order
+        moments, axes = np.diag(J), np.eye(3)
+    else:
+        moments, axes = np.linalg.eigh(J)
+        axes = axes * np.linalg.det(axes)
+    squares = 6.0 * (moments.sum() - 2.0 * moments) / held.mass
+    return np.sqrt(np.maximum(squares, SMALLEST_EDGE**2)), Pose(axes, held.com)
+
+
+def box_lines(edges: Array) -> Array:
+    """Return the twelve edges of a box about the origin as lines, (12, 2, 3) [m]."""
+    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]) * edges
+    pairs = [(i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i & bit]
+    return corners[np.array(pairs)]
+
+
+def struts(chain: ClosedChain, edges: Array, box: Pose) -> Array:
+    """Return lines from the box's middle to the contacts that lie off its surface, (N, 2, 3) object axes [m]."""
+    lines = []
+    for grasp in chain.grasps.values():
+        outside = np.abs(box.R.T @ (grasp.frame.p - box.p)) - edges / 2
+        if outside.max() > 0.02 * edges.max():
+            lines.append([box.p, grasp.frame.p])
+    return np.array(lines).reshape(-1, 2, 3)
+
+
+SPOKES, RIM = 12, 48
+# shares of mu f_n that are left, and the colours there
+RESERVES = (0.05, 0.25, 0.5)
+COLOURS = (rgb(DANGER), rgb(ORANGE), rgb(GREEN))
+SHADES = 32  # so that a recording need not change colours at every moment
+
+
+def cone_lines(mu: float, height: float, frame: Pose) -> Array:
+    """Return a cone's lines with its apex in a contact frame's origin, open along its z axis, (N, 2, 3) [m].
+
+    Args:
+        mu: friction coefficient: mouth radius over height.
+        height: [m].
+        frame: the contact frame; lines are in the axes that it is given in.
+    """
+    angles = np.linspace(0.0, 2 * np.pi, RIM, endpoint=False)
+    rim = height * np.column_stack([mu * np.cos(angles), mu * np.sin(angles), np.ones(RIM)])
+    spokes = rim[:: RIM // SPOKES]
+    lines = [np.stack([rim, np.roll(rim, -1, axis=0)], axis=1), np.stack([np.zeros_like(spokes), spokes], axis=1)]
+    return np.concatenate(lines) @ frame.R.T + frame.p
+
+
+def cone_colour(reserve: float) -> tuple[int, int, int]:
+    """Return a cone's colour, vermillion at the edge of slipping, green far from it, 0 to 255.
+
+    Args:
+        reserve: share of mu f_n that is left, 0 to 1.
+    """
+    step = round(SHADES * reserve) / SHADES
+    red, green, blue = (round(float(np.interp(step, RESERVES, channel))) for channel in zip(*COLOURS, strict=True))
+    return red, green, blue
+
+
+LONGEST = 0.25  # arrow, over the longest arm
+
+
+class ArrowScale(NamedTuple):
+    """How long arrows are.
+
+    Attributes:
+        force: [m per N].
+        moment: [m per N m].
+    """
+
+    force: float
+    moment: float
+
+
+def arrow_scale(film: Film) -> ArrowScale:
+    """Return the scale that makes the film's largest wrench a handy arrow, rounded to 1, 2 or 5.
+
+    A moment is as long as the force that makes it at the contacts' distance from their middle.
+    """
+    size = max(arm_length(arm) for arm in film.chain.arms.values())
+    lever = length_scale([grasp.frame.p for grasp in film.chain.grasps.values()])
+    largest = max(
+        float(np.linalg.norm(film.wrench[..., 3:], axis=-1).max(initial=0.0)),
+        float(np.linalg.norm(film.wrench[..., :3], axis=-1).max(initial=0.0)) / lever,
+    )
+    force = one_two_five(LONGEST * size / largest) if largest > 0 else 1.0
+    return ArrowScale(force, force / lever)
+
+
+def one_two_five(x: float) -> float:
+    """Return the largest of 1, 2 and 5 times a power of ten that is not above x > 0."""
+    power = 10.0 ** np.floor(np.log10(x) + 1e-9)
+    return float(power * max(step for step in (1.0, 2.0, 5.0) if step <= x / power + 1e-9))
