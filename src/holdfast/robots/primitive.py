@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -75,6 +76,9 @@ def rod(kind: Literal["capsule", "cylinder"], start: Any, end: Any, radius: floa
         raise ModelError(f"rod: expected two points, got {start} twice; try a sphere")
     pose = Pose(rotation.exp(rotation.align(_UP, way / length)), 0.5 * (start + end))
     return Primitive(kind, pose, (radius, length), colour)
+
+
+capsule, cylinder = partial(rod, "capsule"), partial(rod, "cylinder")
 
 
 def sphere(centre: Any, radius: float, colour: str = "grey") -> Primitive:
