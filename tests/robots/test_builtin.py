@@ -9,7 +9,7 @@ from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.arm.motion import ArmInputs, arm_motion
 from holdfast.robots import HOME, ROBOTS
 from holdfast.robots.link_table import signed_axes
-from holdfast.robots.recognise import KNOWN, builtin_of, home_of
+from holdfast.robots.recognise import BUILT_IN, builtin_of, home_of
 from tests.robots.published import PUBLISHED
 
 SOURCES_DIGITS = {"iiwa14": 1e-9, "ur5e": 2e-9, "gen3": 1e-9}  # the UR5e's file rounds pi/2 to 1.570796327
@@ -52,11 +52,11 @@ def test_recognised_by_its_joints(name):
     """Name, tool, base and payload do not hide a robot; another joint does."""
     arm = ROBOTS[name](Pose.translation(1.0, 2.0, 3.0), Pose.translation(0.0, 0.0, 0.1))
     renamed = Arm(arm.joints, arm.links, arm.tip, arm.base, name="left")
-    assert builtin_of(renamed) == name
+    assert builtin_of(renamed).name == name
     assert home_of(renamed) is HOME[name]
     assert builtin_of(Arm(arm.joints[:-1], arm.links[:-1])) is None
     assert home_of(Arm(arm.joints[::-1], arm.links)) is None
-    assert KNOWN.keys() == ROBOTS.keys()
+    assert [robot.name for robot in BUILT_IN] == list(ROBOTS)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
