@@ -11,8 +11,7 @@ from holdfast.dynamics.consistency import require_closed, require_rates
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.errors import MethodNotApplicable, ModelError, SingularChainError, StateError
-from holdfast.io.case_file import Case
-from holdfast.io.case_format import ExpectedData
+from holdfast.io.case_file import Case, ExpectedData
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_wrench
 

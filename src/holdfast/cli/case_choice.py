@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from holdfast.io.case_file import Case, load_cases
-from holdfast.io.place import one_line, refusal
+from holdfast.io.files import one_line
+from holdfast.io.typed import refusal
 from holdfast.model import checks
 
 

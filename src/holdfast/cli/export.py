@@ -10,8 +10,8 @@ from holdfast.cli.console import stdout
 from holdfast.cli.recorded import scenario_of
 from holdfast.errors import ResultError
 from holdfast.interop.mcap_writer import write_mcap
-from holdfast.io.atomic import require_file
 from holdfast.io.export import export_csv, export_parquet, occurrences_path
+from holdfast.io.files import require_file
 from holdfast.io.result_reader import Result, load_result
 
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from holdfast.cli import complain
 from holdfast.errors import ResultError, SceneError
-from holdfast.io.kept_robots import kept_robots
-from holdfast.io.result_meta import ResultMeta
+from holdfast.io.result_meta import ResultMeta, kept_robots
 from holdfast.io.result_reader import Result, load_result
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain

@@ -10,7 +10,7 @@ from holdfast.cli.console import stdout
 from holdfast.cli.recorded import recorded
 from holdfast.cli.robot_notes import tell_notes
 from holdfast.errors import ModelError, ResultError, SingularChainError, StateError
-from holdfast.io.place import refusal
+from holdfast.io.typed import refusal
 from holdfast.robots.urdf import urdf_visuals
 from holdfast.scenario.build import Scenario, load_scene
 from holdfast.simulation.instant import evaluate

@@ -11,8 +11,7 @@ from holdfast.dynamics.arm.posture import Posture, joint_placement, posture
 from holdfast.errors import MissingExtra
 from holdfast.interop import ros_messages
 from holdfast.interop.ros_messages import JOINT_STATE, POSE, TRANSFORMS, WRENCH
-from holdfast.io.atomic import write_atomically
-from holdfast.io.path import file_path
+from holdfast.io.files import file_path, write_atomically
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.trajectory import Trajectory, require_run_of

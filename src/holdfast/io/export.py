@@ -12,15 +12,13 @@ from typing import IO, Any
 import numpy as np
 
 from holdfast.errors import MissingExtra, ResultError
-from holdfast.io.atomic import remove, write_atomically
-from holdfast.io.columns import Column, columns, rows
-from holdfast.io.occurrence_table import TEXTS, Entry, occurrence_columns, occurrence_row
-from holdfast.io.path import file_path
+from holdfast.io.columns import TEXTS, Cell, Column, columns, occurrence_columns, occurrence_row, rows
+from holdfast.io.files import file_path, remove, write_atomically
 from holdfast.io.result_reader import Result
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.scalar import Array
 
-Rows = Array | list[list[Entry]]
+Rows = Array | list[list[Cell]]
 # (file, titles and units, blocks of rows) -> None: writes one table
 TableWriter = Callable[[IO[bytes], list[Column], Iterable[Rows]], None]
 
@@ -80,7 +78,7 @@ def _export(result: Result, given: str | PathLike[str], write: TableWriter) -> l
     _require_result(result)
     path = file_path(given, "path")
     meta, log = result.meta, occurrences_path(path)
-    happened: list[list[Entry]] = []
+    happened: list[list[Cell]] = []
 
     def blocks() -> Iterator[Rows]:
         for part in result.parts():

@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.errors import ResultError
-from holdfast.io.path import file_path
-from holdfast.io.result_arrays import Damage
-from holdfast.io.result_chunk import chunk_name, read_chunk, stray_chunks
+from holdfast.io.files import file_path
+from holdfast.io.result_chunk import Damage, chunk_name, read_chunk, stray_chunks
 from holdfast.io.result_meta import ResultMeta, read_bytes, read_meta, sha256
 from holdfast.simulation.trajectory import Trajectory, array_names
 

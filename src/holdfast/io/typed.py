@@ -8,12 +8,15 @@ import re
 import tomllib
 import typing
 from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
-from holdfast.io.place import Place, refusal
+from holdfast.errors import HoldfastError, SceneError
+from holdfast.io.files import LONGEST_NAME, one_line, read_bounded, reason_of
 from holdfast.model import checks
 
 T = TypeVar("T")
@@ -21,6 +24,49 @@ T = TypeVar("T")
 LARGEST_FILE = 32 * 2**20  # [bytes]
 # Keys of a path `a.b.c`: tomllib takes memory by the square of their number, and a scene needs seven.
 _PATH_OF_KEYS = re.compile(r"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}""")
+
+
+def refusal(source: str, problem: str) -> SceneError:
+    """Return the error `source: problem`, on one line."""
+    return SceneError(one_line(f"{one_line(source, LONGEST_NAME)}: {problem}"))
+
+
+@dataclass(frozen=True)
+class Location:
+    """A path `$.a[0].b` inside a file, for refusals that name it: `scene.toml: $.arms[0].base: expected ...`.
+
+    Attributes:
+        source: the file's name.
+        path: the path inside it.
+    """
+
+    source: str
+    path: str = "$"
+
+    def __truediv__(self, key: str | int) -> Location:
+        return Location(self.source, f"{self.path}[{key}]" if isinstance(key, int) else f"{self.path}.{key}")
+
+    def message(self, problem: str) -> str:
+        """Return `source: path: problem` on one line."""
+        return one_line(": ".join([*(one_line(name, LONGEST_NAME) for name in (self.source, self.path)), problem]))
+
+    def refuse(self, problem: str) -> SceneError:
+        """Return the error that says on one line what is wrong here."""
+        return SceneError(self.message(problem))
+
+    @contextmanager
+    def refusals(self) -> Iterator[None]:
+        """Turn a model's refusal 'link: mass: expected ...' into '$.path.mass: expected ...'."""
+        try:
+            yield
+        except SceneError:
+            raise
+        except HoldfastError as cause:
+            _, _, problem = str(cause).partition(": ")
+            key, separator, rest = problem.partition(": ")
+            if separator and key.isidentifier():
+                raise (self / key).refuse(rest) from cause
+            raise self.refuse(problem or str(cause)) from cause
 
 
 def read_bytes(path: Path, most: int = LARGEST_FILE) -> bytes:
@@ -34,14 +80,9 @@ def read_bytes(path: Path, most: int = LARGEST_FILE) -> bytes:
         SceneError: if it cannot be read, or is larger.
     """
     try:
-        if path.exists() and not (path.is_file() or path.is_dir()):
-            raise OSError("is not a file")  # a device or a pipe, which might never end
-        with path.open("rb") as file:
-            content = file.read(most + 1)
+        content = read_bounded(path, most)
     except OSError as cause:
-        raise refusal(str(path), f"cannot be read: {cause.strerror or cause}") from cause
-    except ValueError as cause:  # a path that no file system takes
-        raise refusal(str(path), f"cannot be read: {cause}") from cause
+        raise refusal(str(path), f"cannot be read: {reason_of(cause)}") from cause
     if len(content) > most:
         raise refusal(str(path), f"expected at most {most / 2**20:g} MiB, got more")
     return content
@@ -92,14 +133,14 @@ def parse_toml(text: bytes, source: str) -> Any:
         SceneError: if it is not valid TOML, with line and column, or nested beyond all need.
     """
     try:
-        said = text.decode("utf-8-sig")
+        decoded = text.decode("utf-8-sig")
     except UnicodeDecodeError as cause:
         raise refusal(source, f"not valid TOML: {cause}; try saving it as UTF-8") from cause
-    if found := _PATH_OF_KEYS.search(said):
-        line = said.count("\n", 0, found.start()) + 1
+    if found := _PATH_OF_KEYS.search(decoded):
+        line = decoded.count("\n", 0, found.start()) + 1
         raise refusal(source, f"not valid TOML: expected a key of fewer than 100 parts (at line {line})")
     try:
-        return tomllib.loads(said)
+        return tomllib.loads(decoded)
     except RecursionError as cause:
         raise refusal(source, "not valid TOML: nested too deeply") from cause
     except ValueError as cause:
@@ -127,7 +168,7 @@ def convert(data: Any, kind: type[T], source: str, root: str = "$") -> T:
         path = found[1] if found else "$"
         problem = re.sub(r" - at `[^`]*`", "", text)
         problem = re.sub(r"(?<=[`'])([^`']{57})[^`']{4,}(?=[`'])", r"\1...", problem)
-        raise Place(source, root + path[1:]).refuse(problem + _hint(kind, path, problem)) from cause
+        raise Location(source, root + path[1:]).refuse(problem + _hint(kind, path, problem)) from cause
 
 
 def _structs(kind: Any) -> typing.Iterator[type[msgspec.Struct]]:

@@ -15,8 +15,8 @@ from holdfast.assembly.assemble import assemble
 from holdfast.dynamics.closing import close
 from holdfast.errors import ClosureError, SceneError
 from holdfast.io import typed
-from holdfast.io.path import file_path
-from holdfast.io.place import LONGEST_NAME, Place, one_line
+from holdfast.io.files import LONGEST_NAME, file_path, one_line
+from holdfast.io.typed import Location
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.robots.urdf.source import Source
@@ -88,7 +88,7 @@ def load_scene(
     source = str(file)
     text = typed.read_bytes(file, LARGEST_FILE)
     raw = typed.parse_toml(text, source)
-    require_sensible(raw, Place(source))
+    require_sensible(raw, Location(source))
     data = typed.convert(raw, SceneData, source)
     home = file.parent if folder is None else file_path(folder, "folder", SceneError)
     name = data.name or one_line(file.stem, LONGEST_NAME)
@@ -105,7 +105,7 @@ def build_scene(
         SceneError: with the path of the first fault.
         ClosureError: an arm cannot reach its grasp.
     """
-    at = Place(source)
+    at = Location(source)
     if one_line(data.name, LONGEST_NAME) != data.name:
         raise (at / "name").refuse(
             f"expected up to {LONGEST_NAME} printable characters on one line, got '{one_line(data.name, 60)}'"
@@ -118,14 +118,14 @@ def build_scene(
     try:
         state = closed(chain, guess, search)
     except ClosureError as cause:
-        raise ClosureError((at / "object" / "pose").said(str(cause))) from cause
+        raise ClosureError((at / "object" / "pose").message(str(cause))) from cause
     controller = build_controller(data.controller, chain, state, at / "controller")
     options = build_options(data, chain, at)
     how = data.simulation
     return Scenario(name, text, chain, state, controller, how.duration, how.step, robots, options)
 
 
-def build_robots(data: SceneData, files: RobotFiles, at: Place) -> dict[str, Robot]:
+def build_robots(data: SceneData, files: RobotFiles, at: Location) -> dict[str, Robot]:
     """Return what the arms are made from, by name.
 
     Raises:
@@ -162,7 +162,7 @@ def closed(chain: ClosedChain, guess: State, search: bool) -> State:
     ).state
 
 
-def build_chain(data: SceneData, robots: Mapping[str, Robot], at: Place) -> tuple[ClosedChain, State]:
+def build_chain(data: SceneData, robots: Mapping[str, Robot], at: Location) -> tuple[ClosedChain, State]:
     """Return the chain and the state that it is to be closed from, at rest.
 
     Raises:
@@ -183,7 +183,7 @@ def build_chain(data: SceneData, robots: Mapping[str, Robot], at: Place) -> tupl
     return chain, State(q, 0 * q, pose.wxyz_xyz)
 
 
-def build_options(data: SceneData, chain: ClosedChain, at: Place) -> dict[str, Any]:
+def build_options(data: SceneData, chain: ClosedChain, at: Location) -> dict[str, Any]:
     """Return what `simulate` is to be told by keyword: events, surroundings, scheme, policies.
 
     Raises:
@@ -210,7 +210,7 @@ def build_options(data: SceneData, chain: ClosedChain, at: Place) -> dict[str, A
     }
 
 
-def build_events(data: SceneData, chain: ClosedChain, at: Place) -> list[Event]:
+def build_events(data: SceneData, chain: ClosedChain, at: Location) -> list[Event]:
     """Return the events, each checked against those before it.
 
     Raises:
@@ -230,7 +230,7 @@ def build_events(data: SceneData, chain: ClosedChain, at: Place) -> list[Event]:
     return [event for _, event in made]
 
 
-def require_sensible(raw: Any, at: Place, levels: int = DEEPEST) -> None:
+def require_sensible(raw: Any, at: Location, levels: int = DEEPEST) -> None:
     """Refuse NaN, infinity, astronomical numbers and depths: TOML can say them, a scene cannot mean them.
 
     Args:
@@ -255,7 +255,7 @@ def require_sensible(raw: Any, at: Place, levels: int = DEEPEST) -> None:
             require_sensible(value, at / i, levels - 1)
 
 
-def _require_names(names: Iterable[str], at: Place, key: str) -> None:
+def _require_names(names: Iterable[str], at: Location, key: str) -> None:
     """Refuse names that repeat, or that would not fit on a line or in a path 'arm/joint'."""
     first: dict[str, int] = {}
     for i, name in enumerate(names):

@@ -7,7 +7,7 @@ import numpy as np
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest
-from holdfast.io.place import Place
+from holdfast.io.typed import Location
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.scenario.scene import GravityCompensationData, ObjectTrackingData, TorqueScheduleData
 from holdfast.simulation.instant import Controller
@@ -22,7 +22,7 @@ def build_controller(
     data: GravityCompensationData | ObjectTrackingData | TorqueScheduleData,
     chain: ClosedChain,
     state: State,
-    at: Place,
+    at: Location,
 ) -> Controller:
     """Return the controller; a path begins at the initial state's object pose.
 
@@ -44,7 +44,7 @@ def build_controller(
     return ObjectTracking(chain, path.at, data.squeeze, data.stiffness, data.damping, data.joint_damping)
 
 
-def _schedule(data: TorqueScheduleData, chain: ClosedChain, state: State, at: Place) -> TorqueSchedule:
+def _schedule(data: TorqueScheduleData, chain: ClosedChain, state: State, at: Location) -> TorqueSchedule:
     names, tables = chain.joint_names(), []
     for i, piece in enumerate(data.pieces):
         here = at / "pieces" / i / "torques"

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from holdfast.io.place import Place
+from holdfast.io.typed import Location
 from holdfast.model import checks
 from holdfast.model.grasp import Friction, Grasp, WrenchLimits
 from holdfast.model.held_object import HeldObject
@@ -15,7 +15,7 @@ from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 
 
-def pose(data: PoseData | GraspData, at: Place) -> Pose:
+def pose(data: PoseData | GraspData, at: Location) -> Pose:
     """Return a pose; without an attitude its axes are the reference frame's."""
     if data.quaternion is not None and data.rpy is not None:
         raise at.refuse("expected quaternion or rpy, got both")
@@ -26,7 +26,7 @@ def pose(data: PoseData | GraspData, at: Place) -> Pose:
         return checks.pose(np.array([*data.quaternion, *data.position]), "pose")
 
 
-def grasp(data: GraspData, at: Place) -> Grasp:
+def grasp(data: GraspData, at: Location) -> Grasp:
     """Return a grasp."""
     frame = pose(data, at)
     contact = limits = None
@@ -41,7 +41,7 @@ def grasp(data: GraspData, at: Place) -> Grasp:
         return Grasp(data.kind, frame, contact, limits)
 
 
-def held_object(data: ObjectData, at: Place) -> HeldObject:
+def held_object(data: ObjectData, at: Location) -> HeldObject:
     """Return the object; a box is solid, of uniform density, with its centre at `com`."""
     if (data.box is None) == (data.inertia is None):
         raise at.refuse(f"expected box or inertia, got {'neither' if data.box is None else 'both'}")

@@ -10,7 +10,7 @@ import numpy as np
 
 from holdfast.assembly.preferred import preferred_posture
 from holdfast.errors import HoldfastError
-from holdfast.io.place import Place
+from holdfast.io.typed import Location
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.joint import Joint
@@ -64,7 +64,7 @@ class RobotFiles:
         return self.kept.get(arm) or read_source(self.folder / data.file, data.xacro_args, self.trust_xacro)
 
 
-def robot(data: ArmData, files: RobotFiles, at: Place) -> Robot:
+def robot(data: ArmData, files: RobotFiles, at: Location) -> Robot:
     """Return an arm where it stands, and the joint positions to start from.
 
     Args:
@@ -92,7 +92,7 @@ def robot(data: ArmData, files: RobotFiles, at: Place) -> Robot:
     return replace(found, q=q)
 
 
-def _built_in(name: str | None, base: Pose, tool: Pose | None, at: Place) -> Robot:
+def _built_in(name: str | None, base: Pose, tool: Pose | None, at: Location) -> Robot:
     if name is None or name not in ROBOTS:
         raise (at / "robot").refuse(f"no robot '{name}'.{checks.did_you_mean(str(name), ROBOTS)}")
     with at.refusals():
@@ -100,7 +100,7 @@ def _built_in(name: str | None, base: Pose, tool: Pose | None, at: Place) -> Rob
     return Robot(arm, preferred_posture(arm))
 
 
-def _of_file(data: UrdfData, files: RobotFiles, name: str, base: Pose, tool: Pose | None, at: Place) -> Robot:
+def _of_file(data: UrdfData, files: RobotFiles, name: str, base: Pose, tool: Pose | None, at: Location) -> Robot:
     try:
         source = files.source(data, name)
         links = urdf_chain(
@@ -112,7 +112,7 @@ def _of_file(data: UrdfData, files: RobotFiles, name: str, base: Pose, tool: Pos
             mount=base,
         )
     except HoldfastError as cause:  # it names file and line
-        raise type(cause)((at / "urdf").said(str(cause))) from cause
+        raise type(cause)((at / "urdf").message(str(cause))) from cause
     arm = links.arm
     if tool is not None:  # what there is to say of the link's own frame says nothing of the tool's
         arm = arm.with_tip(arm.tip @ tool)
@@ -122,7 +122,7 @@ def _of_file(data: UrdfData, files: RobotFiles, name: str, base: Pose, tool: Pos
     return Robot(arm, preferred_posture(arm), source, links)
 
 
-def _driven(arm: Arm, armature: dict[str, float], at: Place) -> list[Joint]:
+def _driven(arm: Arm, armature: dict[str, float], at: Location) -> list[Joint]:
     """Return the joints with their drives' inertia."""
     names = [joint.name for joint in arm.joints]
     for name in armature:

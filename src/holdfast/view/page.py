@@ -5,8 +5,7 @@ from __future__ import annotations
 from os import PathLike
 
 from holdfast.errors import ModelError
-from holdfast.io.atomic import write_atomically
-from holdfast.io.path import file_path
+from holdfast.io.files import file_path, write_atomically
 from holdfast.view.chain_scene import ChainScene
 from holdfast.view.film import Film
 from holdfast.view.page_panel import with_panel
