@@ -21,8 +21,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.robots.urdf.source import Source
 from holdfast.scenario import parts
-from holdfast.scenario.controllers import build_controller
-from holdfast.scenario.robot import Robot, RobotFiles, robot
+from holdfast.scenario.parts import Robot, RobotFiles
 from holdfast.scenario.scene import ReleaseData, SceneData
 from holdfast.scenario.surroundings import pushes, swaying_base
 from holdfast.simulation.events import Attach, Event, Release, holding_after
@@ -119,7 +118,7 @@ def build_scene(
         state = closed(chain, guess, search)
     except ClosureError as cause:
         raise ClosureError((at / "object" / "pose").message(str(cause))) from cause
-    controller = build_controller(data.controller, chain, state, at / "controller")
+    controller = parts.controller(data.controller, chain, state, at / "controller")
     options = build_options(data, chain, at)
     how = data.simulation
     return Scenario(name, text, chain, state, controller, how.duration, how.step, robots, options)
@@ -138,7 +137,7 @@ def build_robots(data: SceneData, files: RobotFiles, at: Location) -> dict[str, 
     _require_names((arm.name for arm in data.arms), at / "arms", "name")
     robots, joints = {}, 0
     for i, arm in enumerate(data.arms):
-        robots[arm.name] = robot(arm, files, at / "arms" / i)
+        robots[arm.name] = parts.robot(arm, files, at / "arms" / i)
         joints += robots[arm.name].arm.joint_count
         if joints > MOST_JOINTS:
             raise (at / "arms" / i).refuse(f"expected at most {MOST_JOINTS} joints in all, got {joints} up to here")
