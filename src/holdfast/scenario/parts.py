@@ -166,12 +166,7 @@ def _of_file(data: UrdfData, files: RobotFiles, name: str, base: Pose, tool: Pos
     try:
         source = files.source(data, name)
         links = urdf_chain(
-            source,
-            base=data.base,
-            tip=data.tip,
-            locked=data.locked,
-            lock_others=data.lock_others,
-            mount=base,
+            source, base=data.base, tip=data.tip, locked=data.locked, lock_others=data.lock_others, mount=base
         )
     except HoldfastError as cause:  # it names file and line
         raise type(cause)((at / "urdf").message(str(cause))) from cause

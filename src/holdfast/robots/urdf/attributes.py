@@ -49,9 +49,7 @@ VOCABULARY = {
         ("version", "material", "gazebo", "transmission", "ros2_control", "sensor", "mujoco"),
     ),
     "link": Vocabulary(
-        ("name",),
-        ("inertial",),
-        ("type", "visual", "collision", "contact", "surface", "concave", "sensor", *_CHECKED),
+        ("name",), ("inertial",), ("type", "visual", "collision", "contact", "surface", "concave", "sensor", *_CHECKED)
     ),
     "inertial": Vocabulary((), ("origin", "mass", "inertia")),
     "mass": Vocabulary(("value",)),
