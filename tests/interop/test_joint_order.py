@@ -6,7 +6,7 @@ import pytest
 from holdfast import ClosedChain, HeldObject, ModelError
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.arm.posture import posture
-from holdfast.interop.joint_order import angular_first, joint_names, linear_first, pinocchio_order, wxyz, xyzw
+from holdfast.interop.joint_order import angular_first, linear_first, pinocchio_order, wxyz, xyzw
 from holdfast.robots import panda, ur5e
 
 pin = pytest.importorskip("pinocchio", reason="needs Pinocchio: pip install pin")
@@ -59,7 +59,7 @@ def test_pinocchio(prefix):
     for name, arm in chain.arms.items():
         part = chain.joints[name]
         assert M[part, part] == pytest.approx(mass_matrix(arm, posture(arm, q[part]))[0], abs=1e-13)
-    assert joint_names(chain)[7] == "right/shoulder_pan_joint"
+    assert chain.joint_names()[7] == "right/shoulder_pan_joint"
     assert (order.q == order.v + 1).all()
 
 

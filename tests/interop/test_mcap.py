@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from holdfast import MissingExtra, Pose, ResultError
-from holdfast.interop import ros_messages
+from holdfast.interop import mcap_writer
 from holdfast.interop.mcap_writer import write_mcap
 from holdfast.spatial import rotation
 from tests.view.runs import lifted
@@ -121,7 +121,7 @@ def test_definitions_are_those_of_ros(kind):
         first, *others = text.split(f"{'=' * 80}\n")
         return {"": first.split(), **{part.split()[1]: part.split()[2:] for part in others}}
 
-    assert parts(ros_messages.definition(kind)) == parts(store.generate_msgdef(kind, ros_version=2)[0])
+    assert parts(mcap_writer.definition(kind)) == parts(store.generate_msgdef(kind, ros_version=2)[0])
 
 
 def test_refused(tmp_path, monkeypatch):

@@ -11,7 +11,7 @@ import numpy as np
 
 from holdfast.errors import SceneError
 from holdfast.interop.mjcf_model import compiled_mjcf
-from holdfast.interop.mjcf_names import (
+from holdfast.interop.mjcf_tree import (
     bodies_between,
     body_name,
     drives_of,
@@ -20,8 +20,9 @@ from holdfast.interop.mjcf_names import (
     joint_kind,
     joint_name,
     joints_of,
+    require_plain,
+    require_serial,
 )
-from holdfast.interop.mjcf_refusals import require_plain, require_serial
 from holdfast.interop.mjcf_writer import ENDLESS
 from holdfast.model import checks
 from holdfast.model.arm import Arm
