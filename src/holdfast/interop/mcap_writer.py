@@ -94,7 +94,7 @@ def write_mcap(
 
 
 def _messages(chain: ClosedChain, run: Trajectory, k: int, time: int) -> Iterator[Message]:
-    """Yield everything that sample k says.
+    """Yield the messages of sample k.
 
     Args:
         chain: the chain, its bases where they are then.

@@ -47,7 +47,7 @@ def compiled_mjcf(path_or_text: str | PathLike[str]) -> tuple[str, Any]:
     where the body's inertia does not depend on them.
 
     Raises:
-        SceneError: what MuJoCo has to say, or a file that is no MJCF.
+        SceneError: what MuJoCo refuses, or a file that is no MJCF.
         MissingExtra: MuJoCo is not installed.
     """
     mujoco = mujoco_module()

@@ -84,16 +84,16 @@ def bodies_between(source: str, model: Any, base: int, tip: int) -> list[int]:
     Raises:
         SceneError: the tip does not hang on the base.
     """
-    way, body = [], tip
+    path, body = [], tip
     while body != base and body != 0:
-        way.insert(0, body)
+        path.insert(0, body)
         body = int(model.body_parentid[body])
-    if body != base or not way:
+    if body != base or not path:
         raise SceneError(
             f"{source}: expected a tip that hangs on the base, got base '{body_name(model, base)}' and tip on"
             f" '{body_name(model, tip)}'"
         )
-    return way
+    return path
 
 
 def _beyond(model: Any, body: int, base: int) -> bool:
@@ -117,7 +117,7 @@ def require_plain(source: str, model: Any, j: int) -> None:
         "an actuator with armature": model.actuator_armature[drives],
         "an actuator with damping": [model.actuator_damping[drives], *model.actuator_dampingpoly[drives].T],
     }
-    found = [words for words, values in excess.items() if np.any(np.asarray(values))]
+    found = [name for name, values in excess.items() if np.any(np.asarray(values))]
     if found:
         raise SceneError(
             f"{source}: joint '{joint_name(model, j)}': expected damping, armature and friction loss of its own only,"

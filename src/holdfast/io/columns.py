@@ -57,7 +57,7 @@ def rows(run: Trajectory) -> Array:
 
 
 def _axes(array: str, shape: tuple[int, ...], meta: ResultMeta) -> list[list[Column]]:
-    """Return name and unit of every place along each axis of an array; an empty unit says nothing."""
+    """Return name and unit of every place along each axis of an array; an empty unit leaves it open."""
     if array in PER_JOINT:
         revolute, prismatic = PER_JOINT[array]
         units = [revolute if kind == "revolute" else prismatic for kind in meta.joint_kinds]

@@ -54,7 +54,11 @@ def export_parquet(result: Result, path: str | PathLike[str]) -> list[Path]:
         MissingExtra: pyarrow is not installed.
         ResultError: a file cannot be written, or the result no longer be read.
     """
-    arrow, parquet = _pyarrow()
+    try:
+        import pyarrow as arrow  # pyright: ignore[reportMissingImports]
+        from pyarrow import parquet  # pyright: ignore[reportMissingImports]
+    except ImportError as cause:
+        raise MissingExtra("Parquet needs pyarrow; try pip install 'holdfast[parquet]', or CSV") from cause
 
     def write(file: IO[bytes], head: list[Column], blocks: Iterable[Rows]) -> None:
         kinds = [arrow.string() if column.name in TEXTS else arrow.float64() for column in head]
@@ -118,17 +122,3 @@ def _write_csv(file: IO[bytes], head: list[Column], blocks: Iterable[Rows]) -> N
     for block in blocks:
         table.writerows(block.tolist() if isinstance(block, np.ndarray) else block)
     text.detach()
-
-
-def _pyarrow() -> tuple[Any, Any]:
-    """Return pyarrow and its Parquet module.
-
-    Raises:
-        MissingExtra: pyarrow is not installed.
-    """
-    try:
-        import pyarrow  # pyright: ignore[reportMissingImports]
-        from pyarrow import parquet  # pyright: ignore[reportMissingImports]
-    except ImportError as cause:
-        raise MissingExtra("Parquet needs pyarrow; try pip install 'holdfast[parquet]', or CSV") from cause
-    return pyarrow, parquet

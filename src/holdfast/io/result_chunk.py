@@ -22,7 +22,7 @@ _UNREADABLE = (OSError, ValueError, KeyError, EOFError, RuntimeError, MemoryErro
 
 
 class Damage(Exception):
-    """A file is missing or torn, or does not hold what meta.json says; the message names it."""
+    """A file is missing or torn, or does not hold what meta.json promises; the message names it."""
 
 
 def write_arrays(path: Path, arrays: Mapping[str, Array], name: str, data: Any) -> None:

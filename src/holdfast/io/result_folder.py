@@ -51,7 +51,7 @@ from holdfast.simulation.trajectory import UNITS, Trajectory, array_names
 
 CHUNK = 1000  # samples that wait until they are flushed
 PATIENCE = 5.0  # seconds after which fewer are
-OURS = (
+RESULT_FILES = (
     "scene.toml",
     "robot_*.urdf",
     "summary.json",
@@ -100,7 +100,7 @@ class ResultWriter:
         records, self._robots = kept_files(robots or {})
         self._meta = replace(meta, scene_sha256=sha256(self._scene), robots=records)
         self._waiting: list[Trajectory] = []
-        self._told = 0  # occurrences
+        self._reported = 0  # occurrences
         self._marked: tuple[int, Checkpoint] | None = None
         self._begun = False
         self._texts: tuple[bytes, ...] = ()  # of meta.json, as this writer left it or was about to
@@ -139,7 +139,7 @@ class ResultWriter:
     def add(self, sample: Trajectory) -> None:
         """Take one sample."""
         self._waiting.append(sample)
-        self._told += len(sample.occurrences)
+        self._reported += len(sample.occurrences)
 
     def mark(self, checkpoint: Checkpoint) -> None:
         """Take the checkpoint of the last sample; flush if many samples wait, or for long, or none is on disk yet.
@@ -179,11 +179,11 @@ class ResultWriter:
     def finish(
         self, summary: Summary | None, *, stopped: str | None = None, occurrences: Sequence[Occurrence] = ()
     ) -> None:
-        """Put the rest on disk and say how the run ended.
+        """Put the rest on disk and record how the run ended.
 
         Args:
             summary: its numbers, if they were made.
-            occurrences: what happened since the run began or went on; what no sample told is the end.
+            occurrences: what happened since the run began or went on; those that no sample has are what ended it.
             stopped: what ended it early; None for a complete run. After "interrupted" it
                 can go on, after anything else not.
 
@@ -196,7 +196,7 @@ class ResultWriter:
         self._require_alone()
         if summary is not None:
             write_atomically(self.folder / "summary.json", json_text(asdict(summary)))
-        last = list(occurrences[self._told :])
+        last = list(occurrences[self._reported :])
         ended = replace(self._meta, complete=stopped is None, stopped=stopped, occurrences=last)
         self._commit(replace(ended, checkpoint=None) if ended.ended else ended)
 
@@ -206,8 +206,8 @@ class ResultWriter:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as cause:
             raise ResultError(f"{self.folder}: cannot be written: {reason_of(cause)}") from cause
-        self._write_meta(self._meta)  # first: files of ours never lie in a folder that does not say so
-        remove(*(path for pattern in OURS for path in self.folder.glob(pattern)))
+        self._write_meta(self._meta)  # first, so that the folder is known as ours before anything else is in it
+        remove(*(path for pattern in RESULT_FILES for path in self.folder.glob(pattern)))
         for name, content in {"scene.toml": self._scene, **self._robots}.items():
             write_atomically(self.folder / name, content)
         self._begun = True
@@ -247,7 +247,7 @@ class ResultWriter:
 
 
 def _resumed(folder: Path, meta: ResultMeta) -> tuple[ResultMeta, Checkpoint] | None:
-    """Return what the folder's meta.json says from now on, and the checkpoint to go on from.
+    """Return the new content of the folder's meta.json, and the checkpoint to go on from.
 
     Samples after the checkpoint go, since the run makes them again. Reads every chunk, one
     at a time.
@@ -339,7 +339,7 @@ def require_free(folder: Path, overwrite: bool) -> None:
 def run_meta(
     chain: ClosedChain, name: str, duration: float, step: float, *, scene_folder: str = "", **options: Any
 ) -> ResultMeta:
-    """Return what meta.json says before the first sample.
+    """Return the content of meta.json before the first sample.
 
     Args:
         chain: what is simulated.

@@ -50,7 +50,7 @@ class RobotRecord(msgspec.Struct, frozen=True):
 
 
 class ResultMeta(msgspec.Struct, frozen=True, kw_only=True):
-    """What meta.json says.
+    """The content of meta.json.
 
     Attributes:
         format, format_version: of the folder.
@@ -117,7 +117,7 @@ _CHECKPOINT_FILE = re.compile(r"checkpoint_[0-9]{4,12}\.npz")
 
 
 def read_meta(folder: Path) -> ResultMeta:
-    """Return what meta.json says.
+    """Return the content of meta.json.
 
     Raises:
         ResultError: there is none, it is damaged, or its format is of another version.
@@ -174,7 +174,7 @@ def sha256(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-_WORDS = {"scene_sha256": "the scene's text", "model_sha256": "the model that the scene describes"}
+_DESCRIPTIONS = {"scene_sha256": "the scene's text", "model_sha256": "the model that the scene describes"}
 
 
 def differences(there: ResultMeta, here: ResultMeta) -> list[str]:
@@ -182,7 +182,7 @@ def differences(there: ResultMeta, here: ResultMeta) -> list[str]:
     mine, other = (dict(_leaves(msgspec.to_builtins(meta))) for meta in (here, there))
     passed = (*_PROGRESS, *_ANYWHERE)
     found = [key for key in mine | other if key.split(".")[0] not in passed and mine.get(key) != other.get(key)]
-    return [_WORDS.get(key) or f"{key} ({other.get(key)!r} there, {mine.get(key)!r} here)" for key in found]
+    return [_DESCRIPTIONS.get(key) or f"{key} ({other.get(key)!r} there, {mine.get(key)!r} here)" for key in found]
 
 
 def _leaves(data: dict[str, Any], path: str = "") -> list[tuple[str, Any]]:
@@ -192,7 +192,7 @@ def _leaves(data: dict[str, Any], path: str = "") -> list[tuple[str, Any]]:
 
 
 def kept_files(sources: Mapping[str, Source]) -> tuple[dict[str, RobotRecord], dict[str, bytes]]:
-    """Return what meta.json says of the robots, by arm, and the files to write; arms of one robot share one."""
+    """Return what meta.json records of the robots, by arm, and the files to write; arms of one robot share one."""
     records, files = {}, {}
     for arm, source in sources.items():
         content = source.text.encode("utf-8") if isinstance(source.text, str) else source.text

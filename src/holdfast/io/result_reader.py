@@ -23,7 +23,7 @@ class Result:
 
     Attributes:
         folder: where it is.
-        meta: what meta.json says: versions, joints, units, ...
+        meta: the content of meta.json: versions, joints, units, ...
         scene_text: the scene's own text.
         chunks: how many samples of each chunk are whole and belong to the run.
         complete: whether the run reached its end, and all of it is there.

@@ -1,4 +1,4 @@
-"""Typed reading of JSON and TOML: every refusal names the place as a path `$.a[0].b`."""
+"""Typed reading of JSON and TOML: every refusal names the location as a path `$.a[0].b`."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Location:
         return one_line(": ".join([*(one_line(name, LONGEST_NAME) for name in (self.source, self.path)), problem]))
 
     def refuse(self, problem: str) -> SceneError:
-        """Return the error that says on one line what is wrong here."""
+        """Return the one-line error about what is wrong here."""
         return SceneError(self.message(problem))
 
     @contextmanager
@@ -179,38 +179,29 @@ def _structs(kind: Any) -> typing.Iterator[type[msgspec.Struct]]:
         yield from _structs(argument)
 
 
+def _fields(kinds: list[Any]) -> list[msgspec.structs.FieldInfo]:
+    """Return the fields of all Struct classes inside types."""
+    return [field for kind in kinds for struct in _structs(kind) for field in msgspec.structs.fields(struct)]
+
+
 def _types_at(kind: Any, path: str) -> list[Any]:
     """Return the declared types at a path such as `$.arms[0].grasp`."""
     current = [kind]
     for key in re.findall(r"\.(\w+)", path):
-        current = [
-            field.type
-            for t in current
-            for struct in _structs(t)
-            for field in msgspec.structs.fields(struct)
-            if field.encode_name == key
-        ] or [value for t in current if typing.get_origin(t) is dict for value in typing.get_args(t)[1:]]
+        values = [value for t in current if typing.get_origin(t) is dict for value in typing.get_args(t)[1:]]
+        current = [field.type for field in _fields(current) if field.encode_name == key] or values
     return current
 
 
 def _hint(kind: Any, path: str, problem: str) -> str:
     """Return ' Did you mean ...?' for an unknown field or value, or nothing."""
     if found := re.search(r"unknown field `([^`]*)`", problem):
-        pool = [
-            field.encode_name
-            for t in _types_at(kind, path)
-            for struct in _structs(t)
-            for field in msgspec.structs.fields(struct)
-        ]
+        pool = [field.encode_name for field in _fields(_types_at(kind, path))]
     elif found := re.search(r"[Ii]nvalid (?:enum )?value '([^']*)'", problem):
         parent, _, leaf = path.rpartition(".")
+        configs = [struct.__struct_config__ for t in _types_at(kind, parent) for struct in _structs(t)]
         pool = [v for t in _types_at(kind, path) for v in _literals(t)]
-        pool += [
-            str(struct.__struct_config__.tag)
-            for t in _types_at(kind, parent)
-            for struct in _structs(t)
-            if struct.__struct_config__.tag_field == leaf
-        ]
+        pool += [str(config.tag) for config in configs if config.tag_field == leaf]
     else:
         return ""
     return "." + checks.did_you_mean(found[1], dict.fromkeys(pool)) if pool else ""

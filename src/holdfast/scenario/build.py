@@ -49,7 +49,7 @@ class Scenario:
         controller: torques.
         duration, step: [s].
         robots: what the arms are made from, by name.
-        options: everything else that `simulate` is to be told, by keyword.
+        options: the other arguments of `simulate`, by keyword.
     """
 
     name: str
@@ -183,7 +183,7 @@ def build_chain(data: SceneData, robots: Mapping[str, Robot], at: Location) -> t
 
 
 def build_options(data: SceneData, chain: ClosedChain, at: Location) -> dict[str, Any]:
-    """Return what `simulate` is to be told by keyword: events, surroundings, scheme, policies.
+    """Return the keyword arguments of `simulate`: events, surroundings, scheme, policies.
 
     Raises:
         SceneError: with the path of the first fault.
@@ -230,10 +230,10 @@ def build_events(data: SceneData, chain: ClosedChain, at: Location) -> list[Even
 
 
 def require_sensible(raw: Any, at: Location, levels: int = DEEPEST) -> None:
-    """Refuse NaN, infinity, astronomical numbers and depths: TOML can say them, a scene cannot mean them.
+    """Refuse NaN, infinity, astronomical numbers and depths: TOML can express them, but no scene has them.
 
     Args:
-        raw: what the file says.
+        raw: what the file contains.
         at: its place.
         levels: how deep it may go.
 

@@ -171,7 +171,7 @@ def _of_file(data: UrdfData, files: RobotFiles, name: str, base: Pose, tool: Pos
     except HoldfastError as cause:  # it names file and line
         raise type(cause)((at / "urdf").message(str(cause))) from cause
     arm = links.arm
-    if tool is not None:  # what there is to say of the link's own frame says nothing of the tool's
+    if tool is not None:  # the note is about the link's own frame, not the tool's
         arm = arm.with_tip(arm.tip @ tool)
         links = replace(links, notes=tuple(note for note in links.notes if note != links.tip_note), tip_note="")
     if data.armature:
@@ -212,9 +212,11 @@ def controller(
         return GravityCompensation(chain, data.squeeze, data.joint_damping)
     if not chain.grasps:
         raise (at / "type").refuse("object_tracking needs a grasp, but no arm has one; try gravity_compensation")
-    way = data.path
+    motion = data.path
     with (at / "path").refusals():
-        path = RestToRest(state.object_frame, np.array(way.displacement), np.array(way.turn), way.begin, way.duration)
+        path = RestToRest(
+            state.object_frame, np.array(motion.displacement), np.array(motion.turn), motion.begin, motion.duration
+        )
     return ObjectTracking(chain, path.at, data.squeeze, data.stiffness, data.damping, data.joint_damping)
 
 

@@ -1,7 +1,7 @@
 """What elements of a URDF may say: their vocabulary, and typed attributes; refusals name file, line and element.
 
-No word is passed over in silence: one that looks like a misspelt one is refused, one that
-closes a loop or adds a spring is refused, and any other unknown word becomes a note.
+No name is ignored silently: one that looks like a misspelt one is refused, one that closes
+a loop or adds a spring is refused, and any other unknown name becomes a note.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Vocabulary(NamedTuple):
         attributes: those that are read.
         children: those that are read, each at most once except in <robot>.
         skipped: attributes and children that cannot matter for dynamics: pictures, contacts, safety
-            and simulators' own words.
+            and simulators' own extensions.
     """
 
     attributes: tuple[str, ...]
@@ -74,34 +74,34 @@ def unread_notes(element: Element) -> tuple[str, ...]:
     """Return notes on what an element says, and the parts that it is read from, that is not read.
 
     Raises:
-        SceneError: a misspelt or a duplicate word, unexpanded xacro, a loop, a spring.
+        SceneError: a misspelt or a duplicate name, unexpanded xacro, a loop, a spring.
     """
-    words = VOCABULARY[element.tag]
-    unknown = ", ".join(_unknown(element, words))
+    known = VOCABULARY[element.tag]
+    unknown = ", ".join(_unknown(element, known))
     notes = [element.message(f"{shortened(unknown)}: unknown, not read")] if unknown else []
     seen: dict[str, int] = {}
     for child in element.children:
-        if child.tag in words.children:
+        if child.tag in known.children:
             if element.tag != "robot" and child.tag in seen:
                 raise child.refuse(f"expected one <{child.tag}>, got a second (first in line {seen[child.tag]})")
             seen[child.tag] = child.line
-        elif child.tag not in words.skipped:
-            _refuse(child, words.children + words.skipped)
+        elif child.tag not in known.skipped:
+            _refuse(child, known.children + known.skipped)
             notes.append(child.message("unknown element, not read"))
     if element.stray:
         notes.append(element.message(f"text {quoted(element.stray[0])}, not read"))
     if element.tag != "robot":
-        notes += [note for child in element.children if child.tag in words.children for note in unread_notes(child)]
+        notes += [note for child in element.children if child.tag in known.children for note in unread_notes(child)]
     return tuple(notes)
 
 
-def _unknown(element: Element, words: Vocabulary) -> list[str]:
+def _unknown(element: Element, known: Vocabulary) -> list[str]:
     """Return the attributes that are neither read nor skipped."""
     unknown = []
     for attribute, value in element.attributes.items():
-        if attribute in words.attributes or attribute in words.skipped or attribute.split(":")[0] == "xmlns":
+        if attribute in known.attributes or attribute in known.skipped or attribute.split(":")[0] == "xmlns":
             continue
-        if near := _misspelt(attribute, words.attributes):
+        if near := _misspelt(attribute, known.attributes):
             raise element.refuse(f"{quoted(attribute)}: unknown attribute. Did you mean '{near}'?")
         if attribute == "spring_stiffness" and value.strip("0. ") != "":
             raise element.refuse(f"spring_stiffness: expected none or 0, got {quoted(value)}: joints have no springs")
@@ -120,7 +120,7 @@ def _refuse(child: Element, known: tuple[str, ...]) -> None:
 
 
 def _misspelt(word: str, known: tuple[str, ...]) -> str:
-    """Return the known word that this one must be a slip of, or nothing."""
+    """Return the known name that this one must be a misspelling of, or nothing."""
     if len(word) > 40:
         return ""
     near = difflib.get_close_matches(word.lower(), known, n=1, cutoff=0.8 if len(word) > 3 else 0.6)

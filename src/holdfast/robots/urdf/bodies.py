@@ -31,7 +31,7 @@ class WeldedBody:
     """Links that one joint moves as one.
 
     Attributes:
-        step: the joint, and which way it is passed.
+        step: the joint, and in which direction it is passed.
         placement: pose of the body's frame at q = 0 in the frame of the body before.
         links: pose in the body's frame, by link name; the link that the joint moves first.
     """
@@ -137,11 +137,11 @@ def welded_link(robot: UrdfRobot, body: WeldedBody, physical: bool) -> Link:
             " (mass 0 and inertia 0 where it is meant to be massless)"
         )
     with robot.links[name].element.refusals():
-        return Link(*_sum(parts), name=name, physical=physical)
+        return Link(*welded(parts), name=name, physical=physical)
 
 
-def _sum(parts: list[tuple[float, Array, Array]]) -> tuple[float, Array, Array]:
-    """Return mass, mass centre and inertia about it of bodies welded together."""
+def welded(parts: list[tuple[float, Array, Array]]) -> tuple[float, Array, Array]:
+    """Return mass, mass centre and inertia about it of bodies welded together, each given by the same three."""
     m = sum(part[0] for part in parts)
     c = sum((m_i / m * c_i for m_i, c_i, _ in parts), np.zeros(3)) if m > 0 else np.zeros(3)
     if len(parts) == 1:

@@ -23,7 +23,7 @@ from holdfast.robots.urdf.source import Source
 from holdfast.spatial.pose import Pose
 
 SAME_PLACE = 1e-6  # [m] between the origins of two frames
-UPRIGHT = 0.1  # [rad] between z and the way to the tip
+UPRIGHT = 0.1  # [rad] between z and the direction to the tip
 
 
 class UrdfOptions(TypedDict, total=False):
@@ -50,7 +50,7 @@ class UrdfChain:
         bodies: N + 1 mappings from link name to pose: of the links on the base in the base's
             frame, then of the links welded into arm link k in its frame.
         elsewhere: names of the links that joints of their own move on the base.
-        notes: what was read in another way than it stands, or not at all, with its line; and a tip
+        notes: what was read differently from what the file states, or not at all, with its line; and a tip
             whose z axis does not point out of the hand.
         tip_note: that last note alone; empty if there is none.
     """
@@ -244,7 +244,7 @@ def load_urdf(
 
     Links that are fixed to one another become one. What hangs on the base does not matter
     and is left out; what hangs on the arm belongs to it, so joints off the path from base
-    to tip (fingers, another arm) must be held. `urdf_chain` tells what became of each link.
+    to tip (fingers, another arm) must be held. `urdf_chain` returns what became of each link.
 
     Joints keep the file's sign, axis, limits, damping and friction. The base need not be
     the root: joints may be passed from child to parent. A rate or effort limit of 0, and a

@@ -167,8 +167,8 @@ class _Builder:
         self.open.pop()
 
     def _text(self, text: str) -> None:
-        if self.open and not self.open[-1].stray and (said := text.strip()):
-            self.open[-1].stray.append(shortened(said))
+        if self.open and not self.open[-1].stray and (stray := text.strip()):
+            self.open[-1].stray.append(shortened(stray))
 
     def _doctype(self, name: str, *_: object) -> None:
         line = self.parser.CurrentLineNumber

@@ -130,7 +130,7 @@ class Locks:
 
     Attributes:
         robot: the robot.
-        given: position by joint name, as the caller said.
+        given: position by joint name, as the caller gave it.
         others: hold also every joint that hangs on an arm, or moves its base, but is on no arm's path.
         on_path: names of the joints between base and tip of the arms.
     """
@@ -182,7 +182,7 @@ class Locks:
 
 
 def resting_position(joint: UrdfJoint) -> float:
-    """Return where a joint rests if nobody says: at 0, or at its limit nearest to 0 [rad or m]."""
+    """Return where a joint rests unless the caller gives a position: at 0, or at its limit nearest to 0 [rad or m]."""
     low, high = joint.position_limits
     return min(max(0.0, low), high)
 

@@ -37,7 +37,7 @@ def read_urdf(
 
     Args:
         path_or_text: a file, or the text itself (it begins with `<`). A file whose name ends
-            in `.xacro` is expanded first (extra `robots`), if `trust_xacro` says so.
+            in `.xacro` is expanded first (extra `robots`), if `trust_xacro` is true.
         xacro_args: values of the file's <xacro:arg> by name.
         trust_xacro: whether to expand a `.xacro` file. That runs the Python expressions in it
             and in the files that it includes, which can do whatever you can.
@@ -178,7 +178,7 @@ def _kind(element: Element) -> str:
 
 
 def _axis(element: Element, notes: list[str]) -> np.ndarray:
-    """Return the unit axis; x where none is given, as the format says."""
+    """Return the unit axis; x where none is given, as the format prescribes."""
     if (axis := element.first("axis")) is not None:
         return attributes.axis(axis)
     notes.append(element.message("no <axis>, taken as 1 0 0"))

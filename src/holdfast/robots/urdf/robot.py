@@ -16,7 +16,7 @@ UNSUPPORTED = ("floating", "planar", "ball", "spherical")
 
 @dataclass(frozen=True, eq=False)
 class UrdfInertial:
-    """What a link weighs.
+    """Mass, mass centre and inertia of a link.
 
     Attributes:
         mass: [kg].
@@ -37,9 +37,9 @@ class UrdfLink:
 
     Attributes:
         name: its name.
-        inertial: what it weighs; None if the file does not say.
+        inertial: mass, mass centre and inertia; None if the file gives none.
         element: the <link>.
-        notes: what of it was read in another way than it stands, or not at all.
+        notes: what of it was read differently from what the file states, or not at all.
     """
 
     name: str
@@ -81,7 +81,7 @@ class UrdfJoint:
         friction: [N m or N].
         mimic: the joint it follows, or None.
         element: the <joint>.
-        notes: what of it was read in another way than it stands, or not at all.
+        notes: what of it was read differently from what the file states, or not at all.
     """
 
     name: str
