@@ -19,14 +19,11 @@ from holdfast import (
     forward_dynamics,
     project_velocity,
 )
-from holdfast.dynamics.arm.bias import bias_torque
-from holdfast.dynamics.arm.jacobian import jacobian
-from holdfast.dynamics.arm.mass_matrix import mass_matrix
-from holdfast.dynamics.arm.motion import ArmInputs, arm_motion
 from holdfast.dynamics.diagnose import diagnose
 from holdfast.interop.mjcf_writer import to_mjcf
 from holdfast.robots import ROBOTS, stewart_platform, three_finger_hand
 from tests.control.two_pandas import two_pandas
+from tests.robots.arm_dynamics import mass_jacobian_bias
 from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain
 
@@ -51,14 +48,6 @@ def moving(chain, state):
     return project_velocity(chain, State(state.q, 0.3 * rng.normal(size=len(state.q)), state.object_pose))
 
 
-def arm_quantities(arm, q, qd, gravity):
-    """Return M, tip Jacobian and bias torques."""
-    at_rest, none = np.zeros(6), np.zeros(len(q))
-    motion = arm_motion(ArmInputs(arm, q, qd, none, at_rest, np.r_[np.zeros(3), -np.array(gravity)]))
-    M = mass_matrix(arm, motion.at)[0]
-    return M, jacobian(arm, motion.at), bias_torque(arm, motion.at, motion.bias.wrenches)[0]
-
-
 def compare_arms(chain, state):
     """Return the largest differences in M, J and bias of every arm, relative to the largest entries."""
     free = ClosedChain(chain.arms, chain.held_object, {}, chain.gravity)
@@ -68,7 +57,7 @@ def compare_arms(chain, state):
     gaps = []
     for name, arm in chain.arms.items():
         part = chain.joints[name]
-        ours = arm_quantities(arm, state.q[part], state.qd[part], chain.gravity)
+        ours = mass_jacobian_bias(arm, state.q[part], state.qd[part], chain.gravity)
         site, linear, angular = model.site(f"{name}/tip").id, np.zeros((3, model.nv)), np.zeros((3, model.nv))
         mujoco.mj_jacSite(model, data, linear, angular, site)
         theirs = M[part, part], np.concatenate([angular, linear])[:, part], data.qfrc_bias[part]
