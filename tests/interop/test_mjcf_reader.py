@@ -194,10 +194,6 @@ def test_refused_by_name(text, options, message):
     """What an arm of ours cannot have, and what is not there, is refused and named."""
     with pytest.raises(SceneError, match=message):
         load_mjcf(text, **options)
-
-
-def test_bad_mount():
-    """A mount that is no pose is refused."""
     with pytest.raises(ModelError, match="mount"):
         load_mjcf(mjcf(ARM), mount="table")
 
@@ -246,3 +242,43 @@ def test_state_in_keyframe():
     assert data.qpos[:12].tolist() == state.q.tolist()
     assert data.body("object").xpos.tolist() == [1.0, 2.0, 3.0]
     assert data.body("object").xquat == pytest.approx(turn)
+
+
+BOUNDED = """<mujoco>{}<worldbody><body name="bar"><joint name="hinge"/>
+<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+{}</body></worldbody></mujoco>"""
+COPY = '<replicate count="2000"><replicate count="2000"><site/></replicate></replicate>'
+
+
+@pytest.mark.parametrize(
+    ("before", "inside", "message"),
+    [
+        ('<!DOCTYPE x [<!ENTITY a "b">]>', "", "DOCTYPE"),
+        ("", COPY, "expected at most 10,000 copies of it (replicate), got 4e+06"),
+        ('<asset><texture name="t" type="2d" builtin="flat" width="900000" height="900000"/></asset>', "", "texture"),
+        ('<asset><hfield name="h" nrow="90000" ncol="90000" size="1 1 1 1"/></asset>', "", "hfield"),
+        ('<size nuserdata="2000000000"/>', "", "expected counts up to 16,777,216, got 2e+09"),
+        ('<include file="more.xml"/>', "", "more.xml:1: "),
+    ],
+)
+def test_counts_beyond_a_machine(before, inside, message, tmp_path):
+    """Refused by file, line and element, before MuJoCo makes room."""
+    text = BOUNDED.format(before, inside)
+    if before.startswith("<!"):
+        text = before + BOUNDED.format("", "")
+    (tmp_path / "arm.xml").write_text(text)
+    (tmp_path / "more.xml").write_text(f"<mujoco><worldbody>{COPY}</worldbody></mujoco>")
+    with pytest.raises(SceneError) as caught:
+        load_mjcf(tmp_path / "arm.xml")
+    assert message in str(caught.value)
+
+
+def test_usual_counts(tmp_path):
+    """Some copies, a texture, an included file."""
+    (tmp_path / "more.xml").write_text(
+        '<mujoco><asset><texture name="t" type="2d" builtin="flat" width="64" height="64"/></asset></mujoco>'
+    )
+    (tmp_path / "arm.xml").write_text(
+        BOUNDED.format('<include file="more.xml"/>', '<replicate count="3"><site/></replicate>')
+    )
+    assert load_mjcf(tmp_path / "arm.xml", tip="bar").joint_count == 1
