@@ -117,13 +117,9 @@ def test_what_was_asked_for(options, said):
 
 @pytest.mark.parametrize("arms", [{}, None, {"a": "torso"}, {"a": ("torso",)}, {"a": ("torso", "hnd")}, {"a": (1, 2)}])
 def test_arms_that_are_none(arms):
-    """Arms are pairs of link names."""
+    """Arms are pairs of link names; the mount is a pose, and no matter of the file."""
     with pytest.raises(SceneError, match="URDF text:2: robot 'two_armed': arm"):
         load_urdf_arms(TWO_ARMED, arms)
-
-
-def test_mount_that_is_none():
-    """The mount is a pose, and no matter of the file."""
     with pytest.raises(ModelError, match="mount"):
         load_urdf(TWO_ARMED, base="torso", tip="head", mount=np.zeros(3))
 
