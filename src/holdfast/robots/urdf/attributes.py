@@ -71,7 +71,7 @@ LOOPS = ("constraint", "loop", "loop_joint", "coupling")
 
 
 def unread_notes(element: Element) -> tuple[str, ...]:
-    """Return notes on what an element says, and the parts that it is read from, that is not read.
+    """Return notes on everything in an element, and in those of its children that are read, that is not read.
 
     Raises:
         SceneError: a misspelt or a duplicate name, unexpanded xacro, a loop, a spring.

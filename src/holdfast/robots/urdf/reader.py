@@ -12,7 +12,6 @@ import numpy as np
 from holdfast.model import checks
 from holdfast.model.joint import UNBOUNDED
 from holdfast.robots.urdf import attributes
-from holdfast.robots.urdf.attributes import unread_notes
 from holdfast.robots.urdf.document import Element, hint, listed, parse_document, quoted
 from holdfast.robots.urdf.robot import MOVING, UNSUPPORTED, Mimic, UrdfInertial, UrdfJoint, UrdfLink, UrdfRobot
 from holdfast.robots.urdf.source import Source, read_source
@@ -50,7 +49,7 @@ def read_urdf(
     root = parse_document(source.text, source.name)
     if root.tag != "robot":
         raise root.refuse("expected <robot> as the outermost element")
-    notes = (*source.notes, *unread_notes(root))
+    notes = (*source.notes, *attributes.unread_notes(root))
     links = _by_name([_link(element) for element in root.children if element.tag == "link"])
     joints = _by_name([_joint(element) for element in root.children if element.tag == "joint"])
     name = attributes.name(root) if root.attributes.get("name", "").strip() else ""
@@ -112,7 +111,7 @@ def _refuse_circles(robot: UrdfRobot) -> None:
 
 def _link(element: Element) -> UrdfLink:
     """Return a link; without <inertial> it weighs nothing."""
-    notes = list(unread_notes(element))
+    notes = list(attributes.unread_notes(element))
     inertial = element.first("inertial")
     weight = None if inertial is None else _inertial(inertial, notes)
     return UrdfLink(attributes.name(element), weight, element, tuple(notes))
@@ -143,7 +142,7 @@ def _symmetric(moments: Element) -> Array:
 
 def _joint(element: Element) -> UrdfJoint:
     """Return a joint; axis, limits and friction of one that cannot move mean nothing and are not read."""
-    notes = list(unread_notes(element))
+    notes = list(attributes.unread_notes(element))
     kind = _kind(element)
     moving = kind in MOVING
     position_limits, rate_limit, effort_limit = _limits(element, kind, notes) if moving else (UNBOUNDED, np.inf, np.inf)
