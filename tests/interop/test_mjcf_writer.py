@@ -158,6 +158,8 @@ def test_limits_drives_and_looks():
     assert sorted(2 * model.geom_size[drawn[0]]) == pytest.approx([0.1, 0.2, 0.3])
     assert mujoco.MjModel.from_xml_string(to_mjcf(chain, looks=False)).ngeom == 0
     assert ElementTree.fromstring(to_mjcf(chain)).find("keyframe") is None
+    with pytest.raises(StateError, match="expected 2"):
+        to_mjcf(chain, State(np.zeros(3), np.zeros(3), [1, 0, 0, 0, 0, 0, 0]))
 
 
 @pytest.mark.parametrize(
@@ -177,5 +179,3 @@ def test_what_mujoco_cannot_have(links, message):
     chain = ClosedChain({"a": Arm([Joint(), Joint()], links)}, HeldObject.box(1, 1, 1, 1), {})
     with pytest.raises(ModelError, match=message):
         to_mjcf(chain)
-    with pytest.raises(StateError, match="expected 2"):
-        to_mjcf(chain, State(np.zeros(3), np.zeros(3), [1, 0, 0, 0, 0, 0, 0]))
