@@ -6,26 +6,21 @@ import pytest
 from holdfast import ClosedChain, HeldObject, ModelError
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.arm.posture import posture
-from holdfast.interop.joint_order import angular_first, joint_names, linear_first, pinocchio_order, wxyz, xyzw
+from holdfast.interop.joint_order import angular_first, linear_first, pinocchio_order, wxyz, xyzw
 from holdfast.robots import panda, ur5e
 
 pin = pytest.importorskip("pinocchio", reason="needs Pinocchio: pip install pin")
 
 
-def test_halves():
-    """[moment; force] becomes [force; moment] and back, along any axis."""
-    f = np.arange(6.0)
-    assert linear_first(f).tolist() == [3, 4, 5, 0, 1, 2]
+def test_orders_and_back():
+    """[moment; force] becomes [force; moment] and back, along any axis; quaternions have their scalar last."""
+    assert linear_first(np.arange(6.0)).tolist() == [3, 4, 5, 0, 1, 2]
     J = np.arange(12.0).reshape(6, 2)
     assert (linear_first(J, 0)[:3] == J[3:]).all()
     assert (angular_first(linear_first(J, 0), 0) == J).all()
     for wrong in (np.zeros(5), np.float64(3.0)):
         with pytest.raises(ModelError, match="expected 6"):
             linear_first(wrong)
-
-
-def test_quaternions():
-    """Scalar last, and first again."""
     q = np.array([[1.0, 2.0, 3.0, 4.0]])
     assert xyzw(q).tolist() == [[2, 3, 4, 1]]
     assert (wxyz(xyzw(q)) == q).all()
@@ -59,7 +54,7 @@ def test_pinocchio(prefix):
     for name, arm in chain.arms.items():
         part = chain.joints[name]
         assert M[part, part] == pytest.approx(mass_matrix(arm, posture(arm, q[part]))[0], abs=1e-13)
-    assert joint_names(chain)[7] == "right/shoulder_pan_joint"
+    assert chain.joint_names()[7] == "right/shoulder_pan_joint"
     assert (order.q == order.v + 1).all()
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from holdfast import MissingExtra, Pose, ResultError
-from holdfast.interop import ros_messages
+from holdfast.interop import mcap_writer
 from holdfast.interop.mcap_writer import write_mcap
 from holdfast.spatial import rotation
 from tests.view.runs import lifted
@@ -42,22 +42,16 @@ def test_topics(bag):
         assert time == 10**9 * message.header.stamp.sec + message.header.stamp.nanosec
 
 
-def test_joint_states(bag):
-    """Positions, rates and torques come back bit for bit, under the joints' names."""
+def test_joint_states_and_object_pose(bag):
+    """Positions, rates, torques and pose come back bit for bit; the quaternion's scalar is last, as ROS has it."""
     chain, run = lifted()
-    for k, (_, message) in enumerate(bag["/joint_states"]):
-        assert message.name == chain.joint_names()
-        assert (message.position == run.q[k]).all()
-        assert (message.velocity == run.qd[k]).all()
-        assert (message.effort == run.tau[k]).all()
-
-
-def test_object_pose(bag):
-    """The object's pose, scalar last as ROS has it."""
-    _, run = lifted()
-    for k, (_, message) in enumerate(bag["/object_pose"]):
-        assert message.header.frame_id == "world"
-        p, o = message.pose.position, message.pose.orientation
+    for k, ((_, joints), (_, held)) in enumerate(zip(bag["/joint_states"], bag["/object_pose"], strict=True)):
+        assert joints.name == chain.joint_names()
+        assert (joints.position == run.q[k]).all()
+        assert (joints.velocity == run.qd[k]).all()
+        assert (joints.effort == run.tau[k]).all()
+        assert held.header.frame_id == "world"
+        p, o = held.pose.position, held.pose.orientation
         assert [o.w, o.x, o.y, o.z, p.x, p.y, p.z] == run.object_pose[k].tolist()
 
 
@@ -121,7 +115,7 @@ def test_definitions_are_those_of_ros(kind):
         first, *others = text.split(f"{'=' * 80}\n")
         return {"": first.split(), **{part.split()[1]: part.split()[2:] for part in others}}
 
-    assert parts(ros_messages.definition(kind)) == parts(store.generate_msgdef(kind, ros_version=2)[0])
+    assert parts(mcap_writer.definition(kind)) == parts(store.generate_msgdef(kind, ros_version=2)[0])
 
 
 def test_refused(tmp_path, monkeypatch):

@@ -5,11 +5,12 @@ import sys
 import numpy as np
 import pytest
 
-from holdfast import Arm, ClosedChain, HeldObject, MissingExtra, ModelError, Pose, SceneError, State
+from holdfast import Arm, ClosedChain, HeldObject, MissingExtra, ModelError, Pose, SceneError, State, tip_pose
 from holdfast.interop.mjcf_reader import load_mjcf
 from holdfast.interop.mjcf_writer import to_mjcf
 from holdfast.robots import ROBOTS, stewart_platform, three_finger_hand
-from tests.interop.test_mjcf_writer import arm_quantities, massless
+from tests.interop.test_mjcf_writer import massless
+from tests.robots.arm_dynamics import mass_jacobian_bias
 from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain
 
@@ -71,13 +72,6 @@ def oracle(text, q, qd, names, locked):
     return data.site_xpos[site], data.site_xmat[site].reshape(3, 3), M[np.ix_(places, places)], data.qfrc_bias[places]
 
 
-def tip_of(arm, q):
-    """Return the tip pose."""
-    from holdfast.dynamics.arm.posture import posture
-
-    return posture(arm, q).tip
-
-
 @pytest.mark.parametrize("q", [[0.1, 0.4, 0.0], [0.0, 0.0, 0.0], [-0.3, 1.2, -2.0]])
 def test_as_mujoco_moves_it(q):
     """Tip, mass matrix, bias and parameters, whatever the file does to its frames."""
@@ -85,9 +79,9 @@ def test_as_mujoco_moves_it(q):
     arm = load_mjcf(WITH_EVERYTHING, tip="palm", locked=locked)
     qd = np.array([0.5, -1.0, 2.0])
     p, R, M, bias = oracle(WITH_EVERYTHING, q, qd, ["lift", "turn", "bend"], locked)
-    ours = arm_quantities(arm, np.array(q), qd, GRAVITY)
-    assert tip_of(arm, np.array(q)).p == pytest.approx(p, abs=1e-14)
-    assert pytest.approx(R, abs=1e-14) == tip_of(arm, np.array(q)).R
+    ours = mass_jacobian_bias(arm, np.array(q), qd, GRAVITY)
+    assert tip_pose(arm, np.array(q)).p == pytest.approx(p, abs=1e-14)
+    assert pytest.approx(R, abs=1e-14) == tip_pose(arm, np.array(q)).R
     assert ours[0] == pytest.approx(M, abs=1e-13)
     assert ours[2] == pytest.approx(bias, abs=1e-12)
 
@@ -117,13 +111,13 @@ def test_base_and_mount():
     assert whole.base.p.tolist() == [0.1, 0.2, 0.3]
     q = np.array([0.1, 0.2, 0.3])
     from_world = load_mjcf(WITH_EVERYTHING, tip="palm", lock_others=True)
-    assert tip_of(whole, q).p == pytest.approx(tip_of(from_world, q).p, abs=1e-15)
+    assert tip_pose(whole, q).p == pytest.approx(tip_pose(from_world, q).p, abs=1e-15)
 
 
 def gaps(arm: Arm, again: Arm, rng) -> float:
     """Return the largest difference of M, J and bias at a random state, relative to the largest entries."""
     q, qd = rng.normal(size=(2, arm.joint_count))
-    pairs = zip(arm_quantities(arm, q, qd, GRAVITY), arm_quantities(again, q, qd, GRAVITY), strict=True)
+    pairs = zip(mass_jacobian_bias(arm, q, qd, GRAVITY), mass_jacobian_bias(again, q, qd, GRAVITY), strict=True)
     return max(np.abs(a - b).max() / np.abs(a).max() for a, b in pairs)
 
 
@@ -200,10 +194,6 @@ def test_refused_by_name(text, options, message):
     """What an arm of ours cannot have, and what is not there, is refused and named."""
     with pytest.raises(SceneError, match=message):
         load_mjcf(text, **options)
-
-
-def test_bad_mount():
-    """A mount that is no pose is refused."""
     with pytest.raises(ModelError, match="mount"):
         load_mjcf(mjcf(ARM), mount="table")
 
@@ -213,7 +203,7 @@ def test_ties_to_others_are_not_the_arms():
     other = f'<body name="thing"><freejoint/>{BODY}</body>'
     arm = load_mjcf(mjcf(ARM + other, '<equality><weld body1="b" body2="thing"/></equality>'), base="world", tip="b")
     assert arm.joint_count == 2
-    assert tip_of(arm, np.zeros(2)).p == pytest.approx([1.0, 0.0, 0.0])
+    assert tip_pose(arm, np.zeros(2)).p == pytest.approx([1.0, 0.0, 0.0])
 
 
 def test_file(tmp_path):
@@ -252,3 +242,43 @@ def test_state_in_keyframe():
     assert data.qpos[:12].tolist() == state.q.tolist()
     assert data.body("object").xpos.tolist() == [1.0, 2.0, 3.0]
     assert data.body("object").xquat == pytest.approx(turn)
+
+
+BOUNDED = """<mujoco>{}<worldbody><body name="bar"><joint name="hinge"/>
+<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+{}</body></worldbody></mujoco>"""
+COPY = '<replicate count="2000"><replicate count="2000"><site/></replicate></replicate>'
+
+
+@pytest.mark.parametrize(
+    ("before", "inside", "message"),
+    [
+        ('<!DOCTYPE x [<!ENTITY a "b">]>', "", "DOCTYPE"),
+        ("", COPY, "expected at most 10,000 copies of it (replicate), got 4e+06"),
+        ('<asset><texture name="t" type="2d" builtin="flat" width="900000" height="900000"/></asset>', "", "texture"),
+        ('<asset><hfield name="h" nrow="90000" ncol="90000" size="1 1 1 1"/></asset>', "", "hfield"),
+        ('<size nuserdata="2000000000"/>', "", "expected counts up to 16,777,216, got 2e+09"),
+        ('<include file="more.xml"/>', "", "more.xml:1: "),
+    ],
+)
+def test_counts_beyond_a_machine(before, inside, message, tmp_path):
+    """Refused by file, line and element, before MuJoCo makes room."""
+    text = BOUNDED.format(before, inside)
+    if before.startswith("<!"):
+        text = before + BOUNDED.format("", "")
+    (tmp_path / "arm.xml").write_text(text)
+    (tmp_path / "more.xml").write_text(f"<mujoco><worldbody>{COPY}</worldbody></mujoco>")
+    with pytest.raises(SceneError) as caught:
+        load_mjcf(tmp_path / "arm.xml")
+    assert message in str(caught.value)
+
+
+def test_usual_counts(tmp_path):
+    """Some copies, a texture, an included file."""
+    (tmp_path / "more.xml").write_text(
+        '<mujoco><asset><texture name="t" type="2d" builtin="flat" width="64" height="64"/></asset></mujoco>'
+    )
+    (tmp_path / "arm.xml").write_text(
+        BOUNDED.format('<include file="more.xml"/>', '<replicate count="3"><site/></replicate>')
+    )
+    assert load_mjcf(tmp_path / "arm.xml", tip="bar").joint_count == 1

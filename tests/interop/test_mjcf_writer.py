@@ -19,14 +19,11 @@ from holdfast import (
     forward_dynamics,
     project_velocity,
 )
-from holdfast.dynamics.arm.bias import bias_torque
-from holdfast.dynamics.arm.jacobian import jacobian
-from holdfast.dynamics.arm.mass_matrix import mass_matrix
-from holdfast.dynamics.arm.motion import ArmInputs, arm_motion
 from holdfast.dynamics.diagnose import diagnose
 from holdfast.interop.mjcf_writer import to_mjcf
 from holdfast.robots import ROBOTS, stewart_platform, three_finger_hand
 from tests.control.two_pandas import two_pandas
+from tests.robots.arm_dynamics import mass_jacobian_bias
 from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain
 
@@ -51,14 +48,6 @@ def moving(chain, state):
     return project_velocity(chain, State(state.q, 0.3 * rng.normal(size=len(state.q)), state.object_pose))
 
 
-def arm_quantities(arm, q, qd, gravity):
-    """Return M, tip Jacobian and bias torques."""
-    at_rest, none = np.zeros(6), np.zeros(len(q))
-    motion = arm_motion(ArmInputs(arm, q, qd, none, at_rest, np.r_[np.zeros(3), -np.array(gravity)]))
-    M = mass_matrix(arm, motion.at)[0]
-    return M, jacobian(arm, motion.at), bias_torque(arm, motion.at, motion.bias.wrenches)[0]
-
-
 def compare_arms(chain, state):
     """Return the largest differences in M, J and bias of every arm, relative to the largest entries."""
     free = ClosedChain(chain.arms, chain.held_object, {}, chain.gravity)
@@ -68,7 +57,7 @@ def compare_arms(chain, state):
     gaps = []
     for name, arm in chain.arms.items():
         part = chain.joints[name]
-        ours = arm_quantities(arm, state.q[part], state.qd[part], chain.gravity)
+        ours = mass_jacobian_bias(arm, state.q[part], state.qd[part], chain.gravity)
         site, linear, angular = model.site(f"{name}/tip").id, np.zeros((3, model.nv)), np.zeros((3, model.nv))
         mujoco.mj_jacSite(model, data, linear, angular, site)
         theirs = M[part, part], np.concatenate([angular, linear])[:, part], data.qfrc_bias[part]
@@ -169,6 +158,8 @@ def test_limits_drives_and_looks():
     assert sorted(2 * model.geom_size[drawn[0]]) == pytest.approx([0.1, 0.2, 0.3])
     assert mujoco.MjModel.from_xml_string(to_mjcf(chain, looks=False)).ngeom == 0
     assert ElementTree.fromstring(to_mjcf(chain)).find("keyframe") is None
+    with pytest.raises(StateError, match="expected 2"):
+        to_mjcf(chain, State(np.zeros(3), np.zeros(3), [1, 0, 0, 0, 0, 0, 0]))
 
 
 @pytest.mark.parametrize(
@@ -188,10 +179,3 @@ def test_what_mujoco_cannot_have(links, message):
     chain = ClosedChain({"a": Arm([Joint(), Joint()], links)}, HeldObject.box(1, 1, 1, 1), {})
     with pytest.raises(ModelError, match=message):
         to_mjcf(chain)
-
-
-def test_state_of_another_chain():
-    """A state of the wrong length is refused."""
-    chain, _ = two_pandas()
-    with pytest.raises(StateError, match="expected 14"):
-        to_mjcf(chain, State(np.zeros(3), np.zeros(3), [1, 0, 0, 0, 0, 0, 0]))

@@ -67,8 +67,8 @@ def test_the_small_case_is_sound(write):
 
 
 @pytest.mark.parametrize("where", KEYS, ids=path)
-def test_deleted_key(where, write):
-    """A missing key is named, at the place where it is missing."""
+def test_missing_or_misspelt_key(where, write):
+    """A missing key is named where it is missing; an unknown one is refused, with a suggestion."""
     file = write(without(where))
     if is_optional(where):
         assert len(load_cases(file)) == 1
@@ -76,25 +76,20 @@ def test_deleted_key(where, write):
         assert refusal(file).startswith(f"{path(where)}: expected ")
     else:
         assert refusal(file) == f"{path(where[:-1])}: Object missing required field `{where[-1]}`"
-
-
-@pytest.mark.parametrize("where", KEYS, ids=path)
-def test_misspelt_key(where, write):
-    """An unknown key is refused, optional or not; one with a letter too many gets a suggestion."""
     wrong = where[-1] + "x"
     text = refusal(write(renamed(where, wrong)))
     assert text.startswith(f"{path(where[:-1])}: Object contains unknown field `{wrong}`.")
-    assert " Did you mean '" in text or " Known: " in text
-    if len(where[-1]) > 2:
-        assert f"Did you mean '{where[-1]}'?" in text
+    assert f" Did you mean '{where[-1]}'?" in text or (
+        len(where[-1]) < 3 and (" Did you" in text or " Known: " in text)
+    )
 
 
-JUNK = ("text", None, True, [], {}, [[]], [None], {"a": 1})
+JUNK = ("text", None, True, [], {}, [[]])
 
 
 @pytest.mark.parametrize("where", PLACES, ids=path)
-def test_wrong_type(where, write):
-    """A value of another type is refused at its place, unless the format allows it there."""
+def test_wrong_type_or_length(where, write):
+    """A value of another type, or a list one item too short or too long, is refused at its place."""
     was = at(small_case(), where)
     for junk in JUNK:
         nothing = junk is None and where[-1] in ("expected", "W")
@@ -102,19 +97,12 @@ def test_wrong_type(where, write):
             load_cases(write(replaced(where, junk)))
         else:
             assert refusal(write(replaced(where, junk))).startswith(path(where))
-
-
-@pytest.mark.parametrize("where", [w for w in PLACES if isinstance(at(small_case(), w), list)], ids=path)
-def test_wrong_length(where, write):
-    """A list one item too short or too long is refused at its place."""
-    was = at(small_case(), where)
-    if where == ("arms",):
-        return  # any number of arms is fine
+    if not isinstance(was, list) or where == ("arms",):  # any number of arms is fine
+        return
     for items in (was[:-1], [*was, *was[-1:]]):
-        if items != was:
-            text = refusal(write(replaced(where, items)))
-            # the list of joints sets the length of all the others
-            assert text.startswith(path(where[:-1] if where[-1] == "joints" else where))
+        if items != was:  # the list of joints sets the length of all the others
+            start = path(where[:-1] if where[-1] == "joints" else where)
+            assert refusal(write(replaced(where, items))).startswith(start)
 
 
 def test_arms_beyond_the_answer(write):
@@ -125,16 +113,11 @@ def test_arms_beyond_the_answer(write):
 
 
 @pytest.mark.parametrize("where", NUMBERS, ids=path)
-def test_not_a_finite_number(where, write):
-    """NaN, infinities and numbers beyond float64 are refused by their path."""
-    for token in ("NaN", "Infinity", "-Infinity", "1e999", "-1e999"):
-        assert refusal(write(with_token(where, token))).startswith(f"{path(where)}: expected a finite number, got ")
-
-
-@pytest.mark.parametrize("where", NUMBERS, ids=path)
 def test_extreme_numbers(where, write):
-    """Numbers near the end of the range load or are refused; none warns or raises otherwise."""
-    for value in (1e308, -1e308, 1e200, 1e-308, 10**400):
+    """What is not finite is refused by its path; near the end of the range files load or are refused."""
+    for token in ("NaN", "-Infinity", "1e999"):
+        assert refusal(write(with_token(where, token))).startswith(f"{path(where)}: expected a finite number, got ")
+    for value in (-1e308, 1e200, 10**400):
         with contextlib.suppress(SceneError):
             load_cases(write(replaced(where, value)))
 
@@ -145,16 +128,12 @@ IMPOSSIBLE = [
     (LINK, {"inertia": [[1, 0, 0], [0, -1, 0], [0, 0, 1]]}, ".inertia: expected principal moments >= 0"),
     (LINK, {"inertia": [[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]}, ".inertia: expected a symmetric matrix"),
     (JOINT, {"axis": [0, 0, 2.0]}, ".axis: expected a unit vector, got length 2"),
-    (JOINT, {"axis": [0, 0, 0]}, ".axis: expected a unit vector, got length 0"),
     (JOINT, {"R0": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}, ".R0: expected a rotation matrix"),
     (JOINT, {"R0": [[1, 0, 0], [0, 1, 0.01], [0, 0, 1]]}, ".R0: expected a rotation matrix"),
     (JOINT, {"type": "revolut"}, ".type: Invalid enum value 'revolut'. Did you mean 'revolute'?"),
     ((*FIRST, "base"), {"R": [[0, 0, 0]] * 3}, ".R: expected a rotation matrix"),
-    (("object",), {"R": [[2, 0, 0], [0, 2, 0], [0, 0, 2]]}, ".R: expected a rotation matrix"),
     (("object",), {"mass": 0.0}, ".mass: expected > 0, got 0.0"),
-    (("object",), {"mass": -2.0}, ".mass: expected > 0, got -2.0"),
     (("object",), {"inertia": [[0] * 3] * 3}, ".inertia: expected principal moments > 0"),
-    (("object",), {"inertia": [[1, 0, 0], [0, 1, 0], [0, 0, 2.5]]}, ".inertia: no mass distribution"),
     (("arms", HINGE, "grasp"), {"h_object": [[0, 3.0, 0]]}, ".h_object[0]: expected a unit vector, got length 3"),
     (("arms", SOFT, "grasp"), {"h_object": [[1, 0, 0], [0, 0, 0.9]]}, ".h_object[1]: expected a unit vector"),
     (("arms", SOFT, "grasp"), {"h_object": [[1, 0, 0], [0.6, 0.8, 0]]}, ".h_object: expected perpendicular tangents"),
@@ -172,22 +151,19 @@ IMPOSSIBLE = [
 ]
 
 
-@pytest.mark.parametrize("wrapped", ["case", "list", "cases"])
 @pytest.mark.parametrize(("where", "change", "problem"), IMPOSSIBLE, ids=lambda value: str(value)[:40])
-def test_impossible_values(where, change, problem, wrapped, write, capsys):
+def test_impossible_values(where, change, problem, write, capsys):
     """What cannot exist is refused at its place, in every shape of file, by the program too."""
-    case = small_case()
+    case, other = small_case(), small_case() | {"name": "sound"}
     at(case, where).update(change)
-    other = small_case() | {"name": "sound"}
-    content, root = {
-        "case": (case, "$"),
-        "list": ([other, case], "$[1]"),
-        "cases": ({"format": "x", "cases": [other, case]}, "$.cases[1]"),
-    }[wrapped]
-    file = write(content)
-    start = root + path(where)[1:] + problem
-    assert refusal(file).startswith(start)
-    assert_cli_refuses(file, capsys, start)
+    for content, root in (
+        (case, "$"),
+        ([other, case], "$[1]"),
+        ({"format": "x", "cases": [other, case]}, "$.cases[1]"),
+    ):
+        file = write(content)
+        assert refusal(file).startswith(root + path(where)[1:] + problem)
+    assert_cli_refuses(file, capsys, root + path(where)[1:] + problem)
 
 
 DEEP = "[" * 100_000
@@ -195,7 +171,6 @@ FILES = {
     "empty": (b"", "is empty"),
     "blank": (b" \n ", "is empty"),
     "binary": (bytes(range(256)), "not valid JSON: "),
-    "a picture": (b"\x89PNG\r\n\x1a\n" + bytes(50), "not valid JSON: "),
     "truncated": (json.dumps(small_case())[:-5], "not valid JSON: Expecting ',' delimiter (line 1, column "),
     "trailing comma": ('{"name": "a",}', "not valid JSON: "),
     "two documents": ("{} {}", "not valid JSON: Extra data (line 1, column 4)"),
@@ -206,8 +181,6 @@ FILES = {
     "half a surrogate": (b'{"name": "\\ud800"}', "not valid JSON: "),
     "endless integer": ("1" * 10_000, "not valid JSON: "),
     "a number": ("5", "$: Expected `object`, got `int`"),
-    "a text": ('"case"', "$: Expected `object`, got `str`"),
-    "null": ("null", "$: Expected `object`, got `null`"),
     "list of numbers": ("[1, 2]", "$[0]: Expected `object`, got `int`"),
     "empty list": ("[]", "$: expected at least one case, got none"),
     "no cases": ('{"cases": []}', "$: expected at least one case, got none"),
@@ -244,7 +217,7 @@ def test_duplicate_names(write, capsys):
     assert_cli_refuses(file, capsys, problem)
 
 
-@pytest.mark.parametrize("seed", range(150))
+@pytest.mark.parametrize("seed", range(60))
 def test_random_damage(seed, write):
     """Three random pieces of junk anywhere: the file loads, or one line says where it does not."""
     rng = random.Random(seed)

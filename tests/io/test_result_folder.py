@@ -99,6 +99,11 @@ def test_other_peoples_folders_are_left_alone(tmp_path):
     for overwrite in (False, True):
         with pytest.raises(ResultError, match=r"found 'scene.toml' in it"):
             writer(mine, overwrite=overwrite)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ResultError, match="cannot be a result folder"):
+        writer(tmp_path / "file")
+    with pytest.raises(ResultError, match="cannot be written"):
+        filled(tmp_path / "file" / "run", 3)
     filled(tmp_path / "run", 2, 2)
     (tmp_path / "run" / "notes.txt").write_text("keep")
     with pytest.raises(ResultError, match=r"try --resume, --overwrite"):
@@ -110,15 +115,6 @@ def test_other_peoples_folders_are_left_alone(tmp_path):
     assert load_result(tmp_path / "run").samples == 1
     assert (tmp_path / "run" / "notes.txt").read_text() == "keep"
     assert not (tmp_path / "run" / "chunk_0001.npz").exists()
-
-
-def test_unusable_places(tmp_path):
-    """A file where the folder should be."""
-    (tmp_path / "file").write_text("")
-    with pytest.raises(ResultError, match="cannot be a result folder"):
-        writer(tmp_path / "file")
-    with pytest.raises(ResultError, match="cannot be written"):
-        filled(tmp_path / "file" / "run", 3)
 
 
 def out_of_space(*_):

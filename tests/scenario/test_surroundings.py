@@ -15,7 +15,7 @@ def swaying(seed=0):
     return SwayingBase(REST, rng.uniform(0.05, 0.4, 6), rng.uniform(0.3, 2, 6), rng.uniform(0, 6, 6), 0.4)
 
 
-@pytest.mark.parametrize("t", [0.05, 0.21, 0.39, 0.9, 3.0])
+@pytest.mark.parametrize("t", [0.21, 0.39, 3.0])
 def test_twist_and_acceleration_are_derivatives(t):
     """Central differences of pose and twist agree."""
     base, h = swaying(), 1e-4

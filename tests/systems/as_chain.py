@@ -8,8 +8,7 @@ import numpy as np
 
 from holdfast import ClosedChain, Inputs, State
 from holdfast.io import typed
-from holdfast.io.case_file import build_case
-from holdfast.io.case_format import CaseData
+from holdfast.io.case_file import CaseData, build_case
 
 
 @dataclass(frozen=True)

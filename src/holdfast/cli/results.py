@@ -13,10 +13,9 @@ from holdfast.cli.console import stdout
 from holdfast.cli.streams import say
 from holdfast.errors import ResultError, SceneError
 from holdfast.interop.mcap_writer import write_mcap
-from holdfast.io.atomic import require_file
 from holdfast.io.export import export_csv, export_parquet, occurrences_path
-from holdfast.io.kept_robots import kept_robots
-from holdfast.io.result_meta import ResultMeta
+from holdfast.io.files import require_file
+from holdfast.io.result_meta import ResultMeta, kept_robots
 from holdfast.io.result_reader import Result, load_result
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain

@@ -20,9 +20,9 @@ from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.methods import METHODS
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.errors import MethodNotApplicable, ModelError, SceneError, SingularChainError, StateError
-from holdfast.io.case_file import Case, load_cases
-from holdfast.io.case_format import ExpectedData
-from holdfast.io.place import one_line, refusal
+from holdfast.io.case_file import Case, ExpectedData, load_cases
+from holdfast.io.files import one_line
+from holdfast.io.typed import refusal
 from holdfast.model import checks
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_wrench

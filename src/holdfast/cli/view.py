@@ -9,7 +9,7 @@ from holdfast.cli.console import stdout
 from holdfast.cli.results import opened_scene, recorded
 from holdfast.cli.streams import say
 from holdfast.errors import ModelError, ResultError, SingularChainError, StateError
-from holdfast.io.place import refusal
+from holdfast.io.typed import refusal
 from holdfast.robots.urdf import urdf_visuals
 from holdfast.scenario.build import Scenario
 from holdfast.simulation.instant import evaluate

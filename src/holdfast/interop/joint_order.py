@@ -54,15 +54,6 @@ def wxyz(xyzw: Any) -> Array:
     return np.roll(np.asarray(xyzw), 1, -1)
 
 
-def joint_names(chain: ClosedChain) -> list[str]:
-    """Return "arm/joint" of every joint in the order of q; joints without a name by their number, from 1."""
-    return [
-        f"{name}/{joint.name or f'joint{k + 1}'}"
-        for name, arm in chain.arms.items()
-        for k, joint in enumerate(arm.joints)
-    ]
-
-
 class PinocchioOrder(NamedTuple):
     """Where our joints lie in a Pinocchio model's vectors.
 
@@ -92,7 +83,7 @@ def pinocchio_order(chain: ClosedChain, model: Any) -> PinocchioOrder:
     """
     known = list(model.names)
     v_places, q_places = [], []
-    for full in joint_names(chain):
+    for full in chain.joint_names():
         short = full.split("/", 1)[1]
         found = [name for name in (full, short) if known.count(name) == 1]
         if not found:

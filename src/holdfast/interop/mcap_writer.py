@@ -9,18 +9,39 @@ from typing import IO, Any
 
 from holdfast.dynamics.arm.posture import Posture, joint_placement, posture
 from holdfast.errors import MissingExtra
-from holdfast.interop import ros_messages
-from holdfast.interop.ros_messages import JOINT_STATE, POSE, TRANSFORMS, WRENCH
-from holdfast.io.atomic import write_atomically
-from holdfast.io.path import file_path
+from holdfast.io.files import file_path, write_atomically
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.simulation.world import BaseMotion, World
+from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import unrotate
 
+JOINT_STATE = "sensor_msgs/msg/JointState"
+WRENCH = "geometry_msgs/msg/WrenchStamped"
+POSE = "geometry_msgs/msg/PoseStamped"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+
+# What each message is made of; a definition in a file has those of its parts after it.
+FIELDS = {
+    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
+    "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
+    "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z",
+    "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z",
+    "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w",
+    "geometry_msgs/Wrench": "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque",
+    "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation",
+    "geometry_msgs/Transform": "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation",
+    "geometry_msgs/TransformStamped": (
+        "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform"
+    ),
+    JOINT_STATE: ("std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"),
+    WRENCH: "std_msgs/Header header\ngeometry_msgs/Wrench wrench",
+    POSE: "std_msgs/Header header\ngeometry_msgs/Pose pose",
+    TRANSFORMS: "geometry_msgs/TransformStamped[] transforms",
+}
 Message = tuple[str, str, dict[str, Any]]  # topic, kind, content
 
 
@@ -62,7 +83,7 @@ def write_mcap(
     def write(file: IO[bytes]) -> None:
         writer = Writer(file)
         kinds = (JOINT_STATE, POSE, WRENCH, TRANSFORMS)
-        schemas = {kind: writer.register_msgdef(kind, ros_messages.definition(kind)) for kind in kinds}
+        schemas = {kind: writer.register_msgdef(kind, definition(kind)) for kind in kinds}
         for k, t in enumerate(run.t.tolist()):
             time = round(t * 1e9)
             for topic, kind, content in _messages(world.at(t)[0], run, k, time):
@@ -73,7 +94,7 @@ def write_mcap(
 
 
 def _messages(chain: ClosedChain, run: Trajectory, k: int, time: int) -> Iterator[Message]:
-    """Yield everything that sample k says.
+    """Yield the messages of sample k.
 
     Args:
         chain: the chain, its bases where they are then.
@@ -82,18 +103,18 @@ def _messages(chain: ClosedChain, run: Trajectory, k: int, time: int) -> Iterato
         time: [ns].
     """
     names = chain.joint_names()
-    yield "/joint_states", JOINT_STATE, ros_messages.joint_state(time, names, run.q[k], run.qd[k], run.tau[k])
-    yield "/object_pose", POSE, ros_messages.pose(time, "world", run.object_pose[k])
-    transforms = [ros_messages.transform(time, "world", "object", Pose.from_wxyz_xyz(run.object_pose[k]))]
+    yield "/joint_states", JOINT_STATE, _joint_state(time, names, run.q[k], run.qd[k], run.tau[k])
+    yield "/object_pose", POSE, _pose(time, "world", run.object_pose[k])
+    transforms = [_transform(time, "world", "object", Pose.from_wxyz_xyz(run.object_pose[k]))]
     for name, grasp in chain.grasps.items():
-        transforms.append(ros_messages.transform(time, "object", f"object/{name}", grasp.frame))
+        transforms.append(_transform(time, "object", f"object/{name}", grasp.frame))
     for i, (name, arm) in enumerate(chain.arms.items()):
         q = run.q[k, chain.joints[name]]
         at = posture(arm, q)
         for what, wrenches in (("grasp_wrench", run.grasp_wrench), ("internal_wrench", run.internal_wrench)):
             topic = f"/{re.sub(r'[^A-Za-z0-9_]', '_', name)}/{what}"
-            yield topic, WRENCH, ros_messages.wrench(time, f"{name}/tip", _in_tip_axes(at, wrenches[k, i]))
-        transforms += [ros_messages.transform(time, *frames) for frames in _frames(name, arm, q)]
+            yield topic, WRENCH, _wrench(time, f"{name}/tip", _in_tip_axes(at, wrenches[k, i]))
+        transforms += [_transform(time, *frames) for frames in _frames(name, arm, q)]
     yield "/tf", TRANSFORMS, {"transforms": transforms}
 
 
@@ -111,3 +132,58 @@ def _frames(name: str, arm: Arm, q: Array) -> Iterator[tuple[str, str, Pose]]:
 def _in_tip_axes(at: Posture, moment_force: Array) -> Array:
     """Return a world-axes wrench about the tip's origin in tip axes."""
     return unrotate(at.tip.R, moment_force)
+
+
+def definition(message: str) -> str:
+    """Return the definition of a message with those of all its parts, as MCAP files carry it."""
+    parts = [message]
+    for part in parts:  # grows
+        kinds = (line.split()[0].removesuffix("[]") for line in FIELDS[part].splitlines())
+        parts += [kind for kind in dict.fromkeys(kinds) if kind in FIELDS and kind not in parts]
+    texts = [FIELDS[message], *(f"MSG: {part}\n{FIELDS[part]}" for part in parts[1:])]
+    return f"\n{'=' * 80}\n".join(texts) + "\n"
+
+
+def _header(nanoseconds: int, frame: str) -> dict[str, Any]:
+    """Return the header of something at a time [ns], in the axes of a frame."""
+    sec, nanosec = divmod(nanoseconds, 1_000_000_000)
+    return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame}
+
+
+def _joint_state(nanoseconds: int, names: list[str], q: Array, qd: Array, tau: Array) -> dict[str, Any]:
+    """Return a JointState; q, qd, tau are (n,)."""
+    return {
+        "header": _header(nanoseconds, ""),
+        "name": names,
+        "position": q.tolist(),
+        "velocity": qd.tolist(),
+        "effort": tau.tolist(),
+    }
+
+
+def _wrench(nanoseconds: int, frame: str, moment_force: Array) -> dict[str, Any]:
+    """Return a WrenchStamped from [moment; force] (6,) about a frame's origin, in its axes."""
+    return {
+        "header": _header(nanoseconds, frame),
+        "wrench": {"force": _xyz(moment_force[3:]), "torque": _xyz(moment_force[:3])},
+    }
+
+
+def _pose(nanoseconds: int, frame: str, wxyz_xyz: Array) -> dict[str, Any]:
+    """Return a PoseStamped from wxyz_xyz (7,) in a frame."""
+    placed = {"position": _xyz(wxyz_xyz[4:]), "orientation": _xyzw(wxyz_xyz[:4])}
+    return {"header": _header(nanoseconds, frame), "pose": placed}
+
+
+def _transform(nanoseconds: int, parent: str, child: str, at: Pose) -> dict[str, Any]:
+    """Return a TransformStamped: where a child frame is in its parent."""
+    placed = {"translation": _xyz(at.p), "rotation": _xyzw(rotation.to_quaternion(at.R))}
+    return {"header": _header(nanoseconds, parent), "child_frame_id": child, "transform": placed}
+
+
+def _xyz(vector: Array) -> dict[str, float]:
+    return dict(zip("xyz", vector.tolist(), strict=True))
+
+
+def _xyzw(wxyz: Array) -> dict[str, float]:
+    return dict(zip("wxyz", wxyz.tolist(), strict=True))

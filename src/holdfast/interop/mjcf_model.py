@@ -1,14 +1,30 @@
-"""MJCF files as MuJoCo compiles them."""
+"""MJCF files as MuJoCo compiles them, and how much they may ask for: it makes room for whatever counts it is given."""
 
 from __future__ import annotations
 
+import math
+import os
 import warnings
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
 from holdfast.errors import MissingExtra, SceneError
-from holdfast.interop.mjcf_bounds import bounded_mjcf, read_mjcf
+from holdfast.io.files import read_bounded, reason_of
+from holdfast.robots.urdf.document import LARGEST_FILE, Element, parse_document
+
+MOST = 2**24  # of what an element asks for: pixels, heights, copies, keys
+MOST_COPIES = 10_000
+MOST_INCLUDED = 1000
+# what elements ask for: the largest of these products of their attributes
+SIZES = ("njmax", "nconmax", "nstack", "nuserdata", "nkey", "nuser_body", "nuser_jnt", "nuser_geom", "nuser_site")
+COUNTS = {
+    "texture": [("width", "height")],
+    "hfield": [("nrow", "ncol")],
+    "composite": [("count",)],
+    "flexcomp": [("count",)],
+    "size": [(size,) for size in SIZES],
+}
 
 
 def mujoco_module() -> Any:
@@ -31,7 +47,7 @@ def compiled_mjcf(path_or_text: str | PathLike[str]) -> tuple[str, Any]:
     where the body's inertia does not depend on them.
 
     Raises:
-        SceneError: what MuJoCo has to say, or a file that is no MJCF.
+        SceneError: what MuJoCo refuses, or a file that is no MJCF.
         MissingExtra: MuJoCo is not installed.
     """
     mujoco = mujoco_module()
@@ -61,9 +77,13 @@ def compiled_mjcf(path_or_text: str | PathLike[str]) -> tuple[str, Any]:
 
 def _require_mjcf(given: Any, is_text: bool, source: str) -> None:
     """Refuse what cannot be read, and other formats that MuJoCo would take for its own."""
-    text = given.strip("\ufeff \t\r\n") if is_text else read_mjcf(given)
     try:
-        root = bounded_mjcf(text, source, Path() if is_text else Path(given).parent)
+        text = given.strip("\ufeff \t\r\n") if is_text else read_bounded(Path(given), LARGEST_FILE)
+    except OSError as cause:
+        name = source if source.isprintable() else repr(source)
+        raise SceneError(f"{name}: cannot be read: {reason_of(cause)}") from cause
+    try:
+        root = _bounded_mjcf(text, source, Path() if is_text else Path(given).parent)
     except RecursionError as cause:
         raise SceneError(f"{source}: expected an MJCF file: nested too deeply") from cause
     if root.tag != "mujoco":
@@ -87,3 +107,48 @@ def _without_meshes(mujoco: Any, spec: Any) -> Any:
         if mesh.name not in kept:
             spec.delete(mesh)
     return spec
+
+
+def _bounded_mjcf(text: bytes | str, source: str, folder: Path) -> Element:
+    """Return the root element of an MJCF file, after a look at it and at all that it includes.
+
+    Raises:
+        SceneError: not well-formed, a DOCTYPE, too large, or a count beyond the bounds.
+    """
+    documents = [parse_document(text, source)]
+    for document in documents:  # grows
+        for element, copies in _with_copies(document):
+            if copies > MOST_COPIES:
+                raise element.refuse(f"expected at most {MOST_COPIES:,} copies of it (replicate), got {copies:g}")
+            asked = max((_product(element, names) for names in COUNTS.get(element.tag, ())), default=0.0)
+            if asked > MOST:
+                raise element.refuse(f"expected counts up to {MOST:,}, got {asked:g}")
+            path = folder / element.attributes.get("file", "")
+            if element.tag != "include" or not os.path.isfile(path):  # a file that is not there is MuJoCo's to refuse
+                continue
+            if len(documents) == MOST_INCLUDED:
+                raise element.refuse(f"expected at most {MOST_INCLUDED} included files, got more")
+            documents.append(parse_document(read_bounded(path, LARGEST_FILE), str(path)))
+    return documents[0]
+
+
+def _with_copies(root: Element) -> list[tuple[Element, float]]:
+    """Return every element with how many copies of it are asked for."""
+    found = [(root, _replicas(root))]
+    for element, copies in found:  # grows
+        found += [(child, copies * _replicas(child)) for child in element.children]
+    return found
+
+
+def _replicas(element: Element) -> float:
+    return max(_product(element, ("count",)), 1.0) if element.tag == "replicate" else 1.0
+
+
+def _product(element: Element, names: tuple[str, ...]) -> float:
+    """Return the product of all numbers in some attributes; what is no number is MuJoCo's to refuse."""
+    words = [word for name in names for word in element.attributes.get(name, "").split()[:10]]
+    try:
+        product = math.prod(abs(float(word)) for word in words) if words else 0.0
+    except ValueError:
+        return 0.0
+    return 0.0 if math.isnan(product) else product

@@ -11,7 +11,7 @@ import numpy as np
 
 from holdfast.errors import SceneError
 from holdfast.interop.mjcf_model import compiled_mjcf
-from holdfast.interop.mjcf_names import (
+from holdfast.interop.mjcf_tree import (
     bodies_between,
     body_name,
     drives_of,
@@ -20,18 +20,20 @@ from holdfast.interop.mjcf_names import (
     joint_kind,
     joint_name,
     joints_of,
+    require_plain,
+    require_serial,
 )
-from holdfast.interop.mjcf_refusals import require_plain, require_serial
 from holdfast.interop.mjcf_writer import ENDLESS
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.joint import UNBOUNDED, Joint
 from holdfast.model.link import Link
+from holdfast.robots.urdf.bodies import welded
 from holdfast.spatial import rotation
 from holdfast.spatial.inertia import turned
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
-from holdfast.spatial.vector import dot, product
+from holdfast.spatial.vector import product
 
 
 @dataclass(eq=False)
@@ -59,7 +61,7 @@ def load_mjcf(
     """Return the arm between two bodies of an MJCF file. O(bodies).
 
     Bodies that are fixed to one another become one. What hangs on the base does not matter
-    and is left out; what hangs on the arm belongs to it, so joints off the way from base to
+    and is left out; what hangs on the arm belongs to it, so joints off the path from base to
     tip (fingers, another arm) must be held. Several joints in one body get massless links
     between them.
 
@@ -79,7 +81,7 @@ def load_mjcf(
             has it.
 
     Raises:
-        SceneError: what MuJoCo refuses; free and ball joints on the way, springs, gravity
+        SceneError: what MuJoCo refuses; free and ball joints on the path, springs, gravity
             compensation, couplings and loops within the arm, by name.
         ModelError: a mount that is no pose.
         MissingExtra: MuJoCo is not installed.
@@ -87,19 +89,19 @@ def load_mjcf(
     source, model = compiled_mjcf(path_or_text)
     start = find_base(source, model, base)
     end, tip_frame = find_tip(source, model, start, tip)
-    way = bodies_between(source, model, start, end)
+    path = bodies_between(source, model, start, end)
     held = _held(source, model, locked)
-    moved, tip_pose = _along(source, model, way, held)
+    moved, tip_pose = _along(source, model, path, held)
     if not moved:
         raise SceneError(f"{source}: expected a joint between base and tip, got none that moves")
     for group in moved:
-        _add_branches(source, model, group, set(way), held, lock_others)
-    require_serial(
-        source, model, {b for group in moved for b, _ in group.bodies}, set(joints_of(model, way)) - set(held)
-    )
+        _add_branches(source, model, group, set(path), held, lock_others)
+    bodies = {body for group in moved for body, _ in group.bodies}
+    require_serial(source, model, bodies, set(joints_of(model, path)) - set(held))
     links = [_link(model, group) for group in moved]
     at = _world_pose(model, start) if mount is None else checks.pose(mount, "mount")
-    return Arm([group.joint for group in moved], links, tip_pose @ tip_frame, at, name=base or body_name(model, way[0]))
+    name = base or body_name(model, path[0])
+    return Arm([group.joint for group in moved], links, tip_pose @ tip_frame, at, name=name)
 
 
 def _held(source: str, model: Any, locked: Mapping[str, float] | None) -> dict[int, float]:
@@ -114,10 +116,10 @@ def _held(source: str, model: Any, locked: Mapping[str, float] | None) -> dict[i
     return held
 
 
-def _along(source: str, model: Any, way: list[int], held: Mapping[int, float]) -> tuple[list[_Moved], Pose]:
-    """Return what each joint on the way moves, without side branches, and the last body's pose in the last link."""
+def _along(source: str, model: Any, path: list[int], held: Mapping[int, float]) -> tuple[list[_Moved], Pose]:
+    """Return what each joint on the path moves, without side branches, and the last body's pose in the last link."""
     at, moved = Pose.identity(), []
-    for body in way:
+    for body in path:
         at = at @ Pose.from_wxyz_xyz(np.r_[model.body_quat[body], model.body_pos[body]])
         for j in joints_of(model, [body]):
             if j in held:
@@ -167,7 +169,7 @@ def _joint(model: Any, j: int, placement: Pose) -> Joint:
 
 
 def _effort_limit(model: Any, j: int) -> float:
-    """Return the largest effort either way [N m or N]."""
+    """Return the largest effort in either direction [N m or N]."""
     if model.jnt_actfrclimited[j]:
         return float(np.abs(model.jnt_actfrcrange[j]).min()) or np.inf
     drives = drives_of(model, j)
@@ -178,9 +180,9 @@ def _effort_limit(model: Any, j: int) -> float:
 
 
 def _add_branches(
-    source: str, model: Any, group: _Moved, way: set[int], held: Mapping[int, float], lock_others: bool
+    source: str, model: Any, group: _Moved, path: set[int], held: Mapping[int, float], lock_others: bool
 ) -> None:
-    """Add to a group the bodies that hang on it off the way.
+    """Add to a group the bodies that hang on it off the path.
 
     Raises:
         SceneError: a joint there that is not held.
@@ -189,7 +191,7 @@ def _add_branches(
     while waiting:
         parent, at = waiting.pop()
         for body in np.flatnonzero(model.body_parentid == parent).tolist():
-            if body in way or body == 0:
+            if body in path or body == 0:
                 continue
             there = at @ Pose.from_wxyz_xyz(np.r_[model.body_quat[body], model.body_pos[body]])
             for j in joints_of(model, [body]):
@@ -206,23 +208,15 @@ def _add_branches(
 
 def _link(model: Any, group: _Moved) -> Link:
     """Return the bodies of a group as one link."""
-    masses, centres, inertias = [], [], []
+    parts: list[tuple[float, Array, Array]] = []
     for body, at in group.bodies:
         own = at @ Pose.from_wxyz_xyz(np.r_[model.body_iquat[body], model.body_ipos[body]])
-        masses.append(float(model.body_mass[body]))
-        centres.append(own.p)
-        inertias.append(turned(np.diag(model.body_inertia[body]), own.R))
-    if not sum(masses):
-        return Link(0.0, name=body_name(model, group.bodies[0][0]) if group.bodies else "")
-    com = np.average(centres, axis=0, weights=masses) if len(masses) > 1 else centres[0]
-    total = sum((_about(com, *part) for part in zip(masses, centres, inertias, strict=True)), start=np.zeros((3, 3)))
-    return Link(sum(masses), com, 0.5 * (total + total.T), name=body_name(model, group.bodies[0][0]))
-
-
-def _about(point: Array, mass: float, com: Array, inertia: Array) -> Array:
-    """Return an inertia about another point, (3, 3)."""
-    d = com - point
-    return inertia + mass * (dot(d, d) * np.eye(3) - np.outer(d, d))
+        parts.append((float(model.body_mass[body]), own.p, turned(np.diag(model.body_inertia[body]), own.R)))
+    name = body_name(model, group.bodies[0][0]) if group.bodies else ""
+    if not any(mass for mass, _, _ in parts):
+        return Link(0.0, name=name)
+    mass, com, inertia = welded(parts)
+    return Link(mass, com, 0.5 * (inertia + inertia.T), name=name)
 
 
 def _require_one_freedom(source: str, model: Any, j: int) -> None:

@@ -1,22 +1,27 @@
-"""Problem cases: closed-chain forward dynamics problems in JSON, with or without answers."""
+"""Problem cases: closed-chain forward dynamics problems in JSON, with or without answers.
+
+Arms list joints and links base to tip; matrices are row-major; SI units. `tags`, `debug`,
+`oracle` and `see` are free-form, everything else is strict.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from os import PathLike
+from typing import Annotated, Any, Literal
 
+import msgspec
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.errors import SceneError
 from holdfast.io import typed
-from holdfast.io.case_format import ArmData, CaseData, CaseFileData, ExpectedData, GraspData
-from holdfast.io.path import file_path
-from holdfast.io.place import Place
+from holdfast.io.files import file_path
+from holdfast.io.typed import Location
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.grasp import Grasp
+from holdfast.model.grasp import Grasp, GraspName
 from holdfast.model.grasp_kinds import GRASP_KINDS
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
@@ -25,6 +30,108 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import cross
 from holdfast.state import Inputs, State
+
+Vector3 = Annotated[list[float], msgspec.Meta(min_length=3, max_length=3)]
+Matrix3 = Annotated[list[Vector3], msgspec.Meta(min_length=3, max_length=3)]
+
+
+class _Strict(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
+    """Base of the file's structures."""
+
+
+class BaseData(_Strict):
+    """Pose and prescribed motion of an arm's base, world axes."""
+
+    R: Matrix3
+    p: Vector3
+    omega: Vector3 = msgspec.field(default_factory=lambda: [0.0, 0.0, 0.0])
+    v: Vector3 = msgspec.field(default_factory=lambda: [0.0, 0.0, 0.0])
+    omega_dot: Vector3 = msgspec.field(default_factory=lambda: [0.0, 0.0, 0.0])
+    v_dot: Vector3 = msgspec.field(default_factory=lambda: [0.0, 0.0, 0.0])
+
+
+class JointData(_Strict):
+    """A joint; its link's frame at q = 0 is (R0, p0) in the parent frame."""
+
+    type: Literal["revolute", "prismatic"]
+    axis: Vector3
+    R0: Matrix3
+    p0: Vector3
+
+
+class LinkData(_Strict):
+    """A link; inertia about the mass centre, link axes."""
+
+    mass: float
+    com: Vector3
+    inertia: Matrix3
+
+
+class GraspData(_Strict):
+    """A grasp; point and free axes in object axes, W the relative rates."""
+
+    type: GraspName
+    point_object: Vector3
+    h_object: list[Vector3] = []
+    W: list[float] | None = None
+
+
+class ArmData(_Strict):
+    """An arm with its positions, rates and torques, base to tip."""
+
+    base: BaseData
+    joints: list[JointData]
+    links: list[LinkData]
+    tip: Vector3
+    q: list[float]
+    qd: list[float]
+    tau: list[float]
+    grasp: GraspData
+
+
+class ObjectData(_Strict):
+    """The object, its pose (R, p of point C) and velocity."""
+
+    mass: float
+    com: Vector3
+    inertia: Matrix3
+    R: Matrix3
+    p: Vector3
+    omega: Vector3
+    v: Vector3
+
+
+class ExpectedData(_Strict):
+    """The answer: per arm, and alpha(C)."""
+
+    qdd: list[list[float]]
+    f: list[list[float]]
+    alpha_C: list[float]
+    W_dot: list[list[float]]
+
+
+class CaseData(_Strict):
+    """One problem."""
+
+    name: str
+    gravity: Vector3
+    object: ObjectData
+    arms: list[ArmData]
+    expected: ExpectedData | None = None
+    tags: Any = None
+    debug: Any = None
+    oracle: Any = None
+    see: Any = None
+
+
+class CaseFileData(_Strict):
+    """A file of many problems."""
+
+    cases: list[Any]
+    format: str = ""
+    version: Any = None
+    units: Any = None
+    see: Any = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,13 +174,13 @@ def load_cases(path: str | PathLike[str]) -> list[Case]:
     else:
         listed = [("$", data)]
     if not listed:
-        raise Place(source).refuse("expected at least one case, got none")
+        raise Location(source).refuse("expected at least one case, got none")
     cases = []
     first: dict[str, str] = {}
     for root, item in listed:
         case = build_case(typed.convert(item, CaseData, source, root), source, root)
         if case.name in first:
-            raise Place(source, root + ".name").refuse(
+            raise Location(source, root + ".name").refuse(
                 f"duplicate name {case.name!r}, first used at {first[case.name]}"
             )
         first[case.name] = root
@@ -92,10 +199,10 @@ def build_case(data: CaseData, source: str = "case", root: str = "$") -> Case:
     """
     # numbers near the end of float64's range overflow below: what comes of it is refused, not warned of
     with np.errstate(all="ignore"):
-        return _build(data, Place(source, root))
+        return _build(data, Location(source, root))
 
 
-def _build(data: CaseData, at: Place) -> Case:
+def _build(data: CaseData, at: Location) -> Case:
     if not data.arms:
         raise (at / "arms").refuse("expected at least one arm, got none")
     arms, grasps = {}, {}
@@ -124,7 +231,7 @@ def _build(data: CaseData, at: Place) -> Case:
     return Case(data.name, chain, state, tau, inputs, rates, data.expected)
 
 
-def _arm(data: ArmData, at: Place) -> tuple[Arm, Grasp]:
+def _arm(data: ArmData, at: Location) -> tuple[Arm, Grasp]:
     joints, links = [], []
     for k, joint in enumerate(data.joints):
         with (at / "joints" / k).refusals():
@@ -145,7 +252,7 @@ def _arm(data: ArmData, at: Place) -> tuple[Arm, Grasp]:
     return arm, _grasp(data.grasp, at / "grasp")
 
 
-def _grasp(data: GraspData, at: Place) -> Grasp:
+def _grasp(data: GraspData, at: Location) -> Grasp:
     """Return the grasp with its contact frame: hinge axis along x, soft finger's tangents x, y."""
     listed = GRASP_KINDS[data.type].listed_axes
     if len(data.h_object) != listed:
@@ -182,7 +289,7 @@ def _with_tip_attitudes(motion: ChainMotion) -> ClosedChain:
     return replace(motion.chain, arms=arms)
 
 
-def _check_expected(data: CaseData, at: Place) -> None:
+def _check_expected(data: CaseData, at: Location) -> None:
     """Refuse an answer whose shape is not the problem's."""
     if data.expected is None:
         return

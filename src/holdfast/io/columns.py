@@ -1,4 +1,4 @@
-"""A run as a table: one row a sample, one named column with its unit for every number of it."""
+"""A run as tables: one row a sample, and one row an occurrence; every number has a named column with its unit."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from holdfast.io.result_meta import ResultMeta
 from holdfast.simulation.limits import JOINT_QUANTITIES
+from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.trajectory import Trajectory, array_names
 from holdfast.spatial.scalar import Array
 
@@ -56,7 +57,7 @@ def rows(run: Trajectory) -> Array:
 
 
 def _axes(array: str, shape: tuple[int, ...], meta: ResultMeta) -> list[list[Column]]:
-    """Return name and unit of every place along each axis of an array; an empty unit says nothing."""
+    """Return name and unit of every place along each axis of an array; an empty unit leaves it open."""
     if array in PER_JOINT:
         revolute, prismatic = PER_JOINT[array]
         units = [revolute if kind == "revolute" else prismatic for kind in meta.joint_kinds]
@@ -112,3 +113,26 @@ FIXED = {
     "base_impulse": [MOMENTUM],
 }
 UNIT = {"impact": "J"}  # of numbers whose entry in `UNITS` is a sentence
+
+TEXTS = ("kind", "name", "text", "quantity")
+NUMBERS = {"t": "s", "lowest": "SI", "lowest_time": "s", "energy_change": "J"}  # lowest is of the quantity's unit
+IMPULSES = ("impulses", "base_impulses")
+
+Cell = str | float | None
+
+
+def occurrence_columns(meta: ResultMeta) -> list[Column]:
+    """Return the columns of `occurrence_row`: numbers, texts, the impulses on and of every arm."""
+    impulses = [
+        Column(f"{field} {arm} {part.name}", part.unit) for field, arm, part in product(IMPULSES, meta.arms, MOMENTUM)
+    ]
+    return [*(Column(*pair) for pair in NUMBERS.items()), *(Column(name, NO_UNIT) for name in TEXTS), *impulses]
+
+
+def occurrence_row(one: Occurrence, meta: ResultMeta) -> list[Cell]:
+    """Return an occurrence as a row; None where it has no such entry."""
+    row: list[Cell] = [getattr(one, name) for name in (*NUMBERS, *TEXTS)]
+    for field in IMPULSES:
+        given = np.ravel(getattr(one, field)).tolist()
+        row += given or [None] * (len(meta.arms) * len(MOMENTUM))
+    return row

@@ -12,15 +12,13 @@ from typing import IO, Any
 import numpy as np
 
 from holdfast.errors import MissingExtra, ResultError
-from holdfast.io.atomic import remove, write_atomically
-from holdfast.io.columns import Column, columns, rows
-from holdfast.io.occurrence_table import TEXTS, Entry, occurrence_columns, occurrence_row
-from holdfast.io.path import file_path
+from holdfast.io.columns import TEXTS, Cell, Column, columns, occurrence_columns, occurrence_row, rows
+from holdfast.io.files import file_path, remove, write_atomically
 from holdfast.io.result_reader import Result
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.scalar import Array
 
-Rows = Array | list[list[Entry]]
+Rows = Array | list[list[Cell]]
 # (file, titles and units, blocks of rows) -> None: writes one table
 TableWriter = Callable[[IO[bytes], list[Column], Iterable[Rows]], None]
 
@@ -56,7 +54,11 @@ def export_parquet(result: Result, path: str | PathLike[str]) -> list[Path]:
         MissingExtra: pyarrow is not installed.
         ResultError: a file cannot be written, or the result no longer be read.
     """
-    arrow, parquet = _pyarrow()
+    try:
+        import pyarrow as arrow  # pyright: ignore[reportMissingImports]
+        from pyarrow import parquet  # pyright: ignore[reportMissingImports]
+    except ImportError as cause:
+        raise MissingExtra("Parquet needs pyarrow; try pip install 'holdfast[parquet]', or CSV") from cause
 
     def write(file: IO[bytes], head: list[Column], blocks: Iterable[Rows]) -> None:
         kinds = [arrow.string() if column.name in TEXTS else arrow.float64() for column in head]
@@ -80,7 +82,7 @@ def _export(result: Result, given: str | PathLike[str], write: TableWriter) -> l
     _require_result(result)
     path = file_path(given, "path")
     meta, log = result.meta, occurrences_path(path)
-    happened: list[list[Entry]] = []
+    happened: list[list[Cell]] = []
 
     def blocks() -> Iterator[Rows]:
         for part in result.parts():
@@ -120,17 +122,3 @@ def _write_csv(file: IO[bytes], head: list[Column], blocks: Iterable[Rows]) -> N
     for block in blocks:
         table.writerows(block.tolist() if isinstance(block, np.ndarray) else block)
     text.detach()
-
-
-def _pyarrow() -> tuple[Any, Any]:
-    """Return pyarrow and its Parquet module.
-
-    Raises:
-        MissingExtra: pyarrow is not installed.
-    """
-    try:
-        import pyarrow  # pyright: ignore[reportMissingImports]
-        from pyarrow import parquet  # pyright: ignore[reportMissingImports]
-    except ImportError as cause:
-        raise MissingExtra("Parquet needs pyarrow; try pip install 'holdfast[parquet]', or CSV") from cause
-    return pyarrow, parquet

@@ -1,19 +1,65 @@
-"""A chunk of a result folder: the arrays of some samples, and what happened at them."""
+"""The .npz files of a result folder, each whole or known not to be; its chunks: samples, and what happened at them."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+import zipfile
+import zlib
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
-from holdfast.io.result_arrays import Damage, read_arrays, write_arrays
+from holdfast.io.files import write_atomically
 from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.trajectory import Trajectory, array_names, stacked
 from holdfast.spatial.scalar import Array
+
+_UNREADABLE = (OSError, ValueError, KeyError, EOFError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error)
+
+
+class Damage(Exception):
+    """A file is missing or torn, or does not hold what meta.json promises; the message names it."""
+
+
+def write_arrays(path: Path, arrays: Mapping[str, Array], name: str, data: Any) -> None:
+    """Write arrays by name, and plain data under a name as a text array of JSON, all or none.
+
+    Raises:
+        ResultError: they cannot be written.
+    """
+    held = {**arrays, name: np.array(msgspec.json.encode(data).decode())}
+    write_atomically(path, lambda file: np.savez(file, **held))  # pyright: ignore[reportArgumentType]
+
+
+def read_arrays(path: Path, data_name: str) -> tuple[dict[str, Array], Any]:
+    """Return the arrays of a file by name, and the plain data of the given name.
+
+    Raises:
+        Damage: there is no such file, not one byte of it may be believed, or it lacks the plain data.
+    """
+    if not path.is_file():
+        raise Damage(f"{path.name} is {'not a file' if path.exists() else 'missing'}")
+    try:
+        # opened here: np.load leaves a file open when it is damaged
+        with path.open("rb") as raw:
+            with zipfile.ZipFile(raw) as archive:
+                # ours are stored as they are; what unpacks to more than the file holds was made to fill the memory
+                if sum(part.file_size for part in archive.infolist()) > path.stat().st_size:
+                    raise Damage(f"{path.name} is damaged: it unpacks to more than it holds")
+                torn = archive.testzip()  # before any header is trusted
+            if torn is not None:
+                raise Damage(f"{path.name} is damaged at '{torn}'")
+            raw.seek(0)
+            with np.load(raw, allow_pickle=False) as file:
+                held = {name: file[name] for name in file.files}
+        data = msgspec.json.decode(held.pop(data_name).item())
+        return held, data
+    except _UNREADABLE as cause:
+        raise Damage(f"{path.name} is damaged") from cause
 
 
 def chunk_name(k: int) -> str:
@@ -35,7 +81,7 @@ def write_chunk(folder: Path, k: int, samples: Sequence[Trajectory]) -> None:
     """
     chunk = stacked(samples)
     log = [{"sample": i, **asdict(line)} for i, one in enumerate(samples) for line in one.occurrences]
-    write_arrays(folder / chunk_name(k), {name: getattr(chunk, name) for name in array_names()}, occurrences=log)
+    write_arrays(folder / chunk_name(k), {name: getattr(chunk, name) for name in array_names()}, "occurrences", log)
 
 
 def read_chunk(folder: Path, k: int, count: int) -> Trajectory:
@@ -70,7 +116,8 @@ def cut_chunk(folder: Path, k: int, count: int) -> None:
     arrays, log = _read(folder, k, count)
     if max(map(len, arrays.values())) > count:
         first = {name: array[:count] for name, array in arrays.items()}
-        write_arrays(folder / chunk_name(k), first, occurrences=[line for line in log if line["sample"] < count])
+        kept = [line for line in log if line["sample"] < count]
+        write_arrays(folder / chunk_name(k), first, "occurrences", kept)
 
 
 def _read(folder: Path, k: int, count: int) -> tuple[dict[str, Array], list[dict[str, Any]]]:
@@ -79,11 +126,11 @@ def _read(folder: Path, k: int, count: int) -> tuple[dict[str, Array], list[dict
     Raises:
         Damage: they are not all there.
     """
-    arrays, texts = read_arrays(folder / chunk_name(k), "occurrences")
+    arrays, log = read_arrays(folder / chunk_name(k), "occurrences")
     for name, array in arrays.items():
         if array.shape[:1] < (count,):
             raise Damage(f"{chunk_name(k)} holds shape {array.shape} of '{name}', expected {count} samples")
     try:
-        return arrays, msgspec.convert(texts["occurrences"], list[dict[str, Any]])
+        return arrays, msgspec.convert(log, list[dict[str, Any]])
     except msgspec.ValidationError as cause:
         raise Damage(f"{chunk_name(k)}: occurrences: {cause}") from cause

@@ -25,21 +25,21 @@ import numpy as np
 from msgspec.structs import replace
 
 from holdfast.errors import ResultError
-from holdfast.io.atomic import remove, write_atomically
-from holdfast.io.kept_robots import kept_files
-from holdfast.io.result_arrays import write_arrays
-from holdfast.io.result_chunk import write_chunk
+from holdfast.io.files import reason_of, remove, write_atomically
+from holdfast.io.result_chunk import Damage, cut_chunk, read_arrays, read_chunk, stray_chunks, write_arrays, write_chunk
 from holdfast.io.result_meta import (
     FORMAT,
     FORMAT_VERSION,
     META,
     CheckpointRecord,
     ResultMeta,
+    differences,
     json_text,
+    kept_files,
     read_bytes,
+    read_meta,
     sha256,
 )
-from holdfast.io.result_resume import resumed
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
 from holdfast.robots.urdf.source import Source
@@ -51,7 +51,7 @@ from holdfast.simulation.trajectory import UNITS, Trajectory, array_names
 
 CHUNK = 1000  # samples that wait until they are flushed
 PATIENCE = 5.0  # seconds after which fewer are
-OURS = (
+RESULT_FILES = (
     "scene.toml",
     "robot_*.urdf",
     "summary.json",
@@ -100,7 +100,7 @@ class ResultWriter:
         records, self._robots = kept_files(robots or {})
         self._meta = replace(meta, scene_sha256=sha256(self._scene), robots=records)
         self._waiting: list[Trajectory] = []
-        self._told = 0  # occurrences
+        self._reported = 0  # occurrences
         self._marked: tuple[int, Checkpoint] | None = None
         self._begun = False
         self._texts: tuple[bytes, ...] = ()  # of meta.json, as this writer left it or was about to
@@ -125,7 +125,7 @@ class ResultWriter:
                 controller's memory could not be written.
         """
         writer = cls(folder, meta, scene_text, robots=robots, overwrite=True)
-        if (found := resumed(folder, writer._meta)) is not None:
+        if (found := _resumed(folder, writer._meta)) is not None:
             writer._meta, writer.start = found
             writer._begun, writer._texts = True, (json_text(writer._meta),)
             writer._flushed_at = time.monotonic()
@@ -139,7 +139,7 @@ class ResultWriter:
     def add(self, sample: Trajectory) -> None:
         """Take one sample."""
         self._waiting.append(sample)
-        self._told += len(sample.occurrences)
+        self._reported += len(sample.occurrences)
 
     def mark(self, checkpoint: Checkpoint) -> None:
         """Take the checkpoint of the last sample; flush if many samples wait, or for long, or none is on disk yet.
@@ -179,11 +179,11 @@ class ResultWriter:
     def finish(
         self, summary: Summary | None, *, stopped: str | None = None, occurrences: Sequence[Occurrence] = ()
     ) -> None:
-        """Put the rest on disk and say how the run ended.
+        """Put the rest on disk and record how the run ended.
 
         Args:
             summary: its numbers, if they were made.
-            occurrences: what happened since the run began or went on; what no sample told is the end.
+            occurrences: what happened since the run began or went on; those that no sample has are what ended it.
             stopped: what ended it early; None for a complete run. After "interrupted" it
                 can go on, after anything else not.
 
@@ -196,7 +196,7 @@ class ResultWriter:
         self._require_alone()
         if summary is not None:
             write_atomically(self.folder / "summary.json", json_text(asdict(summary)))
-        last = list(occurrences[self._told :])
+        last = list(occurrences[self._reported :])
         ended = replace(self._meta, complete=stopped is None, stopped=stopped, occurrences=last)
         self._commit(replace(ended, checkpoint=None) if ended.ended else ended)
 
@@ -205,9 +205,9 @@ class ResultWriter:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as cause:
-            raise ResultError(f"{self.folder}: cannot be written: {cause.strerror or cause}") from cause
-        self._write_meta(self._meta)  # first: files of ours never lie in a folder that does not say so
-        remove(*(path for pattern in OURS for path in self.folder.glob(pattern)))
+            raise ResultError(f"{self.folder}: cannot be written: {reason_of(cause)}") from cause
+        self._write_meta(self._meta)  # first, so that the folder is known as ours before anything else is in it
+        remove(*(path for pattern in RESULT_FILES for path in self.folder.glob(pattern)))
         for name, content in {"scene.toml": self._scene, **self._robots}.items():
             write_atomically(self.folder / name, content)
         self._begun = True
@@ -233,7 +233,7 @@ class ResultWriter:
         except ResultError as cause:  # a memory that cannot be written is no reason to lose samples
             return replace(self._meta, checkpoint=None, no_checkpoint=str(cause))
         record = CheckpointRecord(f"checkpoint_{k:04d}.npz", samples)
-        write_arrays(self.folder / record.file, arrays, data=data)
+        write_arrays(self.folder / record.file, arrays, "data", data)
         return replace(self._meta, checkpoint=record)
 
     def _commit(self, meta: ResultMeta, waiting: list[Trajectory] | None = None) -> None:
@@ -246,6 +246,77 @@ class ResultWriter:
             remove(self.folder / old.file)
 
 
+def _resumed(folder: Path, meta: ResultMeta) -> tuple[ResultMeta, Checkpoint] | None:
+    """Return the new content of the folder's meta.json, and the checkpoint to go on from.
+
+    Samples after the checkpoint go, since the run makes them again. Reads every chunk, one
+    at a time.
+
+    Args:
+        folder: where the run is.
+        meta: of the run that is to go on.
+
+    Returns:
+        None where nothing was flushed yet.
+
+    Raises:
+        ResultError: the run has ended, is damaged, or is another one.
+    """
+    if not (folder / META).exists():
+        return None
+    found = read_meta(folder)
+    if not found.samples:
+        return None
+    _require_open(folder, found, meta)
+    if found.checkpoint is None:
+        raise ResultError(f"{folder}: cannot go on: {found.no_checkpoint or 'it has no checkpoint'}; try --overwrite")
+    try:
+        arrays, data = read_arrays(folder / found.checkpoint.file, "data")
+        checkpoint = Checkpoint.from_data(arrays, data)
+        kept = _up_to(found.checkpoint.samples, folder, found)
+        write_atomically(folder / META, json_text(kept))  # first: what goes now does not count any more
+        cut_chunk(folder, len(kept.chunks) - 1, kept.chunks[-1])
+    except Damage as damage:
+        raise ResultError(f"{folder}: cannot go on: {damage}; try --overwrite") from damage
+    _remove_the_rest(folder, kept)
+    return kept, checkpoint
+
+
+def _require_open(folder: Path, found: ResultMeta, meta: ResultMeta) -> None:
+    """Refuse a run that is another one, or that has ended."""
+    if differ := differences(found, meta):
+        raise ResultError(
+            f"{folder}: the run there cannot go on bit for bit, since these differ: {', '.join(differ)};"
+            " try what it was begun with, or --overwrite"
+        )
+    if found.ended:
+        how = found.stopped or f"the run is complete, {found.samples} samples up to t = {found.last_time:.6g} s"
+        raise ResultError(f"{folder}: nothing to resume: {how}")
+
+
+def _up_to(samples: int, folder: Path, meta: ResultMeta) -> ResultMeta:
+    """Return the meta of the run's first samples.
+
+    Raises:
+        Damage: they are not all there.
+    """
+    counts: list[int] = []
+    last_time = None
+    for k, count in enumerate(meta.chunks):
+        left = min(count, samples - sum(counts))
+        if left > 0:
+            last_time = float(read_chunk(folder, k, count).t[left - 1])
+            counts.append(left)
+    return replace(meta, samples=sum(counts), chunks=counts, last_time=last_time, stopped=None, occurrences=[])
+
+
+def _remove_the_rest(folder: Path, meta: ResultMeta) -> None:
+    """Take out of the folder what its meta.json does not name."""
+    kept = meta.checkpoint.file if meta.checkpoint else None
+    stray = [path for path in folder.glob("checkpoint_*.npz") if path.name != kept]
+    remove(*stray_chunks(folder, len(meta.chunks)), *stray, *folder.glob("*.part"), folder / "summary.json")
+
+
 def require_free(folder: Path, overwrite: bool) -> None:
     """Refuse a folder that holds anything, unless it is an earlier result to be replaced.
 
@@ -256,7 +327,7 @@ def require_free(folder: Path, overwrite: bool) -> None:
         names = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
         earlier = META in names and FORMAT in read_bytes(folder / META).decode(errors="replace")
     except OSError as cause:
-        raise ResultError(f"{folder}: cannot be a result folder: {cause.strerror or cause}") from cause
+        raise ResultError(f"{folder}: cannot be a result folder: {reason_of(cause)}") from cause
     if names in ([], [META + ".part"]):  # a writer died before it wrote anything
         return
     if not earlier:
@@ -268,7 +339,7 @@ def require_free(folder: Path, overwrite: bool) -> None:
 def run_meta(
     chain: ClosedChain, name: str, duration: float, step: float, *, scene_folder: str = "", **options: Any
 ) -> ResultMeta:
-    """Return what meta.json says before the first sample.
+    """Return the content of meta.json before the first sample.
 
     Args:
         chain: what is simulated.

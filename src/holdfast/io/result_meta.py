@@ -1,18 +1,19 @@
-"""meta.json of a result folder: which run it is, and how much of it is there."""
+"""meta.json of a result folder: which run it is, how much of it is there, and which robots it was simulated with."""
 
 from __future__ import annotations
 
 import hashlib
 import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from holdfast.errors import ResultError
-from holdfast.io.atomic import write_atomically
-from holdfast.io.place import LONGEST_NAME, one_line
+from holdfast.io.files import LONGEST_NAME, one_line, read_bounded, reason_of
+from holdfast.robots.urdf.source import Source
 from holdfast.simulation.occurrence import Occurrence
 
 FORMAT = "holdfast-result"
@@ -49,7 +50,7 @@ class RobotRecord(msgspec.Struct, frozen=True):
 
 
 class ResultMeta(msgspec.Struct, frozen=True, kw_only=True):
-    """What meta.json says.
+    """The content of meta.json.
 
     Attributes:
         format, format_version: of the folder.
@@ -116,7 +117,7 @@ _CHECKPOINT_FILE = re.compile(r"checkpoint_[0-9]{4,12}\.npz")
 
 
 def read_meta(folder: Path) -> ResultMeta:
-    """Return what meta.json says.
+    """Return the content of meta.json.
 
     Raises:
         ResultError: there is none, it is damaged, or its format is of another version.
@@ -148,15 +149,6 @@ def read_meta(folder: Path) -> ResultMeta:
     return meta
 
 
-def write_meta(folder: Path, meta: ResultMeta) -> None:
-    """Put meta.json in place.
-
-    Raises:
-        ResultError: it cannot be written; the old one is still there.
-    """
-    write_atomically(folder / META, json_text(meta))
-
-
 def read_bytes(path: Path) -> bytes:
     """Return a file's bytes.
 
@@ -164,13 +156,9 @@ def read_bytes(path: Path) -> bytes:
         ResultError: it cannot be read.
     """
     try:
-        if path.exists() and not (path.is_file() or path.is_dir()):
-            raise OSError("is not a file")  # a device or a pipe, which might never end
-        with path.open("rb") as file:
-            content = file.read(LARGEST_FILE + 1)
-    except (OSError, ValueError) as cause:  # ValueError: a name that no file system takes
-        reason = cause.strerror if isinstance(cause, OSError) and cause.strerror else cause
-        raise ResultError(f"{path}: cannot be read: {reason}; is this a result folder?") from cause
+        content = read_bounded(path, LARGEST_FILE)
+    except OSError as cause:
+        raise ResultError(f"{path}: cannot be read: {reason_of(cause)}; is this a result folder?") from cause
     if len(content) > LARGEST_FILE:
         raise ResultError(f"{path}: expected at most {LARGEST_FILE >> 20} MiB, got more")
     return content
@@ -186,7 +174,7 @@ def sha256(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-_WORDS = {"scene_sha256": "the scene's text", "model_sha256": "the model that the scene describes"}
+_DESCRIPTIONS = {"scene_sha256": "the scene's text", "model_sha256": "the model that the scene describes"}
 
 
 def differences(there: ResultMeta, here: ResultMeta) -> list[str]:
@@ -194,10 +182,38 @@ def differences(there: ResultMeta, here: ResultMeta) -> list[str]:
     mine, other = (dict(_leaves(msgspec.to_builtins(meta))) for meta in (here, there))
     passed = (*_PROGRESS, *_ANYWHERE)
     found = [key for key in mine | other if key.split(".")[0] not in passed and mine.get(key) != other.get(key)]
-    return [_WORDS.get(key) or f"{key} ({other.get(key)!r} there, {mine.get(key)!r} here)" for key in found]
+    return [_DESCRIPTIONS.get(key) or f"{key} ({other.get(key)!r} there, {mine.get(key)!r} here)" for key in found]
 
 
 def _leaves(data: dict[str, Any], path: str = "") -> list[tuple[str, Any]]:
     """Return path and value of everything that is not itself a dict."""
     pairs = [(path + key, value) for key, value in data.items()]
     return [leaf for k, v in pairs for leaf in (_leaves(v, k + ".") if isinstance(v, dict) else [(k, v)])]
+
+
+def kept_files(sources: Mapping[str, Source]) -> tuple[dict[str, RobotRecord], dict[str, bytes]]:
+    """Return what meta.json records of the robots, by arm, and the files to write; arms of one robot share one."""
+    records, files = {}, {}
+    for arm, source in sources.items():
+        content = source.text.encode("utf-8") if isinstance(source.text, str) else source.text
+        digest = sha256(content)
+        folder = "" if source.folder is None else str(source.folder.resolve())
+        records[arm] = RobotRecord(f"robot_{digest[:16]}.urdf", digest, folder)
+        files[records[arm].file] = content
+    return records, files
+
+
+def kept_robots(folder: Path, meta: ResultMeta) -> dict[str, Source]:
+    """Return the URDF of each arm that is out of a file, as it was simulated.
+
+    Raises:
+        ResultError: one is missing, or is not the one that was simulated.
+    """
+    found = {}
+    for arm, record in meta.robots.items():
+        path = folder / record.file
+        content = read_bytes(path)
+        if sha256(content) != record.sha256:
+            raise ResultError(f"{path}: expected the robot that was simulated, got another text")
+        found[arm] = Source(str(path), content, Path(record.folder) if record.folder else None)
+    return found

@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.errors import ResultError
-from holdfast.io.path import file_path
-from holdfast.io.result_arrays import Damage
-from holdfast.io.result_chunk import chunk_name, read_chunk, stray_chunks
+from holdfast.io.files import file_path
+from holdfast.io.result_chunk import Damage, chunk_name, read_chunk, stray_chunks
 from holdfast.io.result_meta import ResultMeta, read_bytes, read_meta, sha256
 from holdfast.simulation.trajectory import Trajectory, array_names
 
@@ -24,7 +23,7 @@ class Result:
 
     Attributes:
         folder: where it is.
-        meta: what meta.json says: versions, joints, units, ...
+        meta: the content of meta.json: versions, joints, units, ...
         scene_text: the scene's own text.
         chunks: how many samples of each chunk are whole and belong to the run.
         complete: whether the run reached its end, and all of it is there.

@@ -1,4 +1,4 @@
-"""Typed reading of JSON and TOML: every refusal names the place as a path `$.a[0].b`."""
+"""Typed reading of JSON and TOML: every refusal names the location as a path `$.a[0].b`."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ import re
 import tomllib
 import typing
 from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
-from holdfast.io.place import Place, refusal
+from holdfast.errors import HoldfastError, SceneError
+from holdfast.io.files import LONGEST_NAME, one_line, read_bounded, reason_of
 from holdfast.model import checks
 
 T = TypeVar("T")
@@ -21,6 +24,49 @@ T = TypeVar("T")
 LARGEST_FILE = 32 * 2**20  # [bytes]
 # Keys of a path `a.b.c`: tomllib takes memory by the square of their number, and a scene needs seven.
 _PATH_OF_KEYS = re.compile(r"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){100}""")
+
+
+def refusal(source: str, problem: str) -> SceneError:
+    """Return the error `source: problem`, on one line."""
+    return SceneError(one_line(f"{one_line(source, LONGEST_NAME)}: {problem}"))
+
+
+@dataclass(frozen=True)
+class Location:
+    """A path `$.a[0].b` inside a file, for refusals that name it: `scene.toml: $.arms[0].base: expected ...`.
+
+    Attributes:
+        source: the file's name.
+        path: the path inside it.
+    """
+
+    source: str
+    path: str = "$"
+
+    def __truediv__(self, key: str | int) -> Location:
+        return Location(self.source, f"{self.path}[{key}]" if isinstance(key, int) else f"{self.path}.{key}")
+
+    def message(self, problem: str) -> str:
+        """Return `source: path: problem` on one line."""
+        return one_line(": ".join([*(one_line(name, LONGEST_NAME) for name in (self.source, self.path)), problem]))
+
+    def refuse(self, problem: str) -> SceneError:
+        """Return the one-line error about what is wrong here."""
+        return SceneError(self.message(problem))
+
+    @contextmanager
+    def refusals(self) -> Iterator[None]:
+        """Turn a model's refusal 'link: mass: expected ...' into '$.path.mass: expected ...'."""
+        try:
+            yield
+        except SceneError:
+            raise
+        except HoldfastError as cause:
+            _, _, problem = str(cause).partition(": ")
+            key, separator, rest = problem.partition(": ")
+            if separator and key.isidentifier():
+                raise (self / key).refuse(rest) from cause
+            raise self.refuse(problem or str(cause)) from cause
 
 
 def read_bytes(path: Path, most: int = LARGEST_FILE) -> bytes:
@@ -34,14 +80,9 @@ def read_bytes(path: Path, most: int = LARGEST_FILE) -> bytes:
         SceneError: if it cannot be read, or is larger.
     """
     try:
-        if path.exists() and not (path.is_file() or path.is_dir()):
-            raise OSError("is not a file")  # a device or a pipe, which might never end
-        with path.open("rb") as file:
-            content = file.read(most + 1)
+        content = read_bounded(path, most)
     except OSError as cause:
-        raise refusal(str(path), f"cannot be read: {cause.strerror or cause}") from cause
-    except ValueError as cause:  # a path that no file system takes
-        raise refusal(str(path), f"cannot be read: {cause}") from cause
+        raise refusal(str(path), f"cannot be read: {reason_of(cause)}") from cause
     if len(content) > most:
         raise refusal(str(path), f"expected at most {most / 2**20:g} MiB, got more")
     return content
@@ -92,14 +133,14 @@ def parse_toml(text: bytes, source: str) -> Any:
         SceneError: if it is not valid TOML, with line and column, or nested beyond all need.
     """
     try:
-        said = text.decode("utf-8-sig")
+        decoded = text.decode("utf-8-sig")
     except UnicodeDecodeError as cause:
         raise refusal(source, f"not valid TOML: {cause}; try saving it as UTF-8") from cause
-    if found := _PATH_OF_KEYS.search(said):
-        line = said.count("\n", 0, found.start()) + 1
+    if found := _PATH_OF_KEYS.search(decoded):
+        line = decoded.count("\n", 0, found.start()) + 1
         raise refusal(source, f"not valid TOML: expected a key of fewer than 100 parts (at line {line})")
     try:
-        return tomllib.loads(said)
+        return tomllib.loads(decoded)
     except RecursionError as cause:
         raise refusal(source, "not valid TOML: nested too deeply") from cause
     except ValueError as cause:
@@ -127,7 +168,7 @@ def convert(data: Any, kind: type[T], source: str, root: str = "$") -> T:
         path = found[1] if found else "$"
         problem = re.sub(r" - at `[^`]*`", "", text)
         problem = re.sub(r"(?<=[`'])([^`']{57})[^`']{4,}(?=[`'])", r"\1...", problem)
-        raise Place(source, root + path[1:]).refuse(problem + _hint(kind, path, problem)) from cause
+        raise Location(source, root + path[1:]).refuse(problem + _hint(kind, path, problem)) from cause
 
 
 def _structs(kind: Any) -> typing.Iterator[type[msgspec.Struct]]:
@@ -138,38 +179,29 @@ def _structs(kind: Any) -> typing.Iterator[type[msgspec.Struct]]:
         yield from _structs(argument)
 
 
+def _fields(kinds: list[Any]) -> list[msgspec.structs.FieldInfo]:
+    """Return the fields of all Struct classes inside types."""
+    return [field for kind in kinds for struct in _structs(kind) for field in msgspec.structs.fields(struct)]
+
+
 def _types_at(kind: Any, path: str) -> list[Any]:
     """Return the declared types at a path such as `$.arms[0].grasp`."""
     current = [kind]
     for key in re.findall(r"\.(\w+)", path):
-        current = [
-            field.type
-            for t in current
-            for struct in _structs(t)
-            for field in msgspec.structs.fields(struct)
-            if field.encode_name == key
-        ] or [value for t in current if typing.get_origin(t) is dict for value in typing.get_args(t)[1:]]
+        values = [value for t in current if typing.get_origin(t) is dict for value in typing.get_args(t)[1:]]
+        current = [field.type for field in _fields(current) if field.encode_name == key] or values
     return current
 
 
 def _hint(kind: Any, path: str, problem: str) -> str:
     """Return ' Did you mean ...?' for an unknown field or value, or nothing."""
     if found := re.search(r"unknown field `([^`]*)`", problem):
-        pool = [
-            field.encode_name
-            for t in _types_at(kind, path)
-            for struct in _structs(t)
-            for field in msgspec.structs.fields(struct)
-        ]
+        pool = [field.encode_name for field in _fields(_types_at(kind, path))]
     elif found := re.search(r"[Ii]nvalid (?:enum )?value '([^']*)'", problem):
         parent, _, leaf = path.rpartition(".")
+        configs = [struct.__struct_config__ for t in _types_at(kind, parent) for struct in _structs(t)]
         pool = [v for t in _types_at(kind, path) for v in _literals(t)]
-        pool += [
-            str(struct.__struct_config__.tag)
-            for t in _types_at(kind, parent)
-            for struct in _structs(t)
-            if struct.__struct_config__.tag_field == leaf
-        ]
+        pool += [str(config.tag) for config in configs if config.tag_field == leaf]
     else:
         return ""
     return "." + checks.did_you_mean(found[1], dict.fromkeys(pool)) if pool else ""

@@ -7,18 +7,15 @@ from collections.abc import Callable, Mapping
 from holdfast.model.arm import Arm
 from holdfast.robots.gen3 import GEN3_HOME, gen3
 from holdfast.robots.iiwa14 import IIWA14_HOME, iiwa14
-from holdfast.robots.mechanism import Mechanism
+from holdfast.robots.mechanisms import Mechanism, stewart_platform, three_finger_hand
 from holdfast.robots.panda import PANDA_HOME, panda
-from holdfast.robots.stewart_platform import stewart_platform
-from holdfast.robots.three_finger_hand import three_finger_hand
+from holdfast.robots.recognise import BUILT_IN
 from holdfast.robots.ur5e import UR5E_HOME, ur5e
 from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.scalar import Array
 
 ROBOTS: Mapping[str, Callable[..., Arm]] = FrozenDict({"panda": panda, "iiwa14": iiwa14, "ur5e": ur5e, "gen3": gen3})
-HOME: Mapping[str, Array] = FrozenDict(
-    {"panda": PANDA_HOME, "iiwa14": IIWA14_HOME, "ur5e": UR5E_HOME, "gen3": GEN3_HOME}
-)
+HOME: Mapping[str, Array] = FrozenDict({robot.name: robot.home for robot in BUILT_IN})
 
 __all__ = [
     "GEN3_HOME",

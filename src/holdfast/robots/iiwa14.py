@@ -8,8 +8,8 @@ import numpy as np
 
 from holdfast.model import checks
 from holdfast.model.arm import Arm
-from holdfast.robots.link_table import Row, arm_of_table
-from holdfast.robots.primitive import Primitive, rod, sphere
+from holdfast.robots.link_table import LinkTable, Row
+from holdfast.robots.primitive import Primitive, capsule, cylinder, sphere
 from holdfast.spatial.pose import Pose
 
 IIWA14_HOME = checks.read_only(np.array([0.0, np.pi / 4, 0.0, -np.pi / 2, 0.0, np.pi / 4, 0.0]))  # flange down
@@ -18,7 +18,7 @@ DEGREE = np.pi / 180
 A170, A120, A175 = ((-angle * DEGREE, angle * DEGREE) for angle in (170, 120, 175))
 
 # fmt: off
-IIWA14_ROWS = (
+ROWS = (
     Row("iiwa_joint_1", "iiwa_link_1", "x y z", (0.0, 0.0, 0.1575), A170, 85 * DEGREE, 320.0,
         5.76, (0.0, -0.03, 0.12), (0.033, 0.0333, 0.0123, 0.0, 0.0, 0.0)),
     Row("iiwa_joint_2", "iiwa_link_2", "-x z y", (0.0, 0.0, 0.2025), A120, 85 * DEGREE, 320.0,
@@ -40,30 +40,31 @@ IIWA14_ROWS = (
 def _upright(length: float, radius: float) -> tuple[Primitive, ...]:
     """Return a body along its own joint axis, up to the next joint."""
     return (
-        rod("capsule", (0.0, -0.02, 0.0), (0.0, -0.02, length - 0.08), radius),
-        rod("cylinder", (0.0, -0.06, length), (0.0, 0.06, length), radius, "white"),
+        capsule((0, -0.02, 0), (0, -0.02, length - 0.08), radius),
+        cylinder((0, -0.06, length), (0, 0.06, length), radius, "white"),
     )
 
 
 def _crosswise(length: float, radius: float) -> tuple[Primitive, ...]:
     """Return a body across its own joint axis, along y."""
     return (
-        sphere((0.0, 0.0, 0.0), 1.15 * radius, "accent"),
-        rod("capsule", (0.0, 0.0, 0.03), (0.0, length - 0.03, 0.0), 0.9 * radius, "accent"),
+        sphere((0, 0, 0), 1.15 * radius, "accent"),
+        capsule((0, 0, 0.03), (0, length - 0.03, 0), 0.9 * radius, "accent"),
     )
 
 
 # base, then link by link
-IIWA14_LOOKS = (
-    (rod("cylinder", (0.0, 0.0, 0.0), (0.0, 0.0, 0.14), 0.09),),
+LOOKS = (
+    (cylinder((0, 0, 0), (0, 0, 0.14), 0.09),),
     _upright(0.2025, 0.075),
     _crosswise(0.2045, 0.08),
     _upright(0.2155, 0.07),
     _crosswise(0.1845, 0.07),
     _upright(0.2155, 0.055),
-    (sphere((0.0, 0.0, 0.0), 0.07, "accent"), rod("cylinder", (0.0, 0.0, -0.07), (0.0, 0.0, 0.05), 0.055)),
-    (rod("cylinder", (0.0, 0.0, -0.02), (0.0, 0.0, 0.045), 0.05, "dark"),),
+    (sphere((0, 0, 0), 0.07, "accent"), cylinder((0, 0, -0.07), (0, 0, 0.05), 0.055)),
+    (cylinder((0, 0, -0.02), (0, 0, 0.045), 0.05, "dark"),),
 )
+IIWA14 = LinkTable("iiwa14", ROWS, FLANGE, IIWA14_HOME, LOOKS)
 
 
 def iiwa14(base: Any = None, tip: Any = None, *, armature: Any = 0.0) -> Arm:
@@ -89,4 +90,4 @@ def iiwa14(base: Any = None, tip: Any = None, *, armature: Any = 0.0) -> Arm:
         Drake, manipulation/models/iiwa_description, iiwa14_no_collision.urdf (BSD-3-Clause),
         which goes back to the iiwa_stack of IFL-CAMP: frames and inertial parameters.
     """
-    return arm_of_table("iiwa14", IIWA14_ROWS, FLANGE, base, tip, armature)
+    return IIWA14.arm(base, tip, armature)

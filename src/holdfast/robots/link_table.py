@@ -10,6 +10,7 @@ from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
+from holdfast.robots.primitive import Primitive
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
@@ -43,43 +44,57 @@ class Row(NamedTuple):
     inertia: tuple[float, float, float, float, float, float]
 
 
+class LinkTable(NamedTuple):
+    """A built-in robot.
+
+    Attributes:
+        name: of the robot.
+        rows: its joints and links, base to tip.
+        flange: where tools are mounted, in the last link's axes.
+        home: a posture with room on every side, (N,) [rad].
+        looks: solids on its base, then on link after link.
+    """
+
+    name: str
+    rows: tuple[Row, ...]
+    flange: Pose
+    home: Array
+    looks: tuple[tuple[Primitive, ...], ...]
+
+    def arm(self, base: Any, tip: Any, armature: Any) -> Arm:
+        """Return the arm of the table.
+
+        Args:
+            base: pose of the base frame in the world (a Pose or wxyz_xyz); None: the world.
+            tip: pose of a massless tool's tip in the flange frame, likewise; None: the flange.
+            armature: drive inertia felt at the joints, one number or one a joint [kg m^2].
+
+        Raises:
+            ModelError: a pose that is none, a negative armature.
+        """
+        count = len(self.rows)
+        given = [armature] * count if np.ndim(armature) == 0 else armature
+        drives = checks.numbers(given, (count,), f"{self.name}: armature").tolist()
+        joints = [
+            Joint(
+                placement=Pose(signed_axes(row.axes), np.array(row.origin)),
+                name=row.joint,
+                position_limits=row.limits,
+                rate_limit=row.rate,
+                effort_limit=row.effort,
+                armature=drive,
+            )
+            for row, drive in zip(self.rows, drives, strict=True)
+        ]
+        links = [Link(row.mass, np.array(row.com), symmetric(row.inertia), name=row.link) for row in self.rows]
+        tool = Pose.identity() if tip is None else checks.pose(tip, f"{self.name}: tip")
+        return Arm(joints, links, self.flange @ tool, Pose.identity() if base is None else base, name=self.name)
+
+
 def signed_axes(text: str) -> Array:
     """Return the rotation whose columns are named axes, such as "x -z y"; entries exactly 0 or +-1."""
     columns = [np.eye(3)["xyz".index(axis[-1])] * (-1.0 if axis[0] == "-" else 1.0) for axis in text.split()]
     return np.array(columns).T + 0.0  # no -0.0
-
-
-def arm_of_table(name: str, rows: tuple[Row, ...], flange: Pose, base: Any, tip: Any, armature: Any) -> Arm:
-    """Return the arm of a table.
-
-    Args:
-        name: of the robot.
-        rows: base to tip.
-        flange: where tools are mounted, in the last link's axes.
-        base: pose of the base frame in the world (a Pose or wxyz_xyz); None: the world.
-        tip: pose of a massless tool's tip in the flange frame, likewise; None: the flange.
-        armature: drive inertia felt at the joints, one number or one a joint [kg m^2].
-
-    Raises:
-        ModelError: a pose that is none, a negative armature.
-    """
-    drives = checks.numbers(
-        [armature] * len(rows) if np.ndim(armature) == 0 else armature, (len(rows),), f"{name}: armature"
-    )
-    joints = [
-        Joint(
-            placement=Pose(signed_axes(row.axes), np.array(row.origin)),
-            name=row.joint,
-            position_limits=row.limits,
-            rate_limit=row.rate,
-            effort_limit=row.effort,
-            armature=float(drive),
-        )
-        for row, drive in zip(rows, drives, strict=True)
-    ]
-    links = [Link(row.mass, np.array(row.com), symmetric(row.inertia), name=row.link) for row in rows]
-    tool = Pose.identity() if tip is None else checks.pose(tip, f"{name}: tip")
-    return Arm(joints, links, flange @ tool, Pose.identity() if base is None else base, name=name)
 
 
 def symmetric(moments: tuple[float, float, float, float, float, float]) -> Array:

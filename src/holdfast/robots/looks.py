@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from holdfast.model.arm import Arm
-from holdfast.robots.primitive import Primitive, box, rod, sphere
-from holdfast.robots.recognise import KNOWN, builtin_of
+from holdfast.robots.primitive import Primitive, box, capsule, cylinder, sphere
+from holdfast.robots.recognise import builtin_of
 from holdfast.spatial.scalar import Array
 
 THICKNESS = 0.035  # of a rod at the base: radius over the arm's length
@@ -21,10 +21,8 @@ def looks_of(arm: Arm) -> list[list[Primitive]]:
     whatever it carries; any other is drawn from its kinematics: rods from joint to joint,
     drums along revolute axes, bars along prismatic ones. Poses are in base or link axes.
     """
-    name = builtin_of(arm)
-    if name is not None:
-        return [list(solids) for solids in KNOWN[name].looks]
-    return _of_kinematics(arm)
+    robot = builtin_of(arm)
+    return _of_kinematics(arm) if robot is None else [list(solids) for solids in robot.looks]
 
 
 def arm_length(arm: Arm) -> float:
@@ -38,11 +36,9 @@ def _of_kinematics(arm: Arm) -> list[list[Primitive]]:
     radii = THICKNESS * arm_length(arm) * np.linspace(1.0, TAPER, len(ends))
     bodies = [_link(end, float(radius)) for end, radius in zip(ends, radii, strict=True)]
     for body, joint, radius in zip(bodies[1:], arm.joints, radii, strict=False):
-        half = DRUM * float(radius) * joint.axis
-        if joint.kind == "revolute":
-            body.append(rod("cylinder", -1.1 * half, 1.1 * half, DRUM * float(radius), "accent"))
-        else:
-            body.append(rod("cylinder", -3.0 * half, 3.0 * half, 0.5 * float(radius), "accent"))
+        length, width = (1.1, DRUM) if joint.kind == "revolute" else (3.0, 0.5)
+        half = length * (DRUM * float(radius) * joint.axis)
+        body.append(cylinder(-half, half, width * float(radius), "accent"))
     bodies[0].append(box((0.0, 0.0, 0.0), (3 * radii[0], 3 * radii[0], 0.5 * radii[0]), "dark"))
     bodies[-1].append(sphere(arm.tip.p, 0.8 * float(radii[-1]), "dark"))
     return bodies
@@ -55,4 +51,4 @@ def _ends(arm: Arm) -> list[Array]:
 
 def _link(end: Array, radius: float) -> list[Primitive]:
     """Return the rod from the origin to `end`, if there is room for one."""
-    return [rod("capsule", np.zeros(3), end, radius)] if np.linalg.norm(end) > 0.2 * radius else []
+    return [capsule(np.zeros(3), end, radius)] if np.linalg.norm(end) > 0.2 * radius else []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -69,12 +70,15 @@ def rod(kind: Literal["capsule", "cylinder"], start: Any, end: Any, radius: floa
         ModelError: the two points are one.
     """
     start, end = checks.numbers(start, (3,), "rod: start"), checks.numbers(end, (3,), "rod: end")
-    way = end - start
-    length = float(np.sqrt(way @ way))
+    axis = end - start
+    length = float(np.sqrt(axis @ axis))
     if length == 0:
         raise ModelError(f"rod: expected two points, got {start} twice; try a sphere")
-    pose = Pose(rotation.exp(rotation.align(_UP, way / length)), 0.5 * (start + end))
+    pose = Pose(rotation.exp(rotation.align(_UP, axis / length)), 0.5 * (start + end))
     return Primitive(kind, pose, (radius, length), colour)
+
+
+capsule, cylinder = partial(rod, "capsule"), partial(rod, "cylinder")
 
 
 def sphere(centre: Any, radius: float, colour: str = "grey") -> Primitive:

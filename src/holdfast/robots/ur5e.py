@@ -8,8 +8,8 @@ import numpy as np
 
 from holdfast.model import checks
 from holdfast.model.arm import Arm
-from holdfast.robots.link_table import Row, arm_of_table
-from holdfast.robots.primitive import rod
+from holdfast.robots.link_table import LinkTable, Row
+from holdfast.robots.primitive import capsule, cylinder
 from holdfast.spatial.pose import Pose
 
 RIGHT = np.pi / 2
@@ -18,55 +18,41 @@ TURN, HALF = (-2 * np.pi, 2 * np.pi), (-np.pi, np.pi)
 RATE = np.pi
 
 # fmt: off
-UR5E_ROWS = (
-    Row("shoulder_pan_joint", "shoulder_link", "-x -y z", (0.0, 0.0, 0.1625), TURN, RATE, 150.0,
-        3.761, (0.0, -0.00193, -0.02561),
-        (0.00700210, 0.00657286, 0.00648091, 0.00001053, 0.00000073, -0.00049994)),
-    Row("shoulder_lift_joint", "upper_arm_link", "x z -y", (0.0, 0.0, 0.0), TURN, RATE, 150.0,
-        8.058, (-0.2125, 0.0, 0.11336),
-        (0.01505885, 0.33388086, 0.33247207, -0.00005400, 0.00000563, -0.00000181)),
-    Row("elbow_joint", "forearm_link", "x y z", (-0.425, 0.0, 0.0), HALF, RATE, 150.0,
-        2.846, (-0.2422, 0.0, 0.0265),
-        (0.00399632, 0.07879254, 0.07848510, -0.00001365, 0.00137272, -0.00000660)),
-    Row("wrist_1_joint", "wrist_1_link", "x y z", (-0.3922, 0.0, 0.1333), TURN, RATE, 28.0,
-        1.37, (0.0, -0.01634, -0.0018),
-        (0.00165491, 0.00126279, 0.00135962, 0.00000438, -0.00000282, -0.00010157)),
-    Row("wrist_2_joint", "wrist_2_link", "x z -y", (0.0, -0.0997, 0.0), TURN, RATE, 28.0,
-        1.3, (0.0, 0.01634, -0.0018),
-        (0.00135617, 0.00096614, 0.00127827, 0.00000444, 0.00000274, 0.00005048)),
-    Row("wrist_3_joint", "wrist_3_link", "x -z y", (0.0, 0.0996, 0.0), TURN, RATE, 28.0,
-        0.365, (0.0, 0.0, -0.001159),
-        (0.00018694, 0.00018908, 0.00025756, 0.00000006, -0.00000017, -0.00000092)),
+ROWS = (
+    Row("shoulder_pan_joint", "shoulder_link", "-x -y z", (0.0, 0.0, 0.1625), TURN, RATE, 150.0, 3.761,
+        (0.0, -0.00193, -0.02561), (0.00700210, 0.00657286, 0.00648091, 0.00001053, 0.00000073, -0.00049994)),
+    Row("shoulder_lift_joint", "upper_arm_link", "x z -y", (0.0, 0.0, 0.0), TURN, RATE, 150.0, 8.058,
+        (-0.2125, 0.0, 0.11336), (0.01505885, 0.33388086, 0.33247207, -0.00005400, 0.00000563, -0.00000181)),
+    Row("elbow_joint", "forearm_link", "x y z", (-0.425, 0.0, 0.0), HALF, RATE, 150.0, 2.846,
+        (-0.2422, 0.0, 0.0265), (0.00399632, 0.07879254, 0.07848510, -0.00001365, 0.00137272, -0.00000660)),
+    Row("wrist_1_joint", "wrist_1_link", "x y z", (-0.3922, 0.0, 0.1333), TURN, RATE, 28.0, 1.37,
+        (0.0, -0.01634, -0.0018), (0.00165491, 0.00126279, 0.00135962, 0.00000438, -0.00000282, -0.00010157)),
+    Row("wrist_2_joint", "wrist_2_link", "x z -y", (0.0, -0.0997, 0.0), TURN, RATE, 28.0, 1.3,
+        (0.0, 0.01634, -0.0018), (0.00135617, 0.00096614, 0.00127827, 0.00000444, 0.00000274, 0.00005048)),
+    Row("wrist_3_joint", "wrist_3_link", "x -z y", (0.0, 0.0996, 0.0), TURN, RATE, 28.0, 0.365,
+        (0.0, 0.0, -0.001159), (0.00018694, 0.00018908, 0.00025756, 0.00000006, -0.00000017, -0.00000092)),
 )
 # fmt: on
 
 # base, then link by link; the tubes run beside the frames, at the maker's shoulder and elbow offsets
-UR5E_LOOKS = (
-    (rod("cylinder", (0.0, 0.0, 0.0), (0.0, 0.0, 0.1), 0.075),),
+LOOKS = (
+    (cylinder((0, 0, 0), (0, 0, 0.1), 0.075),),
+    (cylinder((0, 0, -0.06), (0, 0, 0.06), 0.06), cylinder((0, 0, 0), (0, -0.1, 0), 0.06, "accent")),
     (
-        rod("cylinder", (0.0, 0.0, -0.06), (0.0, 0.0, 0.06), 0.06),
-        rod("cylinder", (0, 0, 0), (0, -0.1, 0), 0.06, "accent"),
+        cylinder((0, 0, 0.08), (0, 0, 0.2), 0.06),
+        capsule((0, 0, 0.138), (-0.425, 0, 0.138), 0.045),
+        cylinder((-0.425, 0, 0.06), (-0.425, 0, 0.19), 0.055, "accent"),
     ),
     (
-        rod("cylinder", (0.0, 0.0, 0.08), (0.0, 0.0, 0.2), 0.06),
-        rod("capsule", (0.0, 0.0, 0.138), (-0.425, 0.0, 0.138), 0.045),
-        rod("cylinder", (-0.425, 0.0, 0.06), (-0.425, 0.0, 0.19), 0.055, "accent"),
+        cylinder((0, 0, -0.05), (0, 0, 0.06), 0.05),
+        capsule((0, 0, 0.007), (-0.3922, 0, 0.007), 0.037),
+        cylinder((-0.3922, 0, -0.045), (-0.3922, 0, 0.075), 0.042, "accent"),
     ),
-    (
-        rod("cylinder", (0.0, 0.0, -0.05), (0.0, 0.0, 0.06), 0.05),
-        rod("capsule", (0.0, 0.0, 0.007), (-0.3922, 0.0, 0.007), 0.037),
-        rod("cylinder", (-0.3922, 0.0, -0.045), (-0.3922, 0.0, 0.075), 0.042, "accent"),
-    ),
-    (
-        rod("cylinder", (0.0, 0.0, -0.06), (0.0, 0.0, 0.045), 0.04),
-        rod("cylinder", (0.0, 0.0, 0.0), (0.0, -0.06, 0.0), 0.04, "accent"),
-    ),
-    (
-        rod("cylinder", (0.0, 0.0, -0.045), (0.0, 0.0, 0.045), 0.04),
-        rod("cylinder", (0.0, 0.0, 0.0), (0.0, 0.06, 0.0), 0.04, "accent"),
-    ),
-    (rod("cylinder", (0.0, 0.0, -0.04), (0.0, 0.0, 0.0), 0.038),),
+    (cylinder((0, 0, -0.06), (0, 0, 0.045), 0.04), cylinder((0, 0, 0), (0, -0.06, 0), 0.04, "accent")),
+    (cylinder((0, 0, -0.045), (0, 0, 0.045), 0.04), cylinder((0, 0, 0), (0, 0.06, 0), 0.04, "accent")),
+    (cylinder((0, 0, -0.04), (0, 0, 0), 0.038),),
 )
+UR5E = LinkTable("ur5e", ROWS, Pose.identity(), UR5E_HOME, LOOKS)
 
 
 def ur5e(base: Any = None, tip: Any = None, *, armature: Any = 0.0) -> Arm:
@@ -93,4 +79,4 @@ def ur5e(base: Any = None, tip: Any = None, *, armature: Any = 0.0) -> Arm:
         Universal Robots, Universal_Robots_ROS2_Description, config/ur5e (BSD-3-Clause):
         inertias, limits, the same in URDF frames.
     """
-    return arm_of_table("ur5e", UR5E_ROWS, Pose.identity(), base, tip, armature)
+    return UR5E.arm(base, tip, armature)

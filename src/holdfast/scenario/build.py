@@ -15,14 +15,13 @@ from holdfast.assembly.assemble import assemble
 from holdfast.dynamics.closing import close
 from holdfast.errors import ClosureError, SceneError
 from holdfast.io import typed
-from holdfast.io.path import file_path
-from holdfast.io.place import LONGEST_NAME, Place, one_line
+from holdfast.io.files import LONGEST_NAME, file_path, one_line
+from holdfast.io.typed import Location
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.robots.urdf.source import Source
 from holdfast.scenario import parts
-from holdfast.scenario.controllers import build_controller
-from holdfast.scenario.robot import Robot, RobotFiles, robot
+from holdfast.scenario.parts import Robot, RobotFiles
 from holdfast.scenario.scene import ReleaseData, SceneData
 from holdfast.scenario.surroundings import pushes, swaying_base
 from holdfast.simulation.events import Attach, Event, Release, holding_after
@@ -50,7 +49,7 @@ class Scenario:
         controller: torques.
         duration, step: [s].
         robots: what the arms are made from, by name.
-        options: everything else that `simulate` is to be told, by keyword.
+        options: the other arguments of `simulate`, by keyword.
     """
 
     name: str
@@ -88,7 +87,7 @@ def load_scene(
     source = str(file)
     text = typed.read_bytes(file, LARGEST_FILE)
     raw = typed.parse_toml(text, source)
-    require_sensible(raw, Place(source))
+    require_sensible(raw, Location(source))
     data = typed.convert(raw, SceneData, source)
     home = file.parent if folder is None else file_path(folder, "folder", SceneError)
     name = data.name or one_line(file.stem, LONGEST_NAME)
@@ -105,7 +104,7 @@ def build_scene(
         SceneError: with the path of the first fault.
         ClosureError: an arm cannot reach its grasp.
     """
-    at = Place(source)
+    at = Location(source)
     if one_line(data.name, LONGEST_NAME) != data.name:
         raise (at / "name").refuse(
             f"expected up to {LONGEST_NAME} printable characters on one line, got '{one_line(data.name, 60)}'"
@@ -118,14 +117,14 @@ def build_scene(
     try:
         state = closed(chain, guess, search)
     except ClosureError as cause:
-        raise ClosureError((at / "object" / "pose").said(str(cause))) from cause
-    controller = build_controller(data.controller, chain, state, at / "controller")
+        raise ClosureError((at / "object" / "pose").message(str(cause))) from cause
+    controller = parts.controller(data.controller, chain, state, at / "controller")
     options = build_options(data, chain, at)
     how = data.simulation
     return Scenario(name, text, chain, state, controller, how.duration, how.step, robots, options)
 
 
-def build_robots(data: SceneData, files: RobotFiles, at: Place) -> dict[str, Robot]:
+def build_robots(data: SceneData, files: RobotFiles, at: Location) -> dict[str, Robot]:
     """Return what the arms are made from, by name.
 
     Raises:
@@ -138,7 +137,7 @@ def build_robots(data: SceneData, files: RobotFiles, at: Place) -> dict[str, Rob
     _require_names((arm.name for arm in data.arms), at / "arms", "name")
     robots, joints = {}, 0
     for i, arm in enumerate(data.arms):
-        robots[arm.name] = robot(arm, files, at / "arms" / i)
+        robots[arm.name] = parts.robot(arm, files, at / "arms" / i)
         joints += robots[arm.name].arm.joint_count
         if joints > MOST_JOINTS:
             raise (at / "arms" / i).refuse(f"expected at most {MOST_JOINTS} joints in all, got {joints} up to here")
@@ -162,7 +161,7 @@ def closed(chain: ClosedChain, guess: State, search: bool) -> State:
     ).state
 
 
-def build_chain(data: SceneData, robots: Mapping[str, Robot], at: Place) -> tuple[ClosedChain, State]:
+def build_chain(data: SceneData, robots: Mapping[str, Robot], at: Location) -> tuple[ClosedChain, State]:
     """Return the chain and the state that it is to be closed from, at rest.
 
     Raises:
@@ -183,8 +182,8 @@ def build_chain(data: SceneData, robots: Mapping[str, Robot], at: Place) -> tupl
     return chain, State(q, 0 * q, pose.wxyz_xyz)
 
 
-def build_options(data: SceneData, chain: ClosedChain, at: Place) -> dict[str, Any]:
-    """Return what `simulate` is to be told by keyword: events, surroundings, scheme, policies.
+def build_options(data: SceneData, chain: ClosedChain, at: Location) -> dict[str, Any]:
+    """Return the keyword arguments of `simulate`: events, surroundings, scheme, policies.
 
     Raises:
         SceneError: with the path of the first fault.
@@ -210,7 +209,7 @@ def build_options(data: SceneData, chain: ClosedChain, at: Place) -> dict[str, A
     }
 
 
-def build_events(data: SceneData, chain: ClosedChain, at: Place) -> list[Event]:
+def build_events(data: SceneData, chain: ClosedChain, at: Location) -> list[Event]:
     """Return the events, each checked against those before it.
 
     Raises:
@@ -230,11 +229,11 @@ def build_events(data: SceneData, chain: ClosedChain, at: Place) -> list[Event]:
     return [event for _, event in made]
 
 
-def require_sensible(raw: Any, at: Place, levels: int = DEEPEST) -> None:
-    """Refuse NaN, infinity, astronomical numbers and depths: TOML can say them, a scene cannot mean them.
+def require_sensible(raw: Any, at: Location, levels: int = DEEPEST) -> None:
+    """Refuse NaN, infinity, astronomical numbers and depths: TOML can express them, but no scene has them.
 
     Args:
-        raw: what the file says.
+        raw: what the file contains.
         at: its place.
         levels: how deep it may go.
 
@@ -255,7 +254,7 @@ def require_sensible(raw: Any, at: Place, levels: int = DEEPEST) -> None:
             require_sensible(value, at / i, levels - 1)
 
 
-def _require_names(names: Iterable[str], at: Place, key: str) -> None:
+def _require_names(names: Iterable[str], at: Location, key: str) -> None:
     """Refuse names that repeat, or that would not fit on a line or in a path 'arm/joint'."""
     first: dict[str, int] = {}
     for i, name in enumerate(names):

@@ -10,7 +10,7 @@ import numpy as np
 
 from holdfast.control.paths import quintic
 from holdfast.errors import ModelError
-from holdfast.io.place import Place
+from holdfast.io.typed import Location
 from holdfast.model import checks
 from holdfast.scenario.scene import BaseMotionData, SwayData, WrenchData
 from holdfast.spatial import rotation
@@ -105,7 +105,7 @@ class Pushes:
         return [float(t) for t in (*self.begins, *self.ends) if np.isfinite(t)]
 
 
-def swaying_base(data: BaseMotionData, rest: Pose, at: Place) -> SwayingBase:
+def swaying_base(data: BaseMotionData, rest: Pose, at: Location) -> SwayingBase:
     """Return a base's motion.
 
     Raises:
@@ -123,7 +123,7 @@ def swaying_base(data: BaseMotionData, rest: Pose, at: Place) -> SwayingBase:
         )
 
 
-def pushes(data: Sequence[WrenchData], at: Place) -> Pushes:
+def pushes(data: Sequence[WrenchData], at: Location) -> Pushes:
     """Return the wrenches on the object.
 
     Raises:

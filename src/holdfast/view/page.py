@@ -12,8 +12,7 @@ import numpy as np
 
 from holdfast.dynamics.near_singular import NEAR, NEARING, chain_strength
 from holdfast.errors import ModelError
-from holdfast.io.atomic import write_atomically
-from holdfast.io.path import file_path
+from holdfast.io.files import file_path, write_atomically
 from holdfast.spatial.scalar import Array
 from holdfast.view.cameras import cameras
 from holdfast.view.chain_scene import ChainScene

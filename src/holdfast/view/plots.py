@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.io.atomic import write_atomically
-from holdfast.io.path import file_path
+from holdfast.io.files import file_path, write_atomically
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.trajectory import Trajectory, require_run_of

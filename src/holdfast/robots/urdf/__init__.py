@@ -1,37 +1,27 @@
-"""Arms out of URDF files: own reader on the standard library.
+"""Arms out of URDF files, read with the standard library alone.
 
-The way of a file: `source` (text, file, xacro) -> `document` (XML elements with lines) ->
-`vocabulary`, `links`, `joints` (typed, nothing passed over) -> `tree` -> `tips`, `locking`
-(what the caller chose) -> `folding`, `inertia` (bodies) -> `chain` (arms).
+A file passes through `source` (text, file, xacro), `document` (XML elements with lines), `reader`
+and `attributes` (a tree of typed links and joints; nothing is passed over), `path` (what the
+caller chose: base, tip, held joints), `bodies` (what is welded together) and `chain` (arms).
 """
 
 from __future__ import annotations
 
-from holdfast.robots.urdf.chain import UrdfChain, urdf_chain
-from holdfast.robots.urdf.listing import urdf_tree
-from holdfast.robots.urdf.load import load_urdf, load_urdf_arms
-from holdfast.robots.urdf.reading import read_urdf
-from holdfast.robots.urdf.robot import UrdfJoint, UrdfLink, UrdfRobot
-from holdfast.robots.urdf.several import urdf_chains
-from holdfast.robots.urdf.visuals import Box, Capsule, Cylinder, Mesh, Shape, Sphere, Visual, urdf_visuals
-
-__all__ = [
-    "Box",
-    "Capsule",
-    "Cylinder",
-    "Mesh",
-    "Shape",
-    "Sphere",
-    "UrdfChain",
-    "UrdfJoint",
-    "UrdfLink",
-    "UrdfRobot",
-    "Visual",
-    "load_urdf",
-    "load_urdf_arms",
-    "read_urdf",
-    "urdf_chain",
-    "urdf_chains",
-    "urdf_tree",
-    "urdf_visuals",
-]
+from holdfast.robots.urdf.chain import UrdfChain as UrdfChain
+from holdfast.robots.urdf.chain import load_urdf as load_urdf
+from holdfast.robots.urdf.chain import load_urdf_arms as load_urdf_arms
+from holdfast.robots.urdf.chain import urdf_chain as urdf_chain
+from holdfast.robots.urdf.chain import urdf_chains as urdf_chains
+from holdfast.robots.urdf.reader import read_urdf as read_urdf
+from holdfast.robots.urdf.robot import UrdfJoint as UrdfJoint
+from holdfast.robots.urdf.robot import UrdfLink as UrdfLink
+from holdfast.robots.urdf.robot import UrdfRobot as UrdfRobot
+from holdfast.robots.urdf.robot import urdf_tree as urdf_tree
+from holdfast.robots.urdf.visuals import Box as Box
+from holdfast.robots.urdf.visuals import Capsule as Capsule
+from holdfast.robots.urdf.visuals import Cylinder as Cylinder
+from holdfast.robots.urdf.visuals import Mesh as Mesh
+from holdfast.robots.urdf.visuals import Shape as Shape
+from holdfast.robots.urdf.visuals import Sphere as Sphere
+from holdfast.robots.urdf.visuals import Visual as Visual
+from holdfast.robots.urdf.visuals import urdf_visuals as urdf_visuals

@@ -1,9 +1,15 @@
-"""Typed attributes of XML elements, each refusal naming file, line and element."""
+"""What elements of a URDF may say: their vocabulary, and typed attributes; refusals name file, line and element.
+
+No name is ignored silently: one that looks like a misspelt one is refused, one that closes
+a loop or adds a spring is refused, and any other unknown name becomes a note.
+"""
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +24,107 @@ RIGHT_ANGLE = 1e-12  # [rad]; what rounding a double, or 13 digits, leaves of a 
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _INFINITE = re.compile(r"[+-]?inf(inity)?", re.ASCII | re.IGNORECASE)
+
+
+class Vocabulary(NamedTuple):
+    """The attributes and children that an element may have.
+
+    Attributes:
+        attributes: those that are read.
+        children: those that are read, each at most once except in <robot>.
+        skipped: attributes and children that cannot matter for dynamics: pictures, contacts, safety
+            and simulators' own extensions.
+    """
+
+    attributes: tuple[str, ...]
+    children: tuple[str, ...] = ()
+    skipped: tuple[str, ...] = ()
+
+
+_CHECKED = ("self_filter", "collision_checking", "self_collision_checking")
+VOCABULARY = {
+    "robot": Vocabulary(
+        ("name",),
+        ("link", "joint"),
+        ("version", "material", "gazebo", "transmission", "ros2_control", "sensor", "mujoco"),
+    ),
+    "link": Vocabulary(
+        ("name",), ("inertial",), ("type", "visual", "collision", "contact", "surface", "concave", "sensor", *_CHECKED)
+    ),
+    "inertial": Vocabulary((), ("origin", "mass", "inertia")),
+    "mass": Vocabulary(("value",)),
+    "inertia": Vocabulary(("ixx", "ixy", "ixz", "iyy", "iyz", "izz", "iyx", "izx", "izy")),
+    "origin": Vocabulary(("xyz", "rpy")),
+    "joint": Vocabulary(
+        ("name", "type"),
+        ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"),
+        ("calibration", "safety_controller", "hardwareInterface", "dont_collapse"),
+    ),
+    "parent": Vocabulary(("link",)),
+    "child": Vocabulary(("link",)),
+    "axis": Vocabulary(("xyz",)),
+    "limit": Vocabulary(("lower", "upper", "effort", "velocity"), (), ("acceleration", "deceleration", "jerk")),
+    "dynamics": Vocabulary(("damping", "friction")),
+    "mimic": Vocabulary(("joint", "multiplier", "offset")),
+}
+LOOPS = ("constraint", "loop", "loop_joint", "coupling")
+
+
+def unread_notes(element: Element) -> tuple[str, ...]:
+    """Return notes on everything in an element, and in those of its children that are read, that is not read.
+
+    Raises:
+        SceneError: a misspelt or a duplicate name, unexpanded xacro, a loop, a spring.
+    """
+    known = VOCABULARY[element.tag]
+    unknown = ", ".join(_unknown(element, known))
+    notes = [element.message(f"{shortened(unknown)}: unknown, not read")] if unknown else []
+    seen: dict[str, int] = {}
+    for child in element.children:
+        if child.tag in known.children:
+            if element.tag != "robot" and child.tag in seen:
+                raise child.refuse(f"expected one <{child.tag}>, got a second (first in line {seen[child.tag]})")
+            seen[child.tag] = child.line
+        elif child.tag not in known.skipped:
+            _refuse(child, known.children + known.skipped)
+            notes.append(child.message("unknown element, not read"))
+    if element.stray:
+        notes.append(element.message(f"text {quoted(element.stray[0])}, not read"))
+    if element.tag != "robot":
+        notes += [note for child in element.children if child.tag in known.children for note in unread_notes(child)]
+    return tuple(notes)
+
+
+def _unknown(element: Element, known: Vocabulary) -> list[str]:
+    """Return the attributes that are neither read nor skipped."""
+    unknown = []
+    for attribute, value in element.attributes.items():
+        if attribute in known.attributes or attribute in known.skipped or attribute.split(":")[0] == "xmlns":
+            continue
+        if near := _misspelt(attribute, known.attributes):
+            raise element.refuse(f"{quoted(attribute)}: unknown attribute. Did you mean '{near}'?")
+        if attribute == "spring_stiffness" and value.strip("0. ") != "":
+            raise element.refuse(f"spring_stiffness: expected none or 0, got {quoted(value)}: joints have no springs")
+        unknown.append(attribute)
+    return unknown
+
+
+def _refuse(child: Element, known: tuple[str, ...]) -> None:
+    """Refuse an unknown element that is misspelt, unexpanded or closes a loop."""
+    if near := _misspelt(child.tag, known):
+        raise child.refuse(f"unknown element. Did you mean <{near}>?")
+    if child.tag.startswith("xacro:"):
+        raise child.refuse("expected plain URDF, got unexpanded xacro; try a file name that ends in .xacro")
+    if child.tag in LOOPS:
+        raise child.refuse("closes a loop, which joints in series cannot; try deleting it if no arm passes through it")
+
+
+def _misspelt(word: str, known: tuple[str, ...]) -> str:
+    """Return the known name that this one must be a misspelling of, or nothing."""
+    if len(word) > 40:
+        return ""
+    near = difflib.get_close_matches(word.lower(), known, n=1, cutoff=0.8 if len(word) > 3 else 0.6)
+    return near[0] if near else ""
 
 
 def name(element: Element, attribute: str = "name") -> str:

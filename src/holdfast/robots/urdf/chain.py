@@ -1,9 +1,9 @@
-"""An arm out of a robot's links and joints, with what became of the rest."""
+"""Arms out of a URDF file, with what became of the rest of the robot."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from typing import Any, TypedDict, Unpack
 
@@ -13,20 +13,17 @@ from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.joint import Joint
 from holdfast.model.tip_direction import tip_advice, tip_angle
+from holdfast.robots.urdf.bodies import FoldedChain, WeldedBody, fold, welded_link
 from holdfast.robots.urdf.document import quoted
-from holdfast.robots.urdf.folding import Body, Fold, fold
-from holdfast.robots.urdf.inertia import welded_link
-from holdfast.robots.urdf.locking import Locks, checked_locks
-from holdfast.robots.urdf.reading import read_urdf
-from holdfast.robots.urdf.refusals import hanging, refuse_loose, refuse_unsupported
+from holdfast.robots.urdf.path import Locks, checked_locks, ends, known_link, path_between, resting_position
+from holdfast.robots.urdf.reader import read_urdf
+from holdfast.robots.urdf.refusals import hanging, refuse_loose, refuse_unsupported, shared
 from holdfast.robots.urdf.robot import UrdfRobot
 from holdfast.robots.urdf.source import Source
-from holdfast.robots.urdf.tips import ends
-from holdfast.robots.urdf.tree import Step, way
 from holdfast.spatial.pose import Pose
 
 SAME_PLACE = 1e-6  # [m] between the origins of two frames
-UPRIGHT = 0.1  # [rad] between z and the way to the tip
+UPRIGHT = 0.1  # [rad] between z and the direction to the tip
 
 
 class UrdfOptions(TypedDict, total=False):
@@ -53,7 +50,7 @@ class UrdfChain:
         bodies: N + 1 mappings from link name to pose: of the links on the base in the base's
             frame, then of the links welded into arm link k in its frame.
         elsewhere: names of the links that joints of their own move on the base.
-        notes: what was read in another way than it stands, or not at all, with its line; and a tip
+        notes: what was read differently from what the file states, or not at all, with its line; and a tip
             whose z axis does not point out of the hand.
         tip_note: that last note alone; empty if there is none.
     """
@@ -90,23 +87,24 @@ def urdf_chain(
     robot = read_urdf(path_or_text, xacro_args=options.get("xacro_args"), trust_xacro=options.get("trust_xacro", False))
     held = checked_locks(robot, options.get("locked"))
     start, end = ends(robot, base, tip, held)
-    steps = way(robot, start, end)
-    locks = Locks(robot, held, bool(options.get("lock_others")), frozenset(step.joint.name for step in steps))
-    refuse_unsupported(locks, steps)
-    folded = fold(start, steps, locks)
-    refuse_loose(locks, hanging(locks, folded, steps))
-    return chain_of(locks, start, folded, steps, mounted(options), options)
+    path = path_between(robot, start, end)
+    locks = Locks(robot, held, bool(options.get("lock_others")), frozenset(step.joint.name for step in path))
+    refuse_unsupported(locks, path)
+    folded = fold(start, path, locks)
+    refuse_loose(locks, hanging(locks, folded))
+    return _chain_of(locks, folded, _mount(options), options)
 
 
-def mounted(options: UrdfOptions) -> Pose:
+def _mount(options: UrdfOptions) -> Pose:
     """Return the `mount` of the options as a pose; the world's own frame by default."""
     mount = options.get("mount")
     return Pose.identity() if mount is None else checks.pose(mount, "mount")
 
 
-def chain_of(locks: Locks, base: str, folded: Fold, steps: list[Step], mount: Pose, options: UrdfOptions) -> UrdfChain:
-    """Return the arm along the steps from a base link that is mounted at a pose; nothing moves on it unheld."""
-    robot, tip = locks.robot, steps[-1].beyond if steps else base
+def _chain_of(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOptions) -> UrdfChain:
+    """Return the arm whose base link is mounted at a pose; nothing moves on it unheld."""
+    robot, base = locks.robot, folded.base
+    tip = folded.path[-1].beyond if folded.path else base
     if not folded.bodies:
         raise robot.element.refuse(
             f"expected a joint that moves between base {quoted(base)} and tip {quoted(tip)}, got none"
@@ -117,7 +115,8 @@ def chain_of(locks: Locks, base: str, folded: Fold, steps: list[Step], mount: Po
     inside = {name: robot.links[name] for links in bodies for name in links}
     within = [joint for joint in robot.joints.values() if joint.parent in inside and joint.child in inside]
     notes = [note for part in (robot, *inside.values(), *within) for note in part.notes]
-    notes += [_massless(robot, name) for body in folded.bodies for name in body.links if not robot.links[name].inertial]
+    moving = [robot.links[name] for body in folded.bodies for name in body.links]
+    notes += [link.element.message("no <inertial>, taken as massless") for link in moving if link.inertial is None]
     tip_note = _tip_note(robot, arm, tip, folded)
     return UrdfChain(
         arm=arm,
@@ -132,12 +131,7 @@ def chain_of(locks: Locks, base: str, folded: Fold, steps: list[Step], mount: Po
     )
 
 
-def _massless(robot: UrdfRobot, link: str) -> str:
-    """Return the note on a link that moves and weighs nothing; of one that stands still no mass is needed."""
-    return robot.links[link].element.said("no <inertial>, taken as massless")
-
-
-def _tip_note(robot: UrdfRobot, arm: Arm, tip: str, folded: Fold) -> str:
+def _tip_note(robot: UrdfRobot, arm: Arm, tip: str, folded: FoldedChain) -> str:
     """Return the note on a tip whose z axis does not point out of the hand, with links there whose does; or nothing."""
     if not (advice := tip_advice(arm)):
         return ""
@@ -147,10 +141,10 @@ def _tip_note(robot: UrdfRobot, arm: Arm, tip: str, folded: Fold) -> str:
         if np.allclose(at.p, arm.tip.p, rtol=0, atol=SAME_PLACE) and tip_angle(arm.with_tip(at)) < UPRIGHT
     ]
     others = f", or {' or '.join(better[:3])}, a frame in the same place" if better else ""
-    return robot.links[tip].element.said(f"as a tip: {advice}{others}")
+    return robot.links[tip].element.message(f"as a tip: {advice}{others}")
 
 
-def _joint(body: Body) -> Joint:
+def _joint(body: WeldedBody) -> Joint:
     """Return the joint that moves a body."""
     joint, down = body.step
     with joint.element.refusals():
@@ -170,3 +164,164 @@ def _joint(body: Body) -> Joint:
 def _plain(pose: Pose) -> Pose:
     """Return the pose without -0.0, so that compiled code folds it."""
     return Pose(pose.R + 0.0, pose.p + 0.0)
+
+
+def urdf_chains(
+    path_or_text: str | PathLike[str], arms: Mapping[str, tuple[str, str]], **options: Unpack[UrdfOptions]
+) -> dict[str, UrdfChain]:
+    """Return what `load_urdf_arms` loads, with what became of every link, and notes. O(arms links).
+
+    Args:
+        path_or_text: as for `load_urdf_arms`.
+        arms: as for `load_urdf_arms`.
+        **options: as for `load_urdf_arms`.
+
+    Raises:
+        SceneError, ModelError, MissingExtra: as for `load_urdf_arms`.
+    """
+    robot = read_urdf(path_or_text, xacro_args=options.get("xacro_args"), trust_xacro=options.get("trust_xacro", False))
+    held = checked_locks(robot, options.get("locked"))
+    ends_of = _ends_of_arms(robot, arms)
+    paths = {name: path_between(robot, *ends) for name, ends in ends_of.items()}
+    passed = frozenset(step.joint.name for path in paths.values() for step in path)
+    locks = Locks(robot, held, bool(options.get("lock_others")), passed)
+    for path in paths.values():
+        refuse_unsupported(locks, path)
+    loose = shared(locks, ends_of)
+    resting = {joint.name: resting_position(joint) for joint, _ in loose}
+    held_too = replace(locks, given={**resting, **held})  # so that one refusal says what would still move then
+    folds = {name: fold(base, paths[name], held_too) for name, (base, _) in ends_of.items()}
+    loose += [one for folded in folds.values() for one in hanging(held_too, folded)]
+    refuse_loose(locks, loose)
+    mount, chains = _mount(options), {}
+    for name, folded in folds.items():
+        at, notes = _standing(locks, folded.base)
+        chain = _chain_of(locks, folded, mount @ at, options)
+        chains[name] = replace(chain, notes=(*notes, *chain.notes))
+    return chains
+
+
+def _ends_of_arms(robot: UrdfRobot, arms: Mapping[str, tuple[str, str]]) -> dict[str, tuple[str, str]]:
+    """Return base and tip link of each arm, checked."""
+    if not isinstance(arms, Mapping) or not arms:
+        raise robot.element.refuse("arms: expected (base, tip) by name, such as {'left': ('torso', 'left_hand')}")
+    found = {}
+    for name, pair in arms.items():
+        if not isinstance(pair, (tuple, list)) or len(pair) != 2:
+            raise robot.element.refuse(
+                f"arm '{name}': expected the names of base and tip link, got {quoted(str(pair))}"
+            )
+        base, tip = pair
+        found[name] = known_link(robot, base, f"arm '{name}': base"), known_link(robot, tip, f"arm '{name}': tip")
+    return found
+
+
+def _standing(locks: Locks, base: str) -> tuple[Pose, list[str]]:
+    """Return the pose of an arm's base link in the root link's frame, and notes on joints below it held unasked."""
+    at, notes = Pose.identity(), []
+    for joint, _ in path_between(locks.robot, locks.robot.root, base):
+        across, q = locks.pose(joint), locks.position(joint)
+        assert across is not None
+        at = at @ across
+        if q is not None and joint.name not in locks.given:
+            notes.append(joint.element.message(f"held at {q:g}, since it moves the base {quoted(base)}"))
+    return at, notes
+
+
+def load_urdf(
+    path_or_text: str | PathLike[str],
+    *,
+    base: str | None = None,
+    tip: str | None = None,
+    locked: Mapping[str, float] | None = None,
+    lock_others: bool = False,
+    mount: Any = None,
+    physical: bool = True,
+    xacro_args: Mapping[str, str] | None = None,
+    trust_xacro: bool = False,
+) -> Arm:
+    """Return the arm between two links of a URDF file. O(links).
+
+    Links that are fixed to one another become one. What hangs on the base does not matter
+    and is left out; what hangs on the arm belongs to it, so joints off the path from base
+    to tip (fingers, another arm) must be held. `urdf_chain` returns what became of each link.
+
+    Joints keep the file's sign, axis, limits, damping and friction. The base need not be
+    the root: joints may be passed from child to parent. A rate or effort limit of 0, and a
+    range of 0, count as not given. Angles within 1e-12 rad of a multiple of pi/2 are taken
+    as that multiple. A link without <inertial> is massless, and must be fixed to one that
+    has mass.
+
+    Args:
+        path_or_text: a file, the text itself, or a `.xacro` file (see `read_urdf`).
+        base: name of the link that stands still; default: the root.
+        tip: name of the link whose frame is the tip; default: the only end link.
+        locked: positions to hold joints at [rad or m], by name. A joint that mimics a held
+            one is held with it.
+        lock_others: hold every joint that hangs on the arm at 0, or at its limit nearest to 0.
+        mount: pose of the base link in the world (a Pose or wxyz_xyz); default: the world.
+        physical: False accepts principal moments that no mass distribution has.
+        xacro_args: values of the file's <xacro:arg> by name.
+        trust_xacro: whether to expand a `.xacro` file, which runs the Python in it.
+
+    Raises:
+        SceneError: what is wrong or cannot be an arm, with file, line and element, and what to try.
+        ModelError: a mount that is no pose.
+        MissingExtra: a `.xacro` file without xacrodoc.
+    """
+    return urdf_chain(
+        path_or_text,
+        base=base,
+        tip=tip,
+        locked=locked,
+        lock_others=lock_others,
+        mount=mount,
+        physical=physical,
+        xacro_args=xacro_args,
+        trust_xacro=trust_xacro,
+    ).arm
+
+
+def load_urdf_arms(
+    path_or_text: str | PathLike[str],
+    arms: Mapping[str, tuple[str, str]],
+    *,
+    locked: Mapping[str, float] | None = None,
+    lock_others: bool = False,
+    mount: Any = None,
+    physical: bool = True,
+    xacro_args: Mapping[str, str] | None = None,
+    trust_xacro: bool = False,
+) -> dict[str, Arm]:
+    """Return several arms of one robot, each where it stands on it. O(arms links).
+
+        load_urdf_arms("robot.urdf", {"left": ("torso", "left_hand"), "right": ("torso", "right_hand")})
+
+    Links that stand still may be shared. A joint that moves two arms, or an arm's base, must be
+    held: `lock_others` holds those that are on no arm's path, a torso below both bases for one, at 0
+    or at their limit nearest to 0; `locked` holds any, where it says. One refusal lists them all.
+
+    Args:
+        path_or_text: a file, the text itself, or a `.xacro` file (see `read_urdf`).
+        arms: names of base and tip link, by arm.
+        locked: as for `load_urdf`, for all arms.
+        lock_others: as for `load_urdf`.
+        mount: pose of the file's root link in the world (a Pose or wxyz_xyz); default: the world.
+        physical: as for `load_urdf`.
+        xacro_args: as for `load_urdf`.
+        trust_xacro: as for `load_urdf`.
+
+    Raises:
+        SceneError, ModelError, MissingExtra: as for `load_urdf`.
+    """
+    chains = urdf_chains(
+        path_or_text,
+        arms,
+        locked=locked,
+        lock_others=lock_others,
+        mount=mount,
+        physical=physical,
+        xacro_args=xacro_args,
+        trust_xacro=trust_xacro,
+    )
+    return {name: chain.arm for name, chain in chains.items()}

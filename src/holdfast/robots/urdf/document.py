@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import difflib
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from xml.parsers import expat
@@ -55,13 +56,13 @@ class Element:
             raise self.refuse(f"expected <{tag}>, got none")
         return child
 
-    def said(self, text: str) -> str:
-        """Return `file:line: element: text` on one line."""
-        return f"{self.source}:{self.line}: " + " ".join(f"{shortened(self.label, 200)}: {text}".split())
+    def message(self, problem: str) -> str:
+        """Return the message `file:line: element: problem` on one line."""
+        return f"{self.source}:{self.line}: " + " ".join(f"{shortened(self.label, 200)}: {problem}".split())
 
     def refuse(self, problem: str) -> SceneError:
         """Return the error that names file, line and element."""
-        return SceneError(self.said(problem))
+        return SceneError(self.message(problem))
 
     @contextmanager
     def refusals(self) -> Iterator[None]:
@@ -71,9 +72,9 @@ class Element:
         except SceneError:
             raise
         except HoldfastError as cause:
-            said = str(cause).replace(" (Link, HeldObject)", "")
-            _, separator, problem = said.partition("': ")
-            raise self.refuse(problem if separator else said) from cause
+            refusal = str(cause).replace(" (Link, HeldObject)", "")
+            _, separator, problem = refusal.partition("': ")
+            raise self.refuse(problem if separator else refusal) from cause
 
 
 def shortened(text: str, length: int = 60) -> str:
@@ -84,6 +85,20 @@ def shortened(text: str, length: int = 60) -> str:
 def quoted(text: str) -> str:
     """Return a text from a file as messages show it: printable, short, in quotes."""
     return repr(shortened(text))
+
+
+def hint(name: str, known: Iterable[str]) -> str:
+    """Return ' Did you mean ...?', or what is known, shortened."""
+    known = list(known)
+    near = difflib.get_close_matches(name[:256], known, n=1, cutoff=0.6) if len(known) <= 2000 else []
+    return f" Did you mean '{near[0]}'?" if near else f" Known: {listed(known)}."
+
+
+def listed(names: Iterable[str], most: int = 12) -> str:
+    """Return names with quotes and commas, at most so many."""
+    names = list(names)
+    rest = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(quoted(name) for name in names[:most]) + rest if names else "none"
 
 
 def parse_document(text: bytes | str, source: str) -> Element:
@@ -152,8 +167,8 @@ class _Builder:
         self.open.pop()
 
     def _text(self, text: str) -> None:
-        if self.open and not self.open[-1].stray and (said := text.strip()):
-            self.open[-1].stray.append(shortened(said))
+        if self.open and not self.open[-1].stray and (stray := text.strip()):
+            self.open[-1].stray.append(shortened(stray))
 
     def _doctype(self, name: str, *_: object) -> None:
         line = self.parser.CurrentLineNumber

@@ -1,30 +1,29 @@
-"""What keeps a way through a robot from being an arm: each refusal names the joint and what to pass."""
+"""What keeps a path through a robot from being an arm: each refusal names the joint and what to pass."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from holdfast.robots.urdf.document import quoted
-from holdfast.robots.urdf.folding import Fold, moving_branches
-from holdfast.robots.urdf.locking import Locks, resting_position
+from holdfast.robots.urdf.bodies import FoldedChain, moving_branches
+from holdfast.robots.urdf.document import listed, quoted
+from holdfast.robots.urdf.path import Locks, PassedJoint, path_between, resting_position
 from holdfast.robots.urdf.robot import MOVING, UrdfJoint
-from holdfast.robots.urdf.tree import Step, listed, way
 
 MOST_REASONS = 8  # of joints, in one message
 MOST_HELD = 40  # joints in one advice
 
 
-def refuse_unsupported(locks: Locks, steps: list[Step]) -> None:
-    """Refuse joints on the way that an arm cannot have: several freedoms, or the motion of another."""
-    for joint, down in steps:
+def refuse_unsupported(locks: Locks, path: list[PassedJoint]) -> None:
+    """Refuse joints on the path that an arm cannot have: several freedoms, or the motion of another."""
+    for joint, down in path:
         if not joint.is_fixed and joint.kind not in MOVING:
             end, link = ("base", joint.child) if down else ("tip", joint.child)
             raise joint.element.refuse(
                 f"type: expected a joint of one freedom between base and tip, got {quoted(joint.kind)};"
                 f" try {end}={quoted(link)}"
             )
-    following = [joint for joint, _ in steps if joint.mimic is not None and locks.position(joint) is None]
+    following = [joint for joint, _ in path if joint.mimic is not None and locks.position(joint) is None]
     if following:
         mimic, others = following[0].mimic, listed(joint.name for joint in following[1:])
         assert mimic is not None
@@ -34,7 +33,7 @@ def refuse_unsupported(locks: Locks, steps: list[Step]) -> None:
         )
 
 
-class Loose(NamedTuple):
+class LooseJoint(NamedTuple):
     """A joint that moves what must stand still.
 
     Attributes:
@@ -46,45 +45,33 @@ class Loose(NamedTuple):
     why: str
 
 
-def hanging(locks: Locks, folded: Fold, steps: list[Step]) -> list[Loose]:
+def hanging(locks: Locks, folded: FoldedChain) -> list[LooseJoint]:
     """Return the joints that move links which hang on an arm."""
-    passed = {step.joint.name for step in steps}
+    passed = {joint.name for joint, _ in folded.path}
     return [
-        Loose(joint, f"moves link {quoted(joint.child)}, which hangs on the arm but is not between base and tip")
+        LooseJoint(joint, f"moves link {quoted(joint.child)}, which hangs on the arm but is not between base and tip")
         for body in folded.bodies
         for joint in moving_branches(body, passed, locks)
     ]
 
 
-def shared(locks: Locks, ways: Mapping[str, list[Step]]) -> list[Loose]:
-    """Return the joints that move several arms."""
-    owners: dict[str, list[str]] = {}
-    for name, steps in ways.items():
-        for joint, _ in steps:
-            owners.setdefault(joint.name, []).append(f"arm '{name}'")
-    joints = locks.robot.joints
-    return [
-        Loose(joints[name], f"moves both {' and '.join(arms)}")
-        for name, arms in owners.items()
-        if len(arms) > 1 and locks.pose(joints[name]) is None
-    ]
+def shared(locks: Locks, ends: Mapping[str, tuple[str, str]]) -> list[LooseJoint]:
+    """Return the joints that move several arms, or the bases of arms; `ends` has base and tip link by arm."""
+    arms: dict[str, list[str]] = {}
+    bases: dict[str, list[str]] = {}
+    robot = locks.robot
+    for name, (base, tip) in ends.items():
+        for joint, _ in path_between(robot, base, tip):
+            arms.setdefault(joint.name, []).append(f"arm '{name}'")
+        for joint, _ in path_between(robot, robot.root, base):
+            bases.setdefault(joint.name, []).append(f"base {quoted(base)} of arm '{name}'")
+    reasons = [(name, f"moves both {' and '.join(moved)}") for name, moved in arms.items() if len(moved) > 1]
+    reasons += [(name, f"moves the {' and the '.join(moved)}") for name, moved in bases.items()]
+    joints = robot.joints
+    return [LooseJoint(joints[name], why) for name, why in reasons if locks.pose(joints[name]) is None]
 
 
-def under_bases(locks: Locks, bases: Mapping[str, str]) -> list[Loose]:
-    """Return the joints that move the bases of arms; `bases` has their links by arm."""
-    moved: dict[str, list[str]] = {}
-    for name, base in bases.items():
-        for joint, _ in way(locks.robot, locks.robot.root, base):
-            moved.setdefault(joint.name, []).append(f"base {quoted(base)} of arm '{name}'")
-    joints = locks.robot.joints
-    return [
-        Loose(joints[name], f"moves the {' and the '.join(whose)}")
-        for name, whose in moved.items()
-        if locks.pose(joints[name]) is None
-    ]
-
-
-def refuse_loose(locks: Locks, loose: list[Loose]) -> None:
+def refuse_loose(locks: Locks, loose: list[LooseJoint]) -> None:
     """Refuse all joints that move what must stand still at once, with what to pass so that they are held."""
     if odd := [one for one in loose if one.joint.kind not in MOVING]:
         raise odd[0].joint.element.refuse(
@@ -104,11 +91,11 @@ def refuse_loose(locks: Locks, loose: list[Loose]) -> None:
     raise locks.robot.joints[first].element.refuse(f"{why}{too}{also}{more}; {_advice(locks, loose)}")
 
 
-def _advice(locks: Locks, loose: list[Loose]) -> str:
+def _advice(locks: Locks, loose: list[LooseJoint]) -> str:
     """Return what to pass so that these joints are held; those that follow another of them need nothing."""
     joints = {one.joint.name: one.joint for one in loose}
     free = [joint for joint in joints.values() if joint.mimic is None or joint.mimic.joint not in joints]
-    own = any(joint.name in locks.on_the_way or joint.mimic is not None for joint in free)  # no others to the arms
+    own = any(joint.name in locks.on_path or joint.mimic is not None for joint in free)  # no others to the arms
     return f"try {_held(free)}" + ("" if own else " or lock_others=True")
 
 

@@ -16,7 +16,7 @@ UNSUPPORTED = ("floating", "planar", "ball", "spherical")
 
 @dataclass(frozen=True, eq=False)
 class UrdfInertial:
-    """What a link weighs.
+    """Mass, mass centre and inertia of a link.
 
     Attributes:
         mass: [kg].
@@ -37,9 +37,9 @@ class UrdfLink:
 
     Attributes:
         name: its name.
-        inertial: what it weighs; None if the file does not say.
+        inertial: mass, mass centre and inertia; None if the file gives none.
         element: the <link>.
-        notes: what of it was read in another way than it stands, or not at all.
+        notes: what of it was read differently from what the file states, or not at all.
     """
 
     name: str
@@ -81,7 +81,7 @@ class UrdfJoint:
         friction: [N m or N].
         mimic: the joint it follows, or None.
         element: the <joint>.
-        notes: what of it was read in another way than it stands, or not at all.
+        notes: what of it was read differently from what the file states, or not at all.
     """
 
     name: str
@@ -146,3 +146,42 @@ class UrdfRobot:
         """Return all joints of a link, the one above it first."""
         above = self.joint_above.get(link)
         return self.joints_below[link] if above is None else (above, *self.joints_below[link])
+
+
+_INDENT = 2
+_DEEPEST = 40  # levels that are shown by indentation; long chains stay readable
+
+
+def urdf_tree(robot: UrdfRobot) -> str:
+    """Return one line a link, children indented below parents, with the joint that moves it.
+
+        base
+          shoulder   joint1: revolute, -2.9 to 2.9 rad, 2.2 rad/s, 87 N m
+
+    O(links).
+    """
+    lines, waiting = [], [(robot.root, 0)]
+    while waiting:
+        link, depth = waiting.pop()
+        lines.append(" " * (_INDENT * min(depth, _DEEPEST)) + link + _moved_by(robot, link))
+        waiting += [(joint.child, depth + 1) for joint in reversed(robot.joints_below[link])]
+    return "\n".join(lines)
+
+
+def _moved_by(robot: UrdfRobot, link: str) -> str:
+    """Return the joint above a link and its limits, as far as the file gives them."""
+    joint = robot.joint_above.get(link)
+    if joint is None:
+        return ""
+    length, force = ("m", "N") if joint.kind == "prismatic" else ("rad", "N m")
+    low, high = joint.position_limits
+    facts = [joint.kind]
+    if low > -float("inf") or high < float("inf"):
+        facts.append(f"{low:g} to {high:g} {length}")
+    if joint.rate_limit < float("inf"):
+        facts.append(f"{joint.rate_limit:g} {length}/s")
+    if joint.effort_limit < float("inf"):
+        facts.append(f"{joint.effort_limit:g} {force}")
+    if joint.mimic is not None:
+        facts.append(f"follows {joint.mimic.joint}")
+    return f"   {joint.name}: {', '.join(facts)}"

@@ -23,7 +23,7 @@ class Source:
         name: for messages.
         text: the XML, bytes if their encoding is still to be found out.
         folder: that relative names of meshes start from; None for a text that came without a file.
-        notes: what xacro had to say.
+        notes: what xacro printed, and its warnings.
     """
 
     name: str
@@ -88,22 +88,22 @@ def _expanded(path: str, xacro_args: dict[str, str], trusted: bool) -> Source:
         xacro_document = import_module("xacrodoc").XacroDoc
     except ImportError as cause:
         raise MissingExtra(f"{name}: xacro files need xacrodoc; try pip install 'holdfast[robots]'") from cause
-    said = StringIO()
+    printed = StringIO()
     try:
         folder, file = Path(path).resolve().parent, Path(path).name
         with (
             chdir(folder),
-            redirect_stderr(said),
-            redirect_stdout(said),
+            redirect_stderr(printed),
+            redirect_stdout(printed),
             warnings.catch_warnings(record=True) as warned,
         ):
             warnings.simplefilter("always")  # chdir: xacro looks for relative includes from where it stands
             document = xacro_document.from_file(folder / file, subargs=xacro_args, resolve_packages=False)
             text = document.to_urdf_string()
     except Exception as cause:  # xacro evaluates expressions, which can raise anything
-        reason = " ".join(f"{said.getvalue()} {type(cause).__name__}: {cause}".split())
+        reason = " ".join(f"{printed.getvalue()} {type(cause).__name__}: {cause}".split())
         advice = "; try xacrodoc.packages.update_package_cache({name: folder})" if "Package not found" in reason else ""
         raise SceneError(f"{name}: xacro cannot expand it: {shortened(reason, 400)}{advice}") from cause
-    lines = (*said.getvalue().splitlines(), *(str(warning.message) for warning in warned))
+    lines = (*printed.getvalue().splitlines(), *(str(warning.message) for warning in warned))
     notes = tuple(f"{name}: xacro says: {line}" for line in lines if line.strip())
     return Source(f"{name} (expanded)", text, folder, notes)

@@ -1,0 +1,135 @@
+"""Files: their paths, and reading and writing them so that each is whole or absent, whenever anything may die."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable
+from os import PathLike, fspath
+from pathlib import Path
+from typing import IO, Any
+
+from holdfast.errors import HoldfastError, ResultError
+
+LONGEST_MESSAGE = 600  # characters; names and values that a file contains are quoted in it
+LONGEST_NAME = 200  # of a file or a path inside it
+
+
+def one_line(text: str, most: int = LONGEST_MESSAGE) -> str:
+    """Return a text as messages show it: on one line, printable, cut to at most so many characters."""
+    shown = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text[: most + 1])
+    return shown if len(shown) <= most else shown[: most - 3] + "..."
+
+
+def file_path(given: Any, what: str, error: type[HoldfastError] = ResultError) -> Path:
+    """Return a path from a str or a path object.
+
+    Args:
+        given: what the caller gave.
+        what: its name, for the message.
+        error: what to raise.
+
+    Raises:
+        HoldfastError: of that kind, if it is neither, or empty.
+    """
+    name = fspath(given) if isinstance(given, str | PathLike) else given
+    if not isinstance(name, str):
+        raise error(f"{what}: expected a path (str or pathlib.Path), got {type(given).__name__}")
+    if not name:
+        raise error(f"{what}: expected a path, got an empty text")
+    return Path(name)
+
+
+def read_bounded(path: Path, most: int) -> bytes:
+    """Return a file's bytes, of a larger file one more than `most`.
+
+    Raises:
+        OSError: it cannot be read; the message or `strerror` says why.
+    """
+    try:
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise OSError("is not a file")  # a device or a pipe, which might never end
+        with path.open("rb") as file:
+            return file.read(most + 1)
+    except ValueError as cause:  # a path that no file system takes
+        raise OSError(str(cause)) from cause
+
+
+def reason_of(cause: OSError) -> str:
+    """Return why a file cannot be read or written, as the operating system says it."""
+    return cause.strerror or str(cause)
+
+
+def write_atomically(path: Path, content: bytes | Callable[[IO[bytes]], object]) -> None:
+    """Write a file beside its place, then move it there; when this returns it is on disk to stay.
+
+    Costs two waits for the disk: for the file, and for the folder that names it.
+
+    Args:
+        path: its place.
+        content: the bytes, or what writes them to an open file.
+
+    Raises:
+        ResultError: it cannot be written; what was at its place is still there.
+    """
+    require_file(path)
+    beside = path.with_name(path.name + ".part")
+    try:
+        try:
+            with beside.open("wb") as file:
+                if callable(content):
+                    content(file)
+                else:
+                    file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(beside, path)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                beside.unlink(missing_ok=True)
+            raise
+        _keep_names(path.parent)
+    except OSError as cause:
+        raise _unwritable(path, reason_of(cause)) from cause
+
+
+def require_file(path: Path) -> None:
+    """Refuse what cannot be a file's place: no name, a folder, or a device, which a file must not take the place of.
+
+    Raises:
+        ResultError: saying which.
+    """
+    if "\0" in str(path):
+        raise _unwritable(path, "no file's name has a null character")
+    if path.name in ("", ".."):
+        raise _unwritable(path, "expected the name of a file")
+    if os.path.exists(path) and not os.path.isfile(path):
+        raise _unwritable(path, "is not a file")
+
+
+def remove(*paths: Path) -> None:
+    """Remove files, those that are there.
+
+    Raises:
+        ResultError: one cannot be removed.
+    """
+    for path in paths:
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as cause:
+            raise ResultError(f"{path}: cannot be removed: {reason_of(cause)}") from cause
+
+
+def _unwritable(path: Path, reason: str) -> ResultError:
+    return ResultError(f"{one_line(str(path), LONGEST_NAME)}: cannot be written: {reason}")
+
+
+def _keep_names(folder: Path) -> None:
+    """Wait until the names in a folder are on disk: a moved or new file may otherwise be lost with the power."""
+    if os.name == "nt":  # no folder can be opened there; NTFS keeps names in its own journal
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

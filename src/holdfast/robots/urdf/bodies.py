@@ -1,0 +1,153 @@
+"""A path through a tree of links as rigid bodies and the joints between them.
+
+Fixed and held joints weld their links together, side branches included. A joint that is
+passed from child to parent turns about the same axis the other way: with T0 its placement,
+
+    parent -> child   T0 Rot(a, q)          child -> parent   Rot(-a, q) T0^-1,
+
+so the body beyond it takes the joint's frame for its own, and its link lies at T0^-1 in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from holdfast.model.link import Link
+from holdfast.robots.urdf.document import quoted
+from holdfast.robots.urdf.path import Locks, PassedJoint
+from holdfast.robots.urdf.robot import UrdfJoint, UrdfRobot
+from holdfast.spatial.inertia import turned
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.vector import dot, product
+
+Welded = dict[str, Pose]  # pose in the body's frame, by link name
+
+
+@dataclass(frozen=True, eq=False)
+class WeldedBody:
+    """Links that one joint moves as one.
+
+    Attributes:
+        step: the joint, and in which direction it is passed.
+        placement: pose of the body's frame at q = 0 in the frame of the body before.
+        links: pose in the body's frame, by link name; the link that the joint moves first.
+    """
+
+    step: PassedJoint
+    placement: Pose
+    links: Welded
+
+
+@dataclass(frozen=True, eq=False)
+class FoldedChain:
+    """A robot as one chain of bodies.
+
+    Attributes:
+        base: name of the link that stands still.
+        path: the joints from it to the tip link.
+        on_base: pose in the base link's frame, by name of the links that stand still with it.
+        bodies: what moves, base to tip.
+        tip: pose of the tip link in the last body's frame.
+    """
+
+    base: str
+    path: list[PassedJoint]
+    on_base: Welded
+    bodies: tuple[WeldedBody, ...]
+    tip: Pose
+
+
+def fold(base: str, path: list[PassedJoint], locks: Locks) -> FoldedChain:
+    """Return the bodies along the path from the base link. O(links)."""
+    at = Pose.identity()
+    on_base, bodies = {base: at}, []
+    welded = on_base
+    for step in path:
+        joint, down = step
+        across = locks.pose(joint)
+        if across is not None:
+            at = at @ (across if down else across.inverse())
+            welded[step.beyond] = at
+            continue
+        placement = at @ joint.origin if down else at
+        at = Pose.identity() if down else joint.origin.inverse()
+        welded = {step.beyond: at}
+        bodies.append(WeldedBody(step, placement, welded))
+    passed = {step.joint.name for step in path}
+    _weld_branches(on_base, passed, replace(locks, others=False))  # what moves on the base does not matter
+    for body in bodies:
+        _weld_branches(body.links, passed, locks)
+    return FoldedChain(base, path, on_base, tuple(bodies), at)
+
+
+def _weld_branches(links: Welded, passed: set[str], locks: Locks) -> None:
+    """Add to the links of a body what hangs on them by fixed and held joints off the path."""
+    waiting = list(links)
+    while waiting:
+        link = waiting.pop()
+        for joint in locks.robot.joints_at(link):
+            beyond = joint.other(link)
+            if joint.name in passed or beyond in links or (across := locks.pose(joint)) is None:
+                continue
+            links[beyond] = links[link] @ (across if link == joint.parent else across.inverse())
+            waiting.append(beyond)
+
+
+def moving_branches(body: WeldedBody, passed: set[str], locks: Locks) -> list[UrdfJoint]:
+    """Return the joints off the path that move something on a body, however far out. O(links)."""
+    found, waiting, seen = [], list(body.links), set(body.links)
+    while waiting:
+        link = waiting.pop()
+        for joint in locks.robot.joints_at(link):
+            beyond = joint.other(link)
+            if joint.name in passed or beyond in seen:
+                continue
+            if locks.pose(joint) is None:
+                found.append(joint)
+            seen.add(beyond)
+            waiting.append(beyond)
+    return found
+
+
+def welded_link(robot: UrdfRobot, body: WeldedBody, physical: bool) -> Link:
+    """Return the links of a body as one.
+
+        m = sum m_i,  c = sum m_i c_i / m,  J = sum R_i J_i R_i^T + m_i (d_i.d_i 1 - d_i d_i^T),
+
+    d_i = c_i - c. Each link by itself must be possible.
+
+    Raises:
+        SceneError: an impossible link, or a body without any <inertial>.
+    """
+    name = next(iter(body.links))
+    parts: list[tuple[float, Array, Array]] = []
+    for link, at in body.links.items():
+        inertial = robot.links[link].inertial
+        if inertial is None:
+            continue
+        with inertial.element.refusals():
+            own = Link(inertial.mass, inertial.com, inertial.inertia, link, physical)
+        parts.append((own.mass, at.p + product(at.R, own.com), turned(own.inertia, at.R)))
+    if not parts:
+        raise robot.links[name].element.refuse(
+            f"expected <inertial>, since joint {quoted(body.step.joint.name)} moves it, got none; try adding one"
+            " (mass 0 and inertia 0 where it is meant to be massless)"
+        )
+    with robot.links[name].element.refusals():
+        return Link(*welded(parts), name=name, physical=physical)
+
+
+def welded(parts: list[tuple[float, Array, Array]]) -> tuple[float, Array, Array]:
+    """Return mass, mass centre and inertia about it of bodies welded together, each given by the same three."""
+    m = sum(part[0] for part in parts)
+    c = sum((m_i / m * c_i for m_i, c_i, _ in parts), np.zeros(3)) if m > 0 else np.zeros(3)
+    if len(parts) == 1:
+        c = parts[0][1]
+    J = np.zeros((3, 3))
+    for m_i, c_i, J_i in parts:
+        d = c_i - c
+        J = J + J_i + m_i * (dot(d, d) * np.eye(3) - np.outer(d, d))
+    return m, c + 0.0, J + 0.0  # no -0.0

@@ -1,0 +1,239 @@
+"""URDF files to trees of links and joints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from os import PathLike
+from typing import TypeVar
+
+import numpy as np
+
+from holdfast.model import checks
+from holdfast.model.joint import UNBOUNDED
+from holdfast.robots.urdf import attributes
+from holdfast.robots.urdf.document import Element, hint, listed, parse_document, quoted
+from holdfast.robots.urdf.robot import MOVING, UNSUPPORTED, Mimic, UrdfInertial, UrdfJoint, UrdfLink, UrdfRobot
+from holdfast.robots.urdf.source import Source, read_source
+from holdfast.spatial.inertia import turned
+from holdfast.spatial.scalar import Array
+
+SMALLEST_RADIUS = 1e-8  # [m] of gyration; iCub's exporter leaves 1e-35 to 1e-18 kg m^2 beside zeros, which no body has
+Named = TypeVar("Named", UrdfLink, UrdfJoint)
+
+
+def read_urdf(
+    path_or_text: str | PathLike[str] | Source,
+    *,
+    xacro_args: Mapping[str, str] | None = None,
+    trust_xacro: bool = False,
+) -> UrdfRobot:
+    """Return the tree of links and joints that a URDF file describes. O(links + joints).
+
+    Every link and joint is read, wherever it stands; whether masses and inertias are
+    possible is asked where they are used. Angles within 1e-12 rad of a multiple of pi/2
+    are taken as that multiple.
+
+    Args:
+        path_or_text: a file, or the text itself (it begins with `<`). A file whose name ends
+            in `.xacro` is expanded first (extra `robots`), if `trust_xacro` is true.
+        xacro_args: values of the file's <xacro:arg> by name.
+        trust_xacro: whether to expand a `.xacro` file. That runs the Python expressions in it
+            and in the files that it includes, which can do whatever you can.
+
+    Raises:
+        SceneError: what is wrong, with file, line and element; a .xacro file without `trust_xacro`.
+        MissingExtra: a .xacro file without xacrodoc.
+    """
+    source = read_source(path_or_text, xacro_args, trust_xacro)
+    root = parse_document(source.text, source.name)
+    if root.tag != "robot":
+        raise root.refuse("expected <robot> as the outermost element")
+    notes = (*source.notes, *attributes.unread_notes(root))
+    links = _by_name([_link(element) for element in root.children if element.tag == "link"])
+    joints = _by_name([_joint(element) for element in root.children if element.tag == "joint"])
+    name = attributes.name(root) if root.attributes.get("name", "").strip() else ""
+    robot = UrdfRobot(name, links, joints, _root(root, links, joints), root, notes)
+    _refuse_circles(robot)
+    return robot
+
+
+def _by_name(members: list[Named]) -> dict[str, Named]:
+    """Return links or joints by name; the same name twice is refused."""
+    found: dict[str, Named] = {}
+    for member in members:
+        if member.name in found:
+            first = found[member.name].element.line
+            raise member.element.refuse(f"expected a name of its own, first used in line {first}")
+        found[member.name] = member
+    return found
+
+
+def _root(element: Element, links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint]) -> str:
+    """Return the one link that is no joint's child, if links and joints form a tree. O(links + joints).
+
+    Raises:
+        SceneError: no link, a joint to an unknown link, a link with two parents, a loop,
+            several roots.
+    """
+    if not links:
+        raise element.refuse("expected at least one <link>, got none")
+    above: dict[str, UrdfJoint] = {}
+    for joint in joints.values():
+        for side, link in (("parent", joint.parent), ("child", joint.child)):
+            if link not in links:
+                raise joint.element.refuse(f"{side}: no link {quoted(link)}.{hint(link, links)}")
+        if joint.child in above:
+            other = above[joint.child]
+            raise joint.element.refuse(
+                f"child: link {quoted(joint.child)} hangs on joint {quoted(other.name)} already (line"
+                f" {other.element.line}): a loop, which joints in series cannot close"
+            )
+        above[joint.child] = joint
+    roots = [link for link in links if link not in above]
+    if len(roots) > 1:
+        raise links[roots[1]].element.refuse(f"expected one root link, got {listed(roots)}; try joining them")
+    if not roots:
+        raise element.refuse("expected a root link that is no joint's child, got joints in a circle")
+    return roots[0]
+
+
+def _refuse_circles(robot: UrdfRobot) -> None:
+    """Refuse links that cannot be reached from the root: each has a parent, so they stand in a circle."""
+    reached, waiting = {robot.root}, [robot.root]
+    while waiting:
+        children = [joint.child for joint in robot.joints_below[waiting.pop()]]
+        reached.update(children)
+        waiting += children
+    if astray := [link for link in robot.links if link not in reached]:
+        raise robot.links[astray[0]].element.refuse(f"hangs on joints in a circle with {listed(astray)}")
+
+
+def _link(element: Element) -> UrdfLink:
+    """Return a link; without <inertial> it weighs nothing."""
+    notes = list(attributes.unread_notes(element))
+    inertial = element.first("inertial")
+    weight = None if inertial is None else _inertial(inertial, notes)
+    return UrdfLink(attributes.name(element), weight, element, tuple(notes))
+
+
+def _inertial(element: Element, notes: list[str]) -> UrdfInertial:
+    """Return mass, mass centre and inertia, turned into link axes; an inertia that is only rounding is 0."""
+    mass = attributes.number(element.required("mass"), "value", size=attributes.LARGEST)
+    moments = element.required("inertia")
+    J = _symmetric(moments)
+    if J.any() and np.abs(J).max() <= mass * SMALLEST_RADIUS**2:
+        notes.append(moments.message(f"inertia up to {np.abs(J).max():g} kg m^2, taken as 0"))
+        J = np.zeros((3, 3))
+    at = attributes.pose(element.first("origin"))
+    return UrdfInertial(mass, at.p, turned(J, at.R), element)
+
+
+def _symmetric(moments: Element) -> Array:
+    """Return the (3, 3) matrix; entries below the diagonal may be given too, and must agree."""
+    xx, xy, xz, yy, yz, zz = (
+        attributes.number(moments, key, size=attributes.LARGEST) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    )
+    for mirror, key, value in (("iyx", "ixy", xy), ("izx", "ixz", xz), ("izy", "iyz", yz)):
+        if (again := attributes.number(moments, mirror, value)) != value:
+            raise moments.refuse(f"{mirror}: expected {key}, {value!r}, since an inertia is symmetric, got {again!r}")
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _joint(element: Element) -> UrdfJoint:
+    """Return a joint; axis, limits and friction of one that cannot move mean nothing and are not read."""
+    notes = list(attributes.unread_notes(element))
+    kind = _kind(element)
+    moving = kind in MOVING
+    position_limits, rate_limit, effort_limit = _limits(element, kind, notes) if moving else (UNBOUNDED, np.inf, np.inf)
+    damping, friction = _losses(element) if moving else (0.0, 0.0)
+    return UrdfJoint(
+        name=attributes.name(element),
+        kind=kind,
+        parent=attributes.name(element.required("parent"), "link"),
+        child=attributes.name(element.required("child"), "link"),
+        origin=attributes.pose(element.first("origin")),
+        axis=_axis(element, notes) if moving else np.array([1.0, 0.0, 0.0]),
+        position_limits=position_limits,
+        rate_limit=rate_limit,
+        effort_limit=effort_limit,
+        damping=damping,
+        friction=friction,
+        mimic=_mimic(element) if moving else None,
+        element=element,
+        notes=tuple(notes),
+    )
+
+
+def _kind(element: Element) -> str:
+    """Return the joint's type, one that URDF or its dialects know."""
+    kind = attributes.name(element, "type")
+    known = (*MOVING, "fixed", *UNSUPPORTED)
+    if kind not in known:
+        raise element.refuse(
+            f"type: expected one of {', '.join(known)}, got {quoted(kind)}.{checks.did_you_mean(kind, known)}"
+        )
+    return kind
+
+
+def _axis(element: Element, notes: list[str]) -> np.ndarray:
+    """Return the unit axis; x where none is given, as the format prescribes."""
+    if (axis := element.first("axis")) is not None:
+        return attributes.axis(axis)
+    notes.append(element.message("no <axis>, taken as 1 0 0"))
+    return np.array([1.0, 0.0, 0.0])
+
+
+def _losses(element: Element) -> tuple[float, float]:
+    """Return viscous damping and Coulomb friction."""
+    if (dynamics := element.first("dynamics")) is None:
+        return 0.0, 0.0
+    damping, friction = (attributes.number(dynamics, key, 0.0, at_least=0.0) for key in ("damping", "friction"))
+    return damping, friction
+
+
+def _mimic(element: Element) -> Mimic | None:
+    """Return which joint this one follows, if it does."""
+    if (mimic := element.first("mimic")) is None:
+        return None
+    followed = attributes.name(mimic, "joint")
+    multiplier, offset = attributes.number(mimic, "multiplier", 1.0), attributes.number(mimic, "offset", 0.0)
+    return Mimic(followed, multiplier, offset)
+
+
+def _limits(element: Element, kind: str, notes: list[str]) -> tuple[tuple[float, float], float, float]:
+    """Return limits of position, rate and effort, infinite where the file gives none.
+
+    Programs that write URDF fill in zeros for what they do not know. A joint that may not
+    move at all would be a fixed one, so a rate, an effort or a range of zero counts as not
+    given, and is noted.
+    """
+    limit = element.first("limit")
+    if limit is None:
+        if kind != "continuous":
+            notes.append(element.message("no <limit>, taken as unlimited"))
+        return UNBOUNDED, math.inf, math.inf
+    rate, effort = (_bound(limit, key, notes) for key in ("velocity", "effort"))
+    lower, upper = attributes.limit(limit, "lower"), attributes.limit(limit, "upper")
+    if kind == "continuous":
+        if lower is not None or upper is not None:
+            notes.append(limit.message("lower, upper: not read, since a continuous joint has none"))
+        return UNBOUNDED, rate, effort
+    low, high = lower or 0.0, upper or 0.0  # one alone: the format says 0 for the other
+    if low == high == 0.0:
+        notes.append(limit.message("lower, upper: a range of 0, taken as unlimited"))
+        return UNBOUNDED, rate, effort
+    if low > high:
+        raise limit.refuse(f"expected lower <= upper, got {low:g} and {high:g}")
+    return (low, high), rate, effort
+
+
+def _bound(limit: Element, key: str, notes: list[str]) -> float:
+    """Return the largest rate or effort; infinite for none and for zero."""
+    value = attributes.limit(limit, key)
+    if value is None or value == 0.0:
+        notes.append(limit.message(f"{key}: {'missing' if value is None else '0'}, taken as unlimited"))
+        return math.inf
+    if value < 0:
+        raise limit.refuse(f"{key}: expected >= 0, got {value!r}")
+    return value
