@@ -45,7 +45,7 @@ class Graph:
     def make(self, kind: str, *args: Value) -> Node:
         """Return the node of an operation as it stands, without simplifying."""
         nodes = self._nodes(args)
-        key = (kind, *map(SERIAL, nodes))
+        key = (kind, *[node.serial for node in nodes])
         node = self._known.get(key)
         if node is None:
             node = self._known[key] = self._new(kind, nodes, 0.0)
@@ -53,32 +53,26 @@ class Graph:
 
     def apply(self, kind: str, *args: Value) -> Value:
         """Return an operation's result, simplified: a number if it is known already."""
-        traced = truths = False
-        for a in args:
-            if isinstance(a, Node):
+        traced = False
+        for k, a in enumerate(args):
+            if type(a) is Node:
                 traced = True
                 if a.graph is not self:
                     raise CompileError(f"{place_of_call()}: operands of two different traces meet")
-                if a.kind in TRUTHS:
-                    truths = True
-        if truths:
-            _refuse_truths(args[1:] if kind == "select" else args)
+                if a.kind in TRUTHS and (k or kind != "select"):
+                    raise CompileError(
+                        f"{place_of_call()}: expected a number, got the truth of a comparison;"
+                        " try where(condition, 1.0, 0.0)"
+                    )
         if not traced and kind in OPERATIONS:
             return OPERATIONS[kind](*args)
         rule = algebra.RULES.get(kind)
         return rule(self, *args) if rule else self.make(kind, *args)
 
     def _nodes(self, args: tuple[Value, ...]) -> tuple[Node, ...]:
-        return tuple([a if isinstance(a, Node) else self.constant(a) for a in args])
+        return tuple([a if type(a) is Node else self.constant(a) for a in args])
 
     def _new(self, kind: str, args: tuple[Node, ...], value: float) -> Node:
         node = Node(self, len(self.nodes), kind, args, value)
         self.nodes.append(node)
         return node
-
-
-def _refuse_truths(numbers: tuple[Value, ...]) -> None:
-    if any(isinstance(a, Node) and a.is_truth for a in numbers):
-        raise CompileError(
-            f"{place_of_call()}: expected a number, got the truth of a comparison; try where(condition, 1.0, 0.0)"
-        )

@@ -132,15 +132,18 @@ class Group:
 
     def phase(self, node: Node) -> int:
         """Return the phase that computes a number of the region."""
-        phases = self._phases
-        for n in self.region.graph.nodes[len(phases) : node.serial + 1]:
+        phases, serial = self._phases, node.serial
+        if serial < len(phases):
+            return phases[serial]
+        for n in self.region.graph.nodes[len(phases) : serial + 1]:
             latest = 0
             for a in n.args:
-                latest = max(latest, phases[a.serial])
+                if phases[a.serial] > latest:
+                    latest = phases[a.serial]
             if n.kind == "input":
                 latest = self._given.get(n.serial, -1)  # -1: another group's, which shares the region
             phases.append(latest)
-        return phases[node.serial]
+        return phases[serial]
 
 
 class Turns:
