@@ -15,7 +15,8 @@ SCRIPT = """
 import json, sys
 import numpy as np
 import holdfast
-from holdfast.compiler import composition, cpu
+from holdfast.compiler import composition
+from holdfast.compiler.targets import cpu
 from tests.compiled.problems import chain_of, numbers, one, outputs
 
 compilations, traces = [], []

@@ -15,8 +15,8 @@ from holdfast.compiled.arm_functions import COMPUTATIONS
 from holdfast.compiled.functions import ChainFunctions
 from holdfast.compiled.not_compiled import REASONS
 from holdfast.compiled.structure import Options
-from holdfast.compiler import cpu
 from holdfast.compiler.interpret import interpret_schedule
+from holdfast.compiler.targets import cpu
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.arm.posture import posture

@@ -8,10 +8,9 @@ from hypothesis import strategies as st
 from holdfast.compiled.forward_schedule import forward_schedule
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.structure import Options, Structure
-from holdfast.compiler.expand import lowered
 from holdfast.compiler.interpret import interpret_schedule
-from holdfast.compiler.program_schedule import schedule_of
-from holdfast.compiler.schedule import Schedule
+from holdfast.compiler.lowering import lowered
+from holdfast.compiler.schedule import Schedule, schedule_of
 from tests.compiled.problems import chain_of, numbers, one
 from tests.compiler.emulated import outputs, require_emulator
 from tests.compiler.programs import NUMBERS, programs, same_bits

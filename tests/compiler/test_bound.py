@@ -6,8 +6,7 @@ import weakref
 import numpy as np
 import pytest
 
-from holdfast.compiler.bound import aligned
-from holdfast.compiler.kernel import compile_program
+from holdfast.compiler.kernel import aligned, compile_program
 from holdfast.compiler.trace import trace
 
 

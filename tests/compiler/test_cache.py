@@ -8,10 +8,11 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from holdfast.compiler import cache, cpu
-from holdfast.compiler.expand import lowered
+from holdfast.compiler import cache
 from holdfast.compiler.kernel import Kernel, compile_program
-from holdfast.compiler.program_schedule import schedule_of
+from holdfast.compiler.lowering import lowered
+from holdfast.compiler.schedule import schedule_of
+from holdfast.compiler.targets import cpu
 from holdfast.compiler.trace import trace
 
 X = np.array([0.3, -1.2, 2.0])

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from holdfast.compiler.cut import Pieces, by_length, by_phase
-from holdfast.compiler.expand import lowered
 from holdfast.compiler.interpret import interpret
+from holdfast.compiler.lowering import lowered
 from holdfast.compiler.program import Program
 from holdfast.compiler.trace import trace
 from tests.compiler.programs import NUMBERS, all_same_bits, programs

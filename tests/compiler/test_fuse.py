@@ -5,9 +5,8 @@ import math
 import numpy as np
 from hypothesis import given, settings
 
-from holdfast.compiler.expand import expand, lowered
-from holdfast.compiler.fuse import fuse
 from holdfast.compiler.interpret import interpret
+from holdfast.compiler.lowering import expand, fuse, lowered
 from holdfast.compiler.trace import trace
 from tests.compiler.programs import all_same_bits, programs
 

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from holdfast.compiler import cpu
 from holdfast.compiler.errors import CompileError
 from holdfast.compiler.interpret import interpret
 from holdfast.compiler.kernel import compile_program
+from holdfast.compiler.targets import cpu
 from holdfast.compiler.trace import trace
 from tests.compiler.programs import NUMBERS, all_same_bits, programs
 

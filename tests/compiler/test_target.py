@@ -5,10 +5,10 @@ import re
 import numpy as np
 import pytest
 
-from holdfast.compiler import cpu
 from holdfast.compiler.errors import CompileError
 from holdfast.compiler.interpret import interpret
 from holdfast.compiler.kernel import compile_program
+from holdfast.compiler.targets import cpu
 from holdfast.compiler.trace import trace
 from tests.compiler.programs import all_same_bits
 from tests.compiler.schedules import stage

@@ -6,8 +6,8 @@ import mpmath
 import numpy as np
 import pytest
 
-from holdfast.compiler.expand import expand
 from holdfast.compiler.kernel import compile_program
+from holdfast.compiler.lowering import expand
 from holdfast.compiler.trace import trace
 from holdfast.compiler.trigonometry import LARGEST_ARGUMENT
 

@@ -12,10 +12,10 @@ from holdfast.compiled.arm_functions import ATTITUDES, CLOSED
 from holdfast.compiled.function import CompiledFunction
 from holdfast.compiled.not_compiled import missing
 from holdfast.compiled.structure import Options
-from holdfast.compiled.turns import align, log
 from holdfast.dynamics.consistency import POSITION_ROWS, GraspResidual
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
 
 
@@ -339,7 +339,10 @@ class ChainFunctions:
             if names:
                 seen = np.concatenate([attitudes[..., parts[name]] for name in names], -1)
                 seen = seen.reshape(*lead, len(names), ATTITUDES[kind])
-                turn = _logarithm(seen) if kind == "rigid" else align(seen, np.eye(3)[0])
+                if kind == "rigid":  # the transposes' rotation vectors
+                    turn = rotation.log(seen.reshape(*seen.shape[:-1], 3, 3).swapaxes(-1, -2))
+                else:
+                    turn = rotation.align(seen, np.eye(3)[0])
                 turns |= {name: turn[..., k, :] for k, name in enumerate(names)}
         return turns
 
@@ -355,8 +358,3 @@ class ChainFunctions:
                 raise StateError(
                     f"grasp_wrench: arm '{name}' holds nothing, expected zeros, got {loads[loaded[0]]}{where}"
                 )
-
-
-def _logarithm(entries: Array) -> Array:
-    """Return the rotation vectors of the transposes of matrices (..., 9)."""
-    return log(entries.reshape(*entries.shape[:-1], 3, 3).swapaxes(-1, -2))

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import holdfast.compiler
 from holdfast.compiled.structure import Structure
-from holdfast.compiler import cpu
 from holdfast.compiler.kernel import Kernel
 from holdfast.compiler.schedule import External, Schedule
+from holdfast.compiler.targets import cpu
 
 # The rooms whose text becomes machine code.
 _ROOMS = ("spatial", "model", "state", "dynamics", "compiler", "compiled")

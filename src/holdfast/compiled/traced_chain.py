@@ -16,6 +16,7 @@ from holdfast.compiler.composition import Composition
 from holdfast.compiler.derivation import derived
 from holdfast.compiler.node import Node
 from holdfast.compiler.schedule import External, Schedule
+from holdfast.compiler.targets import cpu
 from holdfast.compiler.trace import inputs, running_a_text
 from holdfast.dynamics.arm.regrouping import regrouped
 from holdfast.model.arm import Arm
@@ -55,7 +56,8 @@ def traced(
         loops.reset(token)
     outputs = {name: list(np.asarray(found[name], dtype=object).flat) for name, e in externals.items() if name in found}
     assert all(len(x) == math.prod(externals[name].shape) for name, x in outputs.items())
-    return derived(composition, externals, numbers, outputs, status, guarded)
+    # a processor without fma would call a library for each: it keeps products and sums apart
+    return derived(composition, externals, numbers, outputs, status, guarded, fused=cpu.has_fma())
 
 
 def traced_chain(structure: Structure, given: Given) -> ClosedChain:

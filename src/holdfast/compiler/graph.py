@@ -1,10 +1,17 @@
-"""The expression graph: every node made once."""
+"""The expression graph: every node made once, and none that need not be made.
+
+Constants are folded, neutral operands dropped, signs carried outward. Rounded results never change: a rewritten
+operation rounds the same number. Only what an algorithm must not rely on is given up: the sign of a zero, and NaN from
+0 * inf, inf - inf, 0 / 0.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from operator import attrgetter
+from typing import Any, TypeGuard
 
-from holdfast.compiler import algebra
 from holdfast.compiler.arithmetic import OPERATIONS, TRUTHS
 from holdfast.compiler.errors import CompileError, place_of_call
 from holdfast.compiler.node import Node
@@ -66,7 +73,7 @@ class Graph:
                     )
         if not traced and kind in OPERATIONS:
             return OPERATIONS[kind](*args)
-        rule = algebra.RULES.get(kind)
+        rule = RULES.get(kind)
         return rule(self, *args) if rule else self.make(kind, *args)
 
     def _nodes(self, args: tuple[Value, ...]) -> tuple[Node, ...]:
@@ -76,3 +83,121 @@ class Graph:
         node = Node(self, len(self.nodes), kind, args, value)
         self.nodes.append(node)
         return node
+
+
+# The rules by which operations are simplified, by kind; their operands are nodes or floats.
+
+
+def add(graph: Graph, a: Any, b: Any) -> Any:
+    """Return a + b."""
+    a, b = ordered(a, b)
+    if isinstance(b, float) and b == 0.0:
+        return a
+    if is_negated(b):
+        return graph.apply("subtract", a, b.args[0])
+    if is_negated(a):
+        return graph.apply("subtract", b, a.args[0])
+    return graph.make("add", a, b)
+
+
+def subtract(graph: Graph, a: Any, b: Any) -> Any:
+    """Return a - b."""
+    if a is b:
+        return 0.0
+    if isinstance(b, float):
+        return graph.apply("add", a, -b)  # one node for x - 2 and x + -2
+    if is_negated(b):
+        return graph.apply("add", a, b.args[0])
+    if is_negated(a):
+        return graph.apply("negate", graph.apply("add", a.args[0], b))
+    if isinstance(a, float) and a == 0.0:
+        return graph.apply("negate", b)
+    if graph.known("subtract", b, a) is not None:  # x - y and y - x share a node
+        return graph.apply("negate", graph.make("subtract", b, a))
+    return graph.make("subtract", a, b)
+
+
+def multiply(graph: Graph, a: Any, b: Any) -> Any:
+    """Return a * b."""
+    a, b = ordered(a, b)
+    if is_negated(a):
+        return graph.apply("negate", graph.apply("multiply", a.args[0], b))
+    if is_negated(b):
+        return graph.apply("negate", graph.apply("multiply", a, b.args[0]))
+    if isinstance(b, float):
+        if b == 0.0:
+            return 0.0
+        if b == 1.0:
+            return a
+        if b < 0.0:
+            return graph.apply("negate", graph.apply("multiply", a, -b))
+    return graph.make("multiply", a, b)
+
+
+def divide(graph: Graph, a: Any, b: Any) -> Any:
+    """Return a / b; by a power of two it is a product, which rounds the same."""
+    if isinstance(a, float):
+        if a == 0.0:
+            return 0.0
+        if a < 0.0:
+            return graph.apply("negate", graph.apply("divide", -a, b))
+    if isinstance(b, float):
+        if b < 0.0:
+            return graph.apply("negate", graph.apply("divide", a, -b))
+        if math.frexp(b)[0] == 0.5 and math.isfinite(1.0 / b):
+            return graph.apply("multiply", a, 1.0 / b)
+    if is_negated(a):
+        return graph.apply("negate", graph.apply("divide", a.args[0], b))
+    if is_negated(b):
+        return graph.apply("negate", graph.apply("divide", a, b.args[0]))
+    return graph.make("divide", a, b)
+
+
+def negate(graph: Graph, x: Any) -> Any:
+    """Return -x; the sign stays on the outside, for the next sum to take up."""
+    return x.args[0] if is_negated(x) else graph.make("negate", x)
+
+
+def absolute(graph: Graph, x: Any) -> Any:
+    """Return |x|."""
+    return graph.make("absolute", x.args[0]) if x.kind in ("negate", "absolute") else graph.make("absolute", x)
+
+
+def fma(graph: Graph, a: Any, b: Any, c: Any) -> Any:
+    """Return a b + c rounded once."""
+    a, b = ordered(a, b)
+    if isinstance(b, float) and b in (0.0, 1.0, -1.0) and not isinstance(a, float):
+        return c if b == 0.0 else graph.apply("add" if b == 1.0 else "subtract", c, a)
+    if isinstance(c, float) and c == 0.0:
+        return graph.apply("multiply", a, b)
+    return graph.make("fma", a, b, c)
+
+
+def less(graph: Graph, a: Any, b: Any) -> Any:
+    """Return a < b."""
+    return False if a is b else graph.make("less", a, b)
+
+
+def select(graph: Graph, condition: Any, a: Any, b: Any) -> Any:
+    """Return a if the condition holds, else b."""
+    if not isinstance(condition, Node):
+        return a if condition else b
+    same = a.hex() == b.hex() if isinstance(a, float) and isinstance(b, float) else a is b
+    return a if same else graph.make("select", condition, a, b)
+
+
+def ordered(a: Any, b: Any) -> tuple[Any, Any]:
+    """Return the operands of a commutative operation in their one order: as made, numbers last."""
+    if isinstance(b, float):
+        return a, b
+    return (b, a) if isinstance(a, float) or a.serial > b.serial else (a, b)
+
+
+def is_negated(x: Any) -> TypeGuard[Node]:
+    """Return whether x is a node's negative."""
+    return isinstance(x, Node) and x.kind == "negate"
+
+
+RULES: dict[str, Callable[..., Any]] = {
+    rule.__name__: rule for rule in (add, subtract, multiply, divide, negate, absolute, fma, less, select)
+}

@@ -13,7 +13,7 @@ import numpy as np
 from holdfast.compiler import schedule as schedules
 from holdfast.compiler.arithmetic import OPERATIONS
 from holdfast.compiler.errors import CompileError
-from holdfast.compiler.expand import lowered
+from holdfast.compiler.lowering import lowered
 from holdfast.compiler.program import Program
 from holdfast.compiler.schedule import Call, Schedule, Wire
 

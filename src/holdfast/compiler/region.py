@@ -13,7 +13,7 @@ from holdfast.compiler.values import Leaf
 Classes = tuple[int, ...]  # which numbers of a carry are one and the same
 
 
-class Taken(NamedTuple):
+class RegionInput(NamedTuple):
     """A port of a region, and where its numbers are in an item: which of which leaf."""
 
     inputs: Leaf
@@ -33,7 +33,7 @@ class Traversal(NamedTuple):
     """
 
     value: Any
-    ports: tuple[Taken, ...]
+    ports: tuple[RegionInput, ...]
     carry: Any
     carried: Leaf
     after: Region
@@ -67,7 +67,7 @@ class Outside(NamedTuple):
 class Images(dict[Node, Node]):
     """Numbers of a region as they are outside, for one item of a group."""
 
-    def __init__(self, outside: Outside, group: Group, item: int) -> None:
+    def __init__(self, outside: Outside, group: TracedGroup, item: int) -> None:
         super().__init__()
         self.outside, self.group, self.item = outside, group, item
 
@@ -82,7 +82,7 @@ class Images(dict[Node, Node]):
 class Origin(NamedTuple):
     """Where an image comes from."""
 
-    group: Group
+    group: TracedGroup
     item: int
     node: Node
 
@@ -103,7 +103,7 @@ class Source(NamedTuple):
     before: Scan | None = None
 
 
-class Group:
+class TracedGroup:
     """Items that run one region.
 
     Attributes:
@@ -150,7 +150,7 @@ class Turns:
     """The groups of a scan, and the order in which their items wait to be run."""
 
     def __init__(self) -> None:
-        self.open: list[tuple[Group, int]] = []
+        self.open: list[tuple[TracedGroup, int]] = []
 
 
 class Scan(NamedTuple):
@@ -164,18 +164,18 @@ class Scan(NamedTuple):
     """
 
     first: tuple[Any, ...]
-    order: tuple[tuple[Group, int, Traversal], ...]
+    order: tuple[tuple[TracedGroup, int, Traversal], ...]
     kept: tuple[tuple[Classes, Hashable], ...]
     handed: tuple[tuple[Any, ...], ...]
 
-    def source(self, group: Group) -> Source:
+    def source(self, group: TracedGroup) -> Source:
         """Return what a group's region is handed."""
         return next(source for source in group.sources if source.before is self)
 
 
-class Step(NamedTuple):
+class PhaseCall(NamedTuple):
     """A phase of a group called for items; what the glue has to do before is done then."""
 
-    group: Group
+    group: TracedGroup
     phase: int
     items: tuple[int, ...]
