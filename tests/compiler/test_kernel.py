@@ -1,6 +1,7 @@
 """Machine code: the interpreter's bits, alone, in lanes, in tails, in threads; and what is refused."""
 
 import gc
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -123,7 +124,7 @@ def test_results_are_the_callers(kernel):
 
 
 def test_bound(kernel):
-    """Arrays of its own, written and read in place; two of them are apart, and outlive the kernel."""
+    """Arrays of its own, written and read in place; two of them are apart."""
     A, x, s = numbers(2)
     one, other = kernel.bind(), kernel.bind()
     for bound, i in ((one, 0), (other, 1)):
@@ -133,11 +134,36 @@ def test_bound(kernel):
     for bound, i in ((one, 0), (other, 1)):
         outputs = tuple(bound.arrays[name] for name in ("out0", "out1", "out2"))
         assert all_same_bits(outputs, kernel(A[i], x[i], s[i]))
-    alone = compile_program(trace(lambda x: (x * 2.0,), [(2,)])).bind()
+
+
+def test_the_callers_arrays():
+    """`use` ties some arrays to other memory, in and out, and leaves the rest."""
+    bound = compile_program(trace(lambda x, y: (x.sum() + y.sum(), x[0] * y), [(2,), (3,)])).bind()
+    bound.arrays["in0"][:] = 1.0, 2.0
+    mine = {"in1": np.array([3.0, 4.0, 5.0]), "out1": np.zeros(3)}
+    bound.use(mine)
+    assert bound.run() == 0
+    assert bound.arrays["out0"] == 15.0 and mine["out1"].tolist() == [3.0, 4.0, 5.0]
+    mine["in1"][:] = 7.0
+    bound.run()
+    assert mine["out1"].tolist() == [7.0] * 3
+    assert bound.arrays["out1"] is mine["out1"]
+
+
+def test_the_call_outlives_the_kernel():
+    """The call alone keeps code and arrays alive, and lets go of them at its end."""
+    kernel = compile_program(trace(lambda x: (x * 2.0,), [(2,)]))
+    bound = kernel.bind()
+    run, x, y = bound.run, bound.arrays["in0"], bound.arrays["out0"]
+    gone = weakref.ref(bound)
+    del bound, kernel
     gc.collect()
-    alone.arrays["in0"][...] = 1.5
-    alone.run()
-    assert np.array_equal(alone.arrays["out0"], [3.0, 3.0])
+    x[:] = 1.0, 4.0
+    run()
+    assert y.tolist() == [2.0, 8.0]
+    del run, x, y
+    gc.collect()
+    assert gone() is None
 
 
 def test_threads_of_the_caller(kernel):

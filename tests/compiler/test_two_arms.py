@@ -49,7 +49,7 @@ def states(batch: int) -> tuple[np.ndarray, ...]:
 SHAPES = [(14,), (14,), (14,), (7,), (6,)]
 
 
-@pytest.fixture(scope="module", params=["rigid", "hinge", "softfinger", "ball"])
+@pytest.fixture(scope="module", params=["rigid", "ball"])
 def traced(request) -> tuple[str, Program, Kernel]:
     """Grasp kind, program and kernel."""
     program = trace(text(request.param), SHAPES)

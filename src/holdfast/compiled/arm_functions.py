@@ -46,7 +46,7 @@ class Computation:
     Attributes:
         inputs: the caller's arrays.
         parameters: run-time parameters; those of links, if they matter, are added as the options say.
-        text: what is computed, by name.
+        function: what is computed, by name.
         results: by name, how many numbers of it each arm has.
         whole: by name, the shape of what is one for the chain, an array of `shapes` where it is None.
         by_grasp: whether it is of the arms that hold, each kind in its way.
@@ -56,7 +56,7 @@ class Computation:
 
     inputs: tuple[str, ...]
     parameters: tuple[str, ...]
-    text: Callable[[ClosedChain, Given], Found]
+    function: Callable[[ClosedChain, Given], Found]
     results: Mapping[str, Callable[[int, str | None], int]] = field(default_factory=dict)
     whole: Mapping[str, Shape | None] = field(default_factory=dict)
     by_grasp: bool = False
@@ -87,7 +87,7 @@ class Computation:
 
     def schedule(self, structure: Structure) -> Schedule:
         """Return the schedule for one chain."""
-        return traced(self.externals(structure), lambda given: self.text(traced_chain(structure, given), given))
+        return traced(self.externals(structure), lambda given: self.function(traced_chain(structure, given), given))
 
 
 def _torques(chain: ClosedChain, x: Given) -> Found:

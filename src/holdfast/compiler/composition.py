@@ -1,4 +1,4 @@
-"""A text with loops, traced: which regions run for which items, in which order, and what lies between.
+"""A function with loops, traced: which regions run for which items, in which order, and what lies between.
 
 `each` traces one item of each type; the others run the same region. What a loop returns for an item are images of
 the region's numbers. A later loop over them goes on in their regions, each item where its first number was made; a
@@ -31,7 +31,7 @@ from holdfast.compiler.values import Leaf, Values, numbers_of, with_numbers
 
 
 class Composition:
-    """A text being traced.
+    """A function being traced.
 
     Attributes:
         graph: the glue's.
@@ -87,7 +87,7 @@ class Composition:
         found: list[Any],
         order: Sequence[int],
     ) -> None:
-        """Run the text for all items of a group, the region where it is."""
+        """Run the loop's body for all items of a group, the region where it is."""
         done = self._traversal(group.region, group, 0, f, items[0], flat[0])
         group.region = done.after
         self._give(group, done.ports, [leaves for leaves, _ in flat])
@@ -239,7 +239,7 @@ class Composition:
         flat: tuple[list[Leaf], Hashable],
         carry: tuple[Any, Classes, Hashable] | None = None,
     ) -> Traversal:
-        """Return what the text does in a region, traced if it was not done there before."""
+        """Return what the loop's body does in a region, traced if it was not done there before."""
         leaves, key = flat
         signature = self._signature(leaves, group, item)
         what = (key, signature, carry and carry[1:])
@@ -293,7 +293,7 @@ class Composition:
     def _known_before(self, node: Node) -> bool:
         """Return whether a number outside depends on parameters only."""
         known = self._constants
-        for n in self.graph.nodes[len(known) : node.serial + 1]:  # one after the other: texts may be long
+        for n in self.graph.nodes[len(known) : node.serial + 1]:  # one after the other: functions may be long
             known.append(n in self.parameters if n.kind == "input" else all(known[a.serial] for a in n.args))
         return known[node.serial]
 

@@ -35,14 +35,14 @@ class Graph:
 
     def input(self) -> Node:
         """Return a new run-time input."""
-        return self._new("input", (), 0.0)
+        return self.new("input", (), 0.0)
 
     def constant(self, value: float) -> Node:
         """Return the node of a number; 0.0 and -0.0 are two."""
         bits = value.hex()
         node = self._constants.get(bits)
         if node is None:
-            node = self._constants[bits] = self._new("constant", (), value)
+            node = self._constants[bits] = self.new("constant", (), value)
         return node
 
     def known(self, kind: str, *args: Value) -> Node | None:
@@ -55,14 +55,14 @@ class Graph:
         key = (kind, *[node.serial for node in nodes])
         node = self._known.get(key)
         if node is None:
-            node = self._known[key] = self._new(kind, nodes, 0.0)
+            node = self._known[key] = self.new(kind, nodes, 0.0)
         return node
 
     def apply(self, kind: str, *args: Value) -> Value:
         """Return an operation's result, simplified: a number if it is known already."""
         traced = False
         for k, a in enumerate(args):
-            if type(a) is Node:
+            if isinstance(a, Node):
                 traced = True
                 if a.graph is not self:
                     raise CompileError(f"{place_of_call()}: operands of two different traces meet")
@@ -77,9 +77,10 @@ class Graph:
         return rule(self, *args) if rule else self.make(kind, *args)
 
     def _nodes(self, args: tuple[Value, ...]) -> tuple[Node, ...]:
-        return tuple([a if type(a) is Node else self.constant(a) for a in args])
+        return tuple([a if isinstance(a, Node) else self.constant(a) for a in args])
 
-    def _new(self, kind: str, args: tuple[Node, ...], value: float) -> Node:
+    def new(self, kind: str, args: tuple[Node, ...], value: float) -> Node:
+        """Return a node not there yet."""
         node = Node(self, len(self.nodes), kind, args, value)
         self.nodes.append(node)
         return node

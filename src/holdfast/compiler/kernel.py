@@ -61,7 +61,7 @@ class BatchKernel:
         Args:
             externals: the schedule's.
             make: returns the schedule; not called if the machine code is on disk.
-            key: stands for the schedule there; without it, its text does.
+            key: stands for the schedule there; without it, its source does.
             lanes: items or systems computed side by side.
             quick: compile sooner what will not run for long; the bits are the same.
         """
@@ -130,7 +130,7 @@ class Kernel(BatchKernel):
         Args:
             externals: the schedule's.
             make: returns the schedule; not called if the machine code is on disk.
-            key: stands for the schedule there; without it, its text does.
+            key: stands for the schedule there; without it, its source does.
             lanes: items or systems computed side by side.
         """
         super().__init__(externals, make, key, lanes)

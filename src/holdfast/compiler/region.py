@@ -1,4 +1,4 @@
-"""Regions of a traced text, the groups of items that run them, and what these take and hand on."""
+"""Regions of a traced function, the groups of items that run them, and what these take and hand on."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class RegionInput(NamedTuple):
 
 
 class Traversal(NamedTuple):
-    """What a loop's text does in a region.
+    """What a loop's body does in a region.
 
     Attributes:
         value: what it returns for an item.
@@ -40,11 +40,11 @@ class Traversal(NamedTuple):
 
 
 class Region:
-    """A text under way: a graph that grows with every loop over its items.
+    """A traced function under way: a graph that grows with every loop over its items.
 
     Attributes:
         graph: of one item.
-        further: how the text went on from here, by what it did.
+        further: how the function went on from here, by what it did.
     """
 
     def __init__(self, graph: Graph) -> None:
@@ -108,7 +108,7 @@ class TracedGroup:
 
     Attributes:
         name: for messages and machine code.
-        region: where the text is.
+        region: where the traced function is.
         count: how many items there are.
         sources: of its ports, in the order of their making.
         done: how many phases have been called.

@@ -105,7 +105,7 @@ class Schedule:
 
     @cached_property
     def operation_count(self) -> int:
-        """Operations of the texts for one system, its parameters' included (signs and selections are free)."""
+        """Operations of all stages for one system, its parameters' included (signs and selections are free)."""
         run = {(call.group, item) for call in (*self.prepare, *self.calls) for item in call.items}
         return sum(self.groups[group].stage.operations for group, _ in run)
 

@@ -29,7 +29,7 @@ class Stage:
         program: all phases as one, ready for the machine.
         pieces: the program by phase; piece k takes the inputs of all phases in order, then the
             memories of the phases before it, and returns its outputs, then its memory.
-        operations: of the text, all phases: sums, products, quotients, roots and sines, before
+        operations: of the traced function, all phases: sums, products, quotients, roots and sines, before
             products and sums are fused.
     """
 
@@ -62,7 +62,7 @@ def stage_of(
     outputs: Sequence[Sequence[str]],
     operations: int | None = None,
 ) -> Stage:
-    """Return the stage of a program that is lowered already; its text had so many operations, or as many as it."""
+    """Return the stage of a program that is lowered already; `operations` are those before, by default its own."""
     shapes = iter(program.outputs)
     named = tuple({port: next(shapes).shape for port in ports} for ports in outputs)
     phases = [k for k, phase in enumerate(inputs) for _ in phase]

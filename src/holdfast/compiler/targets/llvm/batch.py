@@ -28,7 +28,7 @@ _WAYS: dict[Role, tuple[str, ...]] = {
 
 
 def batch_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
-    """Return the module's text and how many doubles of working memory a thread needs."""
+    """Return the module's source and how many doubles of working memory a thread needs."""
     layout = Layout(schedule, lanes, systems=lanes)
     module = Module(layout)
     addresses: list[str] = []

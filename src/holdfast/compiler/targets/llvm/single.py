@@ -20,7 +20,7 @@ _INLINE = 32  # numbers that are looked at one register after the other; more of
 
 
 def single_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
-    """Return the module's text and how many doubles of working memory it needs."""
+    """Return the module's source and how many doubles of working memory it needs."""
     layout = Layout(schedule, lanes)
     module = Module(layout)
     roles = {name: external.role for name, external in schedule.externals.items()}
