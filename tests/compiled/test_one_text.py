@@ -21,7 +21,7 @@ from tests.dynamics.problems import random_problem
 ROOT = Path(holdfast.__file__).parent
 GRASPS = ("rigid", "hinge", None, "softfinger", "ball")
 
-# What only one reading needs: questions whose answers are Python's truths.
+# What only one backend needs: questions whose answers are Python's truths.
 ON_FLOATS = {"rank", "consistency", "indeterminate", "forward", "result", "methods", "impulse", "split"}
 
 

@@ -10,10 +10,10 @@ from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiler.interpret import interpret_schedule
 from holdfast.compiler.lowering import lowered
-from holdfast.compiler.schedule import Schedule, schedule_of
+from holdfast.compiler.schedule import Schedule
 from tests.compiled.problems import chain_of, numbers, one
 from tests.compiler.emulated import outputs, require_emulator
-from tests.compiler.programs import NUMBERS, programs, same_bits
+from tests.compiler.programs import NUMBERS, programs, same_bits, schedule_of
 from tests.compiler.schedules import inputs_of, schedules
 from tests.compiler.test_trigonometry import PROGRAM as SINE_AND_COSINE
 from tests.compiler.test_trigonometry import hard_arguments

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from holdfast.compiler import cache
-from holdfast.compiler.kernel import Kernel, compile_program
 from holdfast.compiler.lowering import lowered
-from holdfast.compiler.schedule import schedule_of
 from holdfast.compiler.targets import cpu
 from holdfast.compiler.trace import trace
+from tests.compiler.programs import ArrayKernel, compile_program, schedule_of
 
 X = np.array([0.3, -1.2, 2.0])
 PROGRAM = trace(lambda x: (np.sin(x) @ x / (x @ x + 1.0),), [(3,)])
@@ -237,7 +236,7 @@ def test_kernel_under_a_key(place, compilations):
     batch = np.stack([X, 2.0 * X, -X])
 
     def answers(lanes: int = 4) -> tuple[float, ...]:
-        kernel = Kernel(schedule.externals, lambda: asked.append(1) or schedule, "chain", lanes)
+        kernel = ArrayKernel(schedule.externals, lambda: asked.append(1) or schedule, "chain", lanes)
         bound = kernel.bind()
         bound.arrays["in0"][:] = X
         bound.run()

@@ -82,7 +82,7 @@ def test_by_length(program, length, values):
 
 
 def phases_of(program: Program, input_phases: list[int]) -> list[int]:
-    """Return when each output can be told."""
+    """Return when each output can be computed."""
     sizes = [math.prod(shape) for shape in program.input_shapes]
     known = [phase for phase, size in zip(input_phases, sizes, strict=True) for _ in range(size)]
     for kind, args, _ in program.instructions[program.input_size :]:
@@ -95,10 +95,10 @@ def phases_of(program: Program, input_phases: list[int]) -> list[int]:
 def test_by_phase(program, input_phases, late, values):
     """Each phase runs without the inputs of later ones, and tells its results as early as asked for."""
     program = lowered(program)
-    told = phases_of(program, input_phases)
-    told[0] = max(told[0], late)
-    told[1] = max(told)
-    counts = [told.count(k) for k in range(4)]
+    phases = phases_of(program, input_phases)
+    phases[0] = max(phases[0], late)
+    phases[1] = max(phases)
+    counts = [phases.count(k) for k in range(4)]
     pieces = by_phase(program, input_phases, counts)
     inputs = arrays(values)
     unknown = [np.full(x.shape, math.nan) for x in inputs]

@@ -9,10 +9,9 @@ from hypothesis import given, settings
 from holdfast.compiler.errors import CompileError
 from holdfast.compiler.lowering import lowered
 from holdfast.compiler.program import Program
-from holdfast.compiler.schedule import schedule_of
 from holdfast.compiler.targets import batch_module, cpu, single_module
 from holdfast.compiler.trace import trace
-from tests.compiler.programs import programs
+from tests.compiler.programs import programs, schedule_of
 
 
 def modules(program: Program, lanes: int = 4) -> tuple[str, str]:

@@ -60,7 +60,7 @@ def test_repeatable(program):
 
 
 def test_small_error():
-    """Fused and unfused readings differ by rounding only."""
+    """Fused and unfused programs differ by rounding only."""
     program = trace(lambda x: (np.sin(x) @ x + np.cos(x) * x[0] - x / 3.0,), [(3,)])
     (a,), (b,) = interpret(program, X), interpret(program, X, fused=False)
     expected = np.sin(X) @ X + np.cos(X) * X[0] - X / 3

@@ -9,20 +9,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from holdfast.compiler.interpret import interpret_schedule
-from holdfast.compiler.kernel import Kernel
 from holdfast.compiler.schedule import FIRST_BAD, NOT_FINITE, Call, External, Group, Internal, Schedule, Wire
 from holdfast.compiler.targets.llvm import functions, module
-from tests.compiler.programs import all_same_bits, same_bits
+from tests.compiler.programs import ArrayKernel, all_same_bits, same_bits
 from tests.compiler.schedules import COUNTS, Writer, inputs_of, schedules, stage
 
 
-def kernel_of(schedule: Schedule, lanes: int) -> Kernel:
+def kernel_of(schedule: Schedule, lanes: int) -> ArrayKernel:
     """Return the compiled schedule."""
-    return Kernel(schedule.externals, lambda: schedule, lanes=lanes)
+    return ArrayKernel(schedule.externals, lambda: schedule, lanes=lanes)
 
 
-def check(schedule: Schedule, kernel: Kernel, systems: list[dict[str, np.ndarray]], shared: bool) -> list[float]:
-    """All readings of all systems agree to the bit; returns their statuses."""
+def check(schedule: Schedule, kernel: ArrayKernel, systems: list[dict[str, np.ndarray]], shared: bool) -> list[float]:
+    """All backends of all systems agree to the bit; returns their statuses."""
     if shared:
         parameters = {name: systems[0][name] for name in schedule.names("parameter")}
         systems = [system | parameters for system in systems]

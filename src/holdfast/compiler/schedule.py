@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple
 
-from holdfast.compiler.program import Program, Shape
-from holdfast.compiler.stage import Stage, Wire, stage_of
+from holdfast.compiler.program import Shape
+from holdfast.compiler.stage import Stage, Wire
 
 Role = Literal["input", "parameter", "output", "carried"]
 
@@ -108,15 +108,3 @@ class Schedule:
         """Operations of all stages for one system, its parameters' included (signs and selections are free)."""
         run = {(call.group, item) for call in (*self.prepare, *self.calls) for item in call.items}
         return sum(self.groups[group].stage.operations for group, _ in run)
-
-
-def schedule_of(program: Program) -> Schedule:
-    """Return the schedule that runs one program; inputs are named in0, in1 ..., outputs out0 ..."""
-    inputs = {f"in{k}": shape for k, shape in enumerate(program.input_shapes)}
-    outputs = {f"out{k}": output.shape for k, output in enumerate(program.outputs)}
-    externals = {name: External(shape, "input") for name, shape in inputs.items()}
-    externals |= {name: External(shape, "output") for name, shape in outputs.items()}
-    wires = {name: Wire(name, (0,)) for name in externals}
-    stage = stage_of("program", program, [inputs], [tuple(outputs)])
-    group = Group(stage, 1, wires, side_by_side=False)
-    return Schedule(externals, {}, {"program": group}, (), (Call("program", 0, (0,)),))
