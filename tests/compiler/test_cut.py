@@ -59,7 +59,7 @@ def check_order(pieces: Pieces) -> None:
             needed |= set(piece.instructions[place].args)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(programs(), st.integers(1, 50), SEVEN)
 def test_by_length(program, length, values):
     """Every entry is written by one piece, and is the whole program's."""
@@ -90,7 +90,7 @@ def phases_of(program: Program, input_phases: list[int]) -> list[int]:
     return [max((known[p] for p in output.places), default=0) for output in program.outputs]
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(programs(), st.lists(st.integers(0, 3), min_size=2, max_size=2), st.integers(0, 3), SEVEN)
 def test_by_phase(program, input_phases, late, values):
     """Each phase runs without the inputs of later ones, and tells its results as early as asked for."""

@@ -17,7 +17,7 @@ from tests.compiler.programs import NUMBERS, all_same_bits, compile_program, pro
 SIZES = st.sampled_from([1, 2, 3, 7, 8, 9, 17])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(programs(), SIZES, st.data())
 def test_same_bits(program, batch, data):
     """Interpreter = single = lanes = tails = threads on random programs and inputs."""

@@ -140,7 +140,8 @@ def by_length(program: Program, length: int) -> Pieces:
     first = program.input_size
     count = max(1, -(-(len(program.instructions) - first) // length))
     if count == 1:  # a piece of `by_phase` already: cutting it again would write the same
-        return Pieces((program,), (0,))
+        outputs = (*program.outputs, Output((0,), ()))
+        return Pieces((Program(program.input_shapes, program.instructions, outputs),), (0,))
     piece = [max(0, p - first) // length for p in range(len(program.instructions))]
     for p, (kind, args, _) in enumerate(program.instructions):
         if kind in _MADE_AGAIN and args:
