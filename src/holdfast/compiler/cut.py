@@ -127,7 +127,11 @@ def by_phase(program: Program, input_phases: Sequence[int], results: Sequence[in
     sizes = [math.prod(shape) for shape in program.input_shapes]
     known = [phase for phase, size in zip(input_phases, sizes, strict=True) for _ in range(size)]
     for p, (kind, args, _) in enumerate(program.instructions):
-        piece.append(known[p] if kind == "input" else max([piece[a] for a in args], default=0))
+        latest = known[p] if kind == "input" else 0
+        for a in args:
+            if piece[a] > latest:
+                latest = piece[a]
+        piece.append(latest)
     outputs, start = [], 0
     for n in results:
         outputs.append(program.outputs[start : start + n])
