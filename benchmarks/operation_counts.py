@@ -4,26 +4,88 @@
 
 Arms have generic geometry (nothing folds away), the first joint prismatic, the others revolute; q, qd,
 tau, object pose and twist are run-time inputs, the model is constant. Counts are additions,
-multiplications, divisions, roots and sines of everything the method returns.
+multiplications, divisions, roots and sines of everything the method returns, as they stand in the compiler's graph:
+equal operations are one, constants are folded, signs are free. Its nodes carry values here, as some methods choose
+pivots by them.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from counting_scalar import Recorder, count
 
 from holdfast import Arm, ClosedChain, Grasp, HeldObject, Inputs, Joint, Link, Pose, State
+from holdfast.compiler.arithmetic import OPERATIONS
+from holdfast.compiler.graph import Graph
+from holdfast.compiler.node import Node
+from holdfast.compiler.trace import as_node, program_of
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.methods import METHODS
 from holdfast.robots import HOME, ROBOTS
 from holdfast.spatial import rotation
 
+KINDS = {
+    "add": "add",
+    "subtract": "add",
+    "multiply": "mul",
+    "divide": "div",
+    "sqrt": "sqrt",
+    "sin": "trig",
+    "cos": "trig",
+}
+CHOICES = ("less", "less_equal", "select")
+EVALUATED = {**OPERATIONS, "sin": math.sin, "cos": math.cos}
 GRASP_KINDS = ("rigid", "hinge", "softfinger", "ball")
+
+
+class Evaluated(Node):
+    """A node whose value is known, so that a method may branch on it."""
+
+    __slots__ = ()
+    __hash__ = Node.__hash__
+
+    def __bool__(self) -> bool:
+        self.graph.branches += 1  # type: ignore[attr-defined]
+        return bool(self.value)
+
+
+class CountingGraph(Graph):
+    """The compiler's graph, of evaluated nodes.
+
+    Attributes:
+        branches: how often an algorithm branched on a value.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.branches = 0
+
+    def new(self, kind: str, args: tuple[Node, ...], value: float) -> Node:
+        """Return a node not there yet, evaluated."""
+        if args:
+            value = EVALUATED[kind](*(a.value for a in args))
+        node = Evaluated(self, len(self.nodes), kind, args, value)
+        self.nodes.append(node)
+        return node
+
+    def array(self, values: np.ndarray) -> np.ndarray:
+        """Return an array of run-time inputs of the given values."""
+        return np.array([self.new("input", (), float(x)) for x in values], dtype=object)
+
+    def count(self, outputs: np.ndarray) -> Counter[str]:
+        """Return how many operations of each kind the outputs need."""
+        needed = program_of(self, (), [(outputs.shape, [as_node(self, x) for x in outputs.flat])])
+        counts: Counter[str] = Counter()
+        for kind, n in needed.counts.items():
+            if kind in KINDS or kind in CHOICES:
+                counts[KINDS.get(kind, "select")] += n
+        counts["total"] = sum(counts[kind] for kind in set(KINDS.values()))
+        return counts
 
 
 def generic_arm(seed: int, joint_count: int) -> Arm:
@@ -64,25 +126,21 @@ def two_pandas() -> ClosedChain:
 
 def operations(chain: ClosedChain, method: str, route: str = "recursive") -> tuple[Counter[str], int]:
     """Return the counts of one method on a chain, and how often it branched on a value."""
-    recorder = Recorder()
+    graph = CountingGraph()
     random = np.random.default_rng(3)
     n = chain.joint_count
     quaternion = rotation.quaternion_exp(random.uniform(0.3, 1.0, 3))
-
-    def array(values: np.ndarray) -> np.ndarray:
-        return np.array(recorder.inputs(values), dtype=object)
-
     state = State(
-        array(random.uniform(0.3, 1.0, n)),
-        array(random.uniform(0.3, 1.0, n)),
-        array(np.r_[quaternion, random.uniform(0.3, 1.0, 3)]),
-        array(random.uniform(0.3, 1.0, 6)),
+        graph.array(random.uniform(0.3, 1.0, n)),
+        graph.array(random.uniform(0.3, 1.0, n)),
+        graph.array(np.r_[quaternion, random.uniform(0.3, 1.0, 3)]),
+        graph.array(random.uniform(0.3, 1.0, 6)),
     )
-    motion = chain_motion(chain, state, array(random.uniform(0.3, 1.0, n)), Inputs().shaped(chain))
-    before = recorder.branches
+    motion = chain_motion(chain, state, graph.array(random.uniform(0.3, 1.0, n)), Inputs().shaped(chain))
+    before = graph.branches
     solution = sequential(motion, route) if method == "sequential" else METHODS[method].solve(motion)  # type: ignore[arg-type]
     outputs = [*solution.qdd, *solution.wrenches, solution.object_acceleration, *(solution.base_wrenches or [])]
-    return count(np.concatenate(outputs)), recorder.branches - before
+    return graph.count(np.concatenate(outputs)), graph.branches - before
 
 
 def total(arm_count: int, joint_count: int, method: str, kind: str = "rigid", route: str = "recursive") -> int:
@@ -101,10 +159,11 @@ def report() -> str:
     lines = [
         "# Operation counts",
         "",
-        "Generated by `make counts` (`benchmarks/operation_counts.py`) from the algorithms' own text: additions,",
-        "multiplications, divisions, roots and sines that the outputs need, after folding constants and sharing equal",
-        "subexpressions. Generic arms; model constant; q, qd, tau, object pose and twist are inputs. Rigid grasps",
-        "unless said; `sequential` by its recursive route (the mass-matrix route is compared below).",
+        "Generated by `make counts` (`benchmarks/operation_counts.py`) from the algorithms' own code: additions,",
+        "multiplications, divisions, roots and sines that the outputs need, in the compiler's graph: constants are",
+        "folded, and equal subexpressions are shared, also those that differ only in sign. Generic arms; model",
+        "constant; q, qd, tau, object pose and twist are inputs. Rigid grasps unless said; `sequential` by its",
+        "recursive route (the mass-matrix route is compared below).",
         "",
         "## Every method",
         "",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from holdfast.compiler import cpu
+from holdfast.compiler.targets import cpu
 
 BLAS_KERNELS = ("Haswell", "Zen", "Prescott")
 

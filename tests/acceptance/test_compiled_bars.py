@@ -14,7 +14,7 @@ import pytest
 
 import holdfast
 from holdfast import ClosedChain, Status
-from holdfast.compiler import cpu
+from holdfast.compiler.targets import cpu
 from tests.acceptance.comparison import disagreement, relative
 from tests.acceptance.test_agreement import grasps_for
 from tests.compiled import problems
@@ -185,7 +185,9 @@ from pathlib import Path
 import numpy as np
 import holdfast
 from holdfast.compiled import kernels
-from holdfast.compiler import builtin, cache, cpu
+from holdfast.compiler import cache
+from holdfast.compiler.targets import cpu
+from holdfast.compiler.targets.llvm import builtin
 from tests.compiled.problems import chain_of, numbers, one, outputs
 from tests.compiler.programs import all_same_bits
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from holdfast import StateError
-from holdfast.compiler import cpu
+from holdfast.compiler.targets import cpu
 from tests.compiled import problems
 from tests.compiled.problems import CHAINS, chain_named, compiled, numbers, one, outputs
 from tests.compiler.programs import all_same_bits

@@ -15,7 +15,8 @@ SCRIPT = """
 import json, sys
 import numpy as np
 import holdfast
-from holdfast.compiler import composition, cpu
+from holdfast.compiler import composition
+from holdfast.compiler.targets import cpu
 from tests.compiled.problems import chain_of, numbers, one, outputs
 
 compilations, traces = [], []
@@ -36,7 +37,7 @@ print(json.dumps([len(compilations), len(traces), fast.operation_count, bits]))
 
 def run(cache: Path) -> list:
     """Return compilations, traces, operation count and the answers' bits, by a new process."""
-    env = os.environ | {"HOLDFAST_CACHE": str(cache), "PYTHONPATH": str(ROOT)}
+    env = os.environ | {"HOLDFAST_CACHE": str(cache), "PYTHONPATH": os.pathsep.join(map(str, (ROOT / "src", ROOT)))}
     done = subprocess.run([sys.executable, "-c", SCRIPT], env=env, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)

@@ -6,9 +6,9 @@ import pytest
 from holdfast.compiled.traced_chain import traced
 from holdfast.compiler.errors import CompileError
 from holdfast.compiler.interpret import interpret_schedule
-from holdfast.compiler.kernel import Kernel
 from holdfast.compiler.schedule import External
 from holdfast.spatial.scalar import array, each, maximum, scan, sqrt, where
+from tests.compiler.programs import ArrayKernel
 
 ON = (1, 3, 3, 5, 6)  # link that each arm sits on: some carry none, one carries two
 
@@ -94,7 +94,7 @@ def test_same_bits(name, lanes):
     externals = {what: External(shape, "parameter" if what == "k" else "input") for what, shape in shapes.items()}
     externals |= {what: External(np.shape(x), "output") for what, x in expected.items()}
     schedule = traced(externals, text)
-    kernel = Kernel(externals, lambda: schedule, lanes=lanes)
+    kernel = ArrayKernel(externals, lambda: schedule, lanes=lanes)
     systems = [numbers(shapes, seed) for seed in range(2 * lanes + 1)]
     found = [interpret_schedule(schedule, system) for system in systems]
     for system, read in zip(systems, found, strict=True):
@@ -173,5 +173,5 @@ def test_read_in_lanes_and_shared():
     externals = {"q": External((5, 2), "input"), "y": External((20,), "output")}
     schedule = traced(externals, text)
     given = {"q": np.arange(10.0).reshape(5, 2) - 3.0}
-    assert np.array_equal(Kernel(externals, lambda: schedule, lanes=4)(given["q"])[0], text(given)["y"])
+    assert np.array_equal(ArrayKernel(externals, lambda: schedule, lanes=4)(given["q"])[0], text(given)["y"])
     assert np.array_equal(interpret_schedule(schedule, given)["y"], text(given)["y"])

@@ -21,8 +21,7 @@ import holdfast as hf
 from holdfast.compiled.forward_schedule import forward_schedule
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.structure import Options, Structure
-from holdfast.compiler import cpu
-from holdfast.compiler.batch_entry import batch_module
+from holdfast.compiler.targets import batch_module, cpu
 from holdfast.robots import gen3, iiwa14, panda, stewart_platform, three_finger_hand, ur5e
 
 def digest(*texts):

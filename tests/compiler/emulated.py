@@ -12,9 +12,8 @@ import llvmlite.binding as binding
 import numpy as np
 import pytest
 
-from holdfast.compiler.batch_entry import batch_module
 from holdfast.compiler.schedule import Schedule
-from holdfast.compiler.single_entry import single_module
+from holdfast.compiler.targets import batch_module, single_module
 
 EMULATOR, COMPILER = "qemu-aarch64", "aarch64-linux-gnu-gcc"
 LANES = 2  # doubles in a register of NEON

@@ -1,10 +1,14 @@
-"""Random programs, and bits compared."""
+"""Programs as kernels, random programs, and bits compared."""
 
 import numpy as np
 from hypothesis import strategies as st
 
 from holdfast.compiler.graph import Graph
+from holdfast.compiler.kernel import Array, Kernel
+from holdfast.compiler.lowering import lowered
 from holdfast.compiler.program import Program
+from holdfast.compiler.schedule import Call, External, Group, Schedule, Wire
+from holdfast.compiler.stage import stage_of
 from holdfast.compiler.trace import program_of
 
 BINARY = ("add", "subtract", "multiply", "divide")
@@ -57,3 +61,49 @@ def same_bits(a: np.ndarray, b: np.ndarray) -> bool:
 def all_same_bits(a: tuple[np.ndarray, ...], b: tuple[np.ndarray, ...]) -> bool:
     """Return whether two lists of arrays hold the same bits."""
     return len(a) == len(b) and all(same_bits(x, y) for x, y in zip(a, b, strict=True))
+
+
+def schedule_of(program: Program) -> Schedule:
+    """Return the schedule that runs one program; inputs are named in0, in1 ..., outputs out0 ..."""
+    inputs = {f"in{k}": shape for k, shape in enumerate(program.input_shapes)}
+    outputs = {f"out{k}": output.shape for k, output in enumerate(program.outputs)}
+    externals = {name: External(shape, "input") for name, shape in inputs.items()}
+    externals |= {name: External(shape, "output") for name, shape in outputs.items()}
+    wires = {name: Wire(name, (0,)) for name in externals}
+    stage = stage_of("program", program, [inputs], [tuple(outputs)])
+    group = Group(stage, 1, wires, side_by_side=False)
+    return Schedule(externals, {}, {"program": group}, (), (Call("program", 0, (0,)),))
+
+
+class ArrayKernel(Kernel):
+    """A kernel that takes plain arrays, inputs before parameters: one system's, or a batch's by a leading axis."""
+
+    def __call__(self, *inputs: object, threads: int = 1) -> tuple[Array, ...]:
+        """Return the results; an array without the batch axis is shared by all systems."""
+        given = {name: e for name, e in self.externals.items() if e.role != "output"}
+        returned = {name: e for name, e in self.externals.items() if e.role == "output"}
+        arrays = [np.require(x, float, ["C", "A"]) for x in inputs]
+        shapes = zip(arrays, given.values(), strict=True)
+        sizes = {len(a) for a, e in shapes if a.ndim > len(e.shape)}
+        if not sizes:
+            bound = self.bind()
+            for name, x in zip(given, arrays, strict=True):
+                bound.arrays[name][...] = x
+            bound.prepare()
+            bound.run()
+            return tuple(bound.arrays[name].copy() for name in returned)
+        (batch,) = sizes
+        results = [np.empty((batch, *e.shape)) for e in returned.values()]
+        all_arrays = dict(zip([*given, *returned], [*arrays, *results], strict=True))
+        rows = [
+            (all_arrays[name].ctypes.data, e.size if all_arrays[name].ndim > len(e.shape) else 0)
+            for name, e in self.externals.items()
+        ]
+        self.run_batch(np.array(rows, dtype=np.int64), batch, threads)
+        return tuple(results)
+
+
+def compile_program(program: Program, fused: bool = True, lanes: int | None = None) -> ArrayKernel:
+    """Return a program as a kernel."""
+    schedule = schedule_of(lowered(program, fused))
+    return ArrayKernel(schedule.externals, lambda: schedule, lanes=lanes)

@@ -10,12 +10,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from hypothesis import strategies as st
 
-from holdfast.compiler import cpu
-from holdfast.compiler.expand import lowered
 from holdfast.compiler.graph import Graph
+from holdfast.compiler.lowering import lowered
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import Call, External, Group, Internal, Schedule, Wire
 from holdfast.compiler.stage import Stage, stage_of
+from holdfast.compiler.targets import cpu
 from holdfast.compiler.trace import program_of, trace
 
 COUNTS = (1, 2, 3, 5, 8, 9, 17)

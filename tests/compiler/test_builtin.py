@@ -10,8 +10,8 @@ import weakref
 import numpy as np
 import pytest
 
-from holdfast.compiler import builtin, cpu
-from holdfast.compiler.builtin import Entry, no_argument_call
+from holdfast.compiler.targets import Builtin, cpu, no_argument_call
+from holdfast.compiler.targets.llvm import builtin
 
 # out[0] = sum of a (3), out[1] = sum of b (2); not well if the first sum is negative
 RUN = """
@@ -69,7 +69,9 @@ class Owner:
     def __init__(self, sizes=(3, 2), code=None):
         self.calls, self.out = [], Result()
         table = np.zeros(3, dtype=np.int64)
-        self.entry = Entry((code or sums()).address, table, sizes, self.fallback, "sums", "(a, b, *, out=None)", "Sum.")
+        self.entry = Builtin(
+            (code or sums()).address, table, sizes, self.fallback, "sums", "(a, b, *, out=None)", "Sum."
+        )
         self.function = self.entry.function
         self.expect(self.out)
 
@@ -193,7 +195,7 @@ def test_overlap(owner):
 
 def test_expect(owner):
     """Before, nothing is expected; then only the last object, whose memory lives on."""
-    entry = Entry(sums().address, np.zeros(3, dtype=np.int64), (3, 2), owner.fallback)
+    entry = Builtin(sums().address, np.zeros(3, dtype=np.int64), (3, 2), owner.fallback)
     assert entry.function(A, B, out=owner.out) == "fallback"
     first, second = owner.out, Result()
     owner.expect(second)
@@ -284,7 +286,7 @@ def test_call_within_a_call(owner):
 def test_description(owner):
     assert str(inspect.signature(owner.function)) == "(a, b, *, out=None)"
     assert (owner.function.__name__, owner.function.__doc__) == ("sums", "Sum.")
-    assert owner.function.__module__ == "holdfast.compiler.builtin"
+    assert owner.function.__module__ == "holdfast.compiler.targets.llvm.builtin"
     assert inspect.isbuiltin(owner.function)
 
 
@@ -302,7 +304,7 @@ def test_everything_goes():
 def test_function_outlives_entry():
     """The builtin alone keeps all it needs."""
     out, table = Result(), np.zeros(3, dtype=np.int64)
-    entry = Entry(sums().address, table, (3, 2), fallback := functools.partial(list))
+    entry = Builtin(sums().address, table, (3, 2), fallback := functools.partial(list))
     entry.expect(out, out.memory, [out.memory.ctypes.data])
     function = entry.function
     watched = [weakref.ref(x) for x in (out, out.memory, table, fallback)]

@@ -5,7 +5,8 @@ import threading
 
 import pytest
 
-from holdfast.compiler import collector, cpu
+from holdfast.compiler import collector
+from holdfast.compiler.targets import cpu
 
 
 def test_paused():

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from holdfast.compiler.cut import Pieces, by_length, by_phase
-from holdfast.compiler.expand import lowered
 from holdfast.compiler.interpret import interpret
+from holdfast.compiler.lowering import lowered
 from holdfast.compiler.program import Program
 from holdfast.compiler.trace import trace
 from tests.compiler.programs import NUMBERS, all_same_bits, programs
@@ -59,7 +59,7 @@ def check_order(pieces: Pieces) -> None:
             needed |= set(piece.instructions[place].args)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(programs(), st.integers(1, 50), SEVEN)
 def test_by_length(program, length, values):
     """Every entry is written by one piece, and is the whole program's."""
@@ -82,7 +82,7 @@ def test_by_length(program, length, values):
 
 
 def phases_of(program: Program, input_phases: list[int]) -> list[int]:
-    """Return when each output can be told."""
+    """Return when each output can be computed."""
     sizes = [math.prod(shape) for shape in program.input_shapes]
     known = [phase for phase, size in zip(input_phases, sizes, strict=True) for _ in range(size)]
     for kind, args, _ in program.instructions[program.input_size :]:
@@ -90,15 +90,15 @@ def phases_of(program: Program, input_phases: list[int]) -> list[int]:
     return [max((known[p] for p in output.places), default=0) for output in program.outputs]
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(programs(), st.lists(st.integers(0, 3), min_size=2, max_size=2), st.integers(0, 3), SEVEN)
 def test_by_phase(program, input_phases, late, values):
     """Each phase runs without the inputs of later ones, and tells its results as early as asked for."""
     program = lowered(program)
-    told = phases_of(program, input_phases)
-    told[0] = max(told[0], late)
-    told[1] = max(told)
-    counts = [told.count(k) for k in range(4)]
+    phases = phases_of(program, input_phases)
+    phases[0] = max(phases[0], late)
+    phases[1] = max(phases)
+    counts = [phases.count(k) for k in range(4)]
     pieces = by_phase(program, input_phases, counts)
     inputs = arrays(values)
     unknown = [np.full(x.shape, math.nan) for x in inputs]

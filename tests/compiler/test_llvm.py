@@ -6,15 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from holdfast.compiler import cpu
-from holdfast.compiler.batch_entry import batch_module
 from holdfast.compiler.errors import CompileError
-from holdfast.compiler.expand import lowered
+from holdfast.compiler.lowering import lowered
 from holdfast.compiler.program import Program
-from holdfast.compiler.program_schedule import schedule_of
-from holdfast.compiler.single_entry import single_module
+from holdfast.compiler.targets import batch_module, cpu, single_module
 from holdfast.compiler.trace import trace
-from tests.compiler.programs import programs
+from tests.compiler.programs import programs, schedule_of
 
 
 def modules(program: Program, lanes: int = 4) -> tuple[str, str]:

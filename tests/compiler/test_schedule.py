@@ -8,21 +8,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from holdfast.compiler import llvm, module
 from holdfast.compiler.interpret import interpret_schedule
-from holdfast.compiler.kernel import Kernel
 from holdfast.compiler.schedule import FIRST_BAD, NOT_FINITE, Call, External, Group, Internal, Schedule, Wire
-from tests.compiler.programs import all_same_bits, same_bits
+from holdfast.compiler.targets.llvm import functions, module
+from tests.compiler.programs import ArrayKernel, all_same_bits, same_bits
 from tests.compiler.schedules import COUNTS, Writer, inputs_of, schedules, stage
 
 
-def kernel_of(schedule: Schedule, lanes: int) -> Kernel:
+def kernel_of(schedule: Schedule, lanes: int) -> ArrayKernel:
     """Return the compiled schedule."""
-    return Kernel(schedule.externals, lambda: schedule, lanes=lanes)
+    return ArrayKernel(schedule.externals, lambda: schedule, lanes=lanes)
 
 
-def check(schedule: Schedule, kernel: Kernel, systems: list[dict[str, np.ndarray]], shared: bool) -> list[float]:
-    """All readings of all systems agree to the bit; returns their statuses."""
+def check(schedule: Schedule, kernel: ArrayKernel, systems: list[dict[str, np.ndarray]], shared: bool) -> list[float]:
+    """All backends of all systems agree to the bit; returns their statuses."""
     if shared:
         parameters = {name: systems[0][name] for name in schedule.names("parameter")}
         systems = [system | parameters for system in systems]
@@ -50,13 +49,13 @@ def check(schedule: Schedule, kernel: Kernel, systems: list[dict[str, np.ndarray
     return [float(results[schedule.status]) for results in expected] if schedule.status else []
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(schedules(), st.sampled_from([2, 4, 8]), st.integers(0, 2**32), st.booleans(), st.booleans(), st.booleans())
 def test_same_bits(schedule, lanes, seed, wild, shared, short):
     """Random schedules, with long functions and with ones that are cut after five operations."""
     with pytest.MonkeyPatch.context() as patch:
         if short:
-            patch.setattr(module, "function", functools.partial(llvm.function, longest=5))
+            patch.setattr(module, "function", functools.partial(functions.function, longest=5))
         kernel = kernel_of(schedule, lanes)
         kernel.run_batch(np.zeros((len(schedule.externals), 2), dtype=np.int64), 0)  # compiles
     systems = [inputs_of(schedule, seed + k, wild) for k in range(2 * lanes + 3)]

@@ -1,16 +1,17 @@
 """HOLDFAST_CPU: which processor code is made for, and what is refused."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from holdfast.compiler import cpu
+import holdfast
 from holdfast.compiler.errors import CompileError
 from holdfast.compiler.interpret import interpret
-from holdfast.compiler.kernel import compile_program
+from holdfast.compiler.targets import cpu
 from holdfast.compiler.trace import trace
-from tests.compiler.programs import all_same_bits
+from tests.compiler.programs import all_same_bits, compile_program
 from tests.compiler.schedules import stage
 from tests.processors import levels
 
@@ -83,3 +84,11 @@ def test_refused_rather_than_an_illegal_instruction(monkeypatch):
             compile_program(trace(text, [(5,)]))
     finally:
         cpu._target.cache_clear()
+
+
+def test_one_door():
+    """What belongs to one target is reached through `holdfast.compiler.targets` alone."""
+    root = Path(holdfast.__file__).parent
+    inside = root / "compiler" / "targets"
+    others = [path for path in root.rglob("*.py") if inside not in path.parents]
+    assert others and not [path for path in others if "compiler.targets." in path.read_text(encoding="utf-8")]

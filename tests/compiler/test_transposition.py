@@ -6,9 +6,9 @@ import functools
 import numpy as np
 import pytest
 
-from holdfast.compiler import cpu
-from holdfast.compiler.bound import aligned
-from holdfast.compiler.transposition import transpositions
+from holdfast.compiler.kernel import aligned
+from holdfast.compiler.targets import cpu
+from holdfast.compiler.targets.llvm.transposition import transpositions
 
 SIZES = range(1, 21)
 LANES = [2, 4, 8]

@@ -235,6 +235,10 @@ def test_machine_code(problem):
     assert relative(fast.qdd, found.qdd) < 1e-11
     assert relative(fast.grasp_wrench, found.grasp_wrench) < 1e-11
     assert compiled.kinetic_energy(**given) == pytest.approx(hf.kinetic_energy(chain, state), rel=1e-12)
+    expected, gaps = hf.closure(chain, state), compiled.closure(**given)
+    for name in chain.grasps:
+        np.testing.assert_allclose(gaps[name].position, expected[name].position, atol=1e-14)
+        np.testing.assert_allclose(gaps[name].velocity, expected[name].velocity, atol=1e-13)
 
 
 def test_simulation(problem):

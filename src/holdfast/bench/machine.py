@@ -14,7 +14,7 @@ PACKAGES = ("holdfast", "numpy", "llvmlite")
 
 def description() -> dict[str, Any]:
     """Return processor, its lanes and features, cores, and versions."""
-    from holdfast.compiler import cpu
+    from holdfast.compiler.targets import cpu
 
     made_for = cpu.target()
     return {

@@ -39,8 +39,8 @@ def doctor() -> int:
 
 def _machine_code() -> str:
     """Return which processor `holdfast.compile` makes code for, and how it uses it."""
-    from holdfast.compiler import cpu
     from holdfast.compiler.errors import CompileError
+    from holdfast.compiler.targets import cpu
 
     try:
         chosen = cpu.target().name

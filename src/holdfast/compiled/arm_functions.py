@@ -32,9 +32,6 @@ from holdfast.spatial.scalar import Array, concatenate, each
 
 Found = Mapping[str, Any]
 
-# Numbers of a grasp's attitude that its position rows are made of: R of tip from contact, or its x axis.
-ATTITUDES: dict[str | None, int] = {"rigid": 9, "hinge": 3}
-
 CLOSED = "closed."  # before the names of a state's arrays: what is returned for them
 _OBJECT = ("object_mass", "object_com", "object_inertia")
 
@@ -46,7 +43,7 @@ class Computation:
     Attributes:
         inputs: the caller's arrays.
         parameters: run-time parameters; those of links, if they matter, are added as the options say.
-        text: what is computed, by name.
+        function: what is computed, by name.
         results: by name, how many numbers of it each arm has.
         whole: by name, the shape of what is one for the chain, an array of `shapes` where it is None.
         by_grasp: whether it is of the arms that hold, each kind in its way.
@@ -56,7 +53,7 @@ class Computation:
 
     inputs: tuple[str, ...]
     parameters: tuple[str, ...]
-    text: Callable[[ClosedChain, Given], Found]
+    function: Callable[[ClosedChain, Given], Found]
     results: Mapping[str, Callable[[int, str | None], int]] = field(default_factory=dict)
     whole: Mapping[str, Shape | None] = field(default_factory=dict)
     by_grasp: bool = False
@@ -87,7 +84,7 @@ class Computation:
 
     def schedule(self, structure: Structure) -> Schedule:
         """Return the schedule for one chain."""
-        return traced(self.externals(structure), lambda given: self.text(traced_chain(structure, given), given))
+        return traced(self.externals(structure), lambda given: self.function(traced_chain(structure, given), given))
 
 
 def _torques(chain: ClosedChain, x: Given) -> Found:
@@ -115,7 +112,7 @@ def _closure(chain: ClosedChain, x: Given) -> Found:
 
     def parts(c: Contact, tip: Pose) -> tuple[Array, Array, Array]:
         seen = tip_from_contact(c, origin + c.offset, tip)
-        attitude = {"rigid": seen.R.ravel(), "hinge": seen.R[:, 0]}.get(c.grasp.kind, np.zeros(0))
+        attitude = seen.R.ravel() if c.grasp.of_kind.closed_angles else np.zeros(0)
         return attitude, -seen.p, c.velocity_gap
 
     found = each(parts, motion.contacts, [arm.at.tip for arm in motion.holding])
@@ -175,7 +172,7 @@ COMPUTATIONS: dict[str, Computation] = {
         ("base_R", "base_p", "base_twist", "grasp_R", "grasp_p"),
         _closure,
         {
-            "attitude": lambda _, kind: ATTITUDES.get(kind, 0),
+            "attitude": lambda _, kind: 9 if kind and GRASP_KINDS[kind].closed_angles else 0,
             "shift": lambda _, kind: 3 if kind else 0,
             "velocity": lambda _, kind: len(GRASP_KINDS[kind].transmitted) if kind else 0,
         },

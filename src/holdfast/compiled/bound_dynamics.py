@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from holdfast.compiled.externals import BASE_MOTION
-from holdfast.compiled.parameters import taken
+from holdfast.compiled.parameters import parse_parameters
 from holdfast.compiled.result import UNDECIDED, CompiledResult, ResultLayout
 from holdfast.compiler.kernel import Kernel
 from holdfast.dynamics.result import Status
@@ -79,7 +79,7 @@ class BoundDynamics:
         """
         if any(name in parameters and name not in self._externals for name in BASE_MOTION):
             self._move(self._compiled.moving)
-        found = taken(parameters, self._externals, self._compiled.chain)
+        found = parse_parameters(parameters, self._externals, self._compiled.chain)
         for name, x in found.items():
             if x.ndim > len(self._externals[name].shape):
                 raise StateError(f"set: {name}: expected numbers of one system, got a batch of {len(x)}")
@@ -99,9 +99,9 @@ class BoundDynamics:
 
     def _decide(self) -> None:
         """Find the generic rank, and compute again."""
-        from holdfast.compiled import verdict
+        from holdfast.compiled import statuses
 
-        verdict.settle(self._compiled, self._bound.arrays, self.result)
+        statuses.settle(self._compiled, self._bound.arrays, self.result)
         self._bound.arrays["generic_rank"][...] = float(self._compiled.generic_rank or 0)
         self._bound.prepare()
         self.run()

@@ -11,20 +11,19 @@ from typing import Any, get_args
 
 import numpy as np
 
-from holdfast.compiled import arrays, verdict
+from holdfast.compiled import arrays, statuses
 from holdfast.compiled.arrays import Addresses
 from holdfast.compiled.bound_dynamics import BoundDynamics
 from holdfast.compiled.externals import BASE_MOTION
 from holdfast.compiled.forward_schedule import forward_externals, forward_schedule
 from holdfast.compiled.functions import ChainFunctions
 from holdfast.compiled.kernels import kernel
-from holdfast.compiled.parameters import parameters_of, taken
+from holdfast.compiled.parameters import parameters_of, parse_parameters
 from holdfast.compiled.result import CompiledResult, ResultLayout
 from holdfast.compiled.structure import Options, Structure, optional_parameters
-from holdfast.compiler.bound import Bound
-from holdfast.compiler.builtin import Entry
-from holdfast.compiler.kernel import Kernel
+from holdfast.compiler.kernel import Bound, Kernel
 from holdfast.compiler.schedule import External
+from holdfast.compiler.targets import Builtin
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.methods import method_named
 from holdfast.errors import MethodNotApplicable, StateError
@@ -108,7 +107,7 @@ class CompiledChain(ChainFunctions):
         self._bound.prepare()
         self._layout = ResultLayout(self._externals)
         self._addresses = Addresses(self._externals, self._own)
-        self._entry = Entry(
+        self._builtin = Builtin(
             self._kernel.single_address,
             np.array(self._bound.table),
             [self._externals[name].size for name in _INPUTS],
@@ -119,7 +118,7 @@ class CompiledChain(ChainFunctions):
         )
         self._run = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(self._kernel.single_address)
         # the builtin takes the calls that repeat `out`; all others come back to `_forward`
-        self.forward_dynamics = self._entry.function  # type: ignore[method-assign]
+        self.forward_dynamics = self._builtin.function  # type: ignore[method-assign]
 
     def forward_dynamics(
         self,
@@ -210,7 +209,7 @@ class CompiledChain(ChainFunctions):
         inputs = zip(_INPUTS, (q, qd, tau, object_pose, object_twist), strict=True)
         found = {name: arrays.floats(name, x, self._externals[name].shape) for name, x in inputs}
         if parameters:
-            found |= taken(parameters, self._externals, self.chain)
+            found |= parse_parameters(parameters, self._externals, self.chain)
         batch = arrays.batch_of(found, self._externals)
         if not isinstance(threads, int) or threads < 1:
             raise StateError(f"threads: expected an integer >= 1, got {threads!r}")
@@ -221,7 +220,7 @@ class CompiledChain(ChainFunctions):
         if batch is not None:
             self._kernel.run_batch(table, batch, threads)
             if result.array("status").any():
-                verdict.settle(self, self._own | found | _origins(parameters), result)
+                statuses.settle(self, self._own | found | _origins(parameters), result)
             return result
         if parameters:
             sound = self._apart(found, result)
@@ -229,12 +228,12 @@ class CompiledChain(ChainFunctions):
             # all addresses, and that of working memory
             whole = np.append(table[:, 0], self._bound.table[-1])
             if out is not None:
-                self._entry.expect(out, out.memory, whole[len(_INPUTS) :].tolist())
+                self._builtin.expect(out, out.memory, whole[len(_INPUTS) :].tolist())
             sound = self._run(whole.ctypes.data) == 0
         if not sound:
             found = self._own | found | _origins(parameters)
-            verdict.settle(self, found, result)
-            verdict.require_answer(self, found, result)
+            statuses.settle(self, found, result)
+            statuses.require_answer(self, found, result)
         return result
 
     def _apart(self, found: dict[str, Array], result: CompiledResult) -> bool:

@@ -30,9 +30,9 @@ def forward_externals(structure: Structure) -> dict[str, External]:
         inputs.append("link_wrench")
     if options.link_inertia:
         parameters += LINKS
-    verdict: dict[str, Shape] = {"generic_rank": (), "rank": (), "status": (), "condition": ()}
+    of_status: dict[str, Shape] = {"generic_rank": (), "rank": (), "status": (), "condition": ()}
     outputs = (*GUARDED, "rank", "status", "condition")
-    return externals(inputs, parameters, outputs, shapes(chain) | verdict)
+    return externals(inputs, parameters, outputs, shapes(chain) | of_status)
 
 
 def forward_schedule(structure: Structure) -> Schedule:
@@ -46,18 +46,18 @@ def forward(structure: Structure, given: Given) -> dict[str, Any]:
     """Return the outputs of forward dynamics: the reference's functions, run on what is given."""
     chain = traced_chain(structure, given)
     state, inputs = traced_state(chain, given), traced_inputs(chain, given)
-    found = judged(chain, state, given["tau"], inputs, given["generic_rank"], structure.options.route)
+    found = solve_with_status(chain, state, given["tau"], inputs, given["generic_rank"], structure.options.route)
     outputs = {name: getattr(found.whole, name) for name in GUARDED}
     return outputs | {name: getattr(found, name) for name in ("rank", "status", "condition")}
 
 
-class Judged(NamedTuple):
+class SolutionWithStatus(NamedTuple):
     """Forward dynamics and how it is to be read.
 
     Attributes:
         whole: accelerations and forces.
         rank: independent rows of the constraint.
-        status: as `verdict` numbers them.
+        status: as `status_of_rank` numbers them.
         condition: of the constraint.
     """
 
@@ -67,7 +67,9 @@ class Judged(NamedTuple):
     condition: Scalar
 
 
-def judged(chain: ClosedChain, state: State, tau: Array, inputs: Inputs, generic_rank: Array, route: Route) -> Judged:
+def solve_with_status(
+    chain: ClosedChain, state: State, tau: Array, inputs: Inputs, generic_rank: Array, route: Route
+) -> SolutionWithStatus:
     """Return forward dynamics by `sequential`, and its status.
 
     Args:
@@ -80,11 +82,11 @@ def judged(chain: ClosedChain, state: State, tau: Array, inputs: Inputs, generic
     """
     motion = chain_motion(chain, state, tau, inputs)
     found = sequential(motion, route)
-    status = verdict(found.rank, generic_rank[()], chain.constraint_row_count)
-    return Judged(chain_solution(motion, found, route), found.rank, status, 1.0 / found.weakest_pivot)
+    status = status_of_rank(found.rank, generic_rank[()], chain.constraint_row_count)
+    return SolutionWithStatus(chain_solution(motion, found, route), found.rank, status, 1.0 / found.weakest_pivot)
 
 
-def verdict(rank: Scalar, generic_rank: Scalar, row_count: int) -> Scalar:
+def status_of_rank(rank: Scalar, generic_rank: Scalar, row_count: int) -> Scalar:
     """Return the status of a rank, as `compiled.result` numbers them.
 
     0: all is unique. 1: the rank is constantly low. 2: it is low, and the generic rank is not

@@ -13,9 +13,9 @@ from holdfast.compiled import arrays
 from holdfast.compiled.arm_functions import COMPUTATIONS
 from holdfast.compiled.faults import fault, faulty, largest_positions
 from holdfast.compiled.kernels import kernel
-from holdfast.compiled.parameters import parameters_of, taken
+from holdfast.compiled.parameters import parameters_of, parse_parameters
 from holdfast.compiled.structure import Options
-from holdfast.compiler.bound import Bound
+from holdfast.compiler.kernel import Bound
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
@@ -74,7 +74,7 @@ class CompiledFunction:
             name: arrays.floats(name, x, self.externals[name].shape)
             for name, x in zip(self._inputs, given, strict=True)
         }
-        changed = taken(parameters, self.externals, self._chain) if parameters else {}
+        changed = parse_parameters(parameters, self.externals, self._chain) if parameters else {}
         changed = {name: arrays.floats(name, x, self.externals[name].shape) for name, x in changed.items()}
         batch = arrays.batch_of(inputs | changed, self.externals)
         if batch is not None:

@@ -8,11 +8,10 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 
 from holdfast.compiled import arrays
-from holdfast.compiled.arm_functions import ATTITUDES, CLOSED
+from holdfast.compiled.arm_functions import CLOSED
 from holdfast.compiled.function import CompiledFunction
 from holdfast.compiled.not_compiled import missing
 from holdfast.compiled.structure import Options
-from holdfast.compiled.turns import align, log
 from holdfast.dynamics.consistency import GraspResidual
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
@@ -129,13 +128,14 @@ class ChainFunctions:
         """
         function = self._function("closure")
         found = function((q, qd, object_pose, object_twist), parameters, threads)
-        turns = self._turns(found["attitude"], function.parts["attitude"])
         residuals = {}
         for name, grasp in self.chain.grasps.items():
-            shift, velocity = (found[result][..., function.parts[result][name]] for result in ("shift", "velocity"))
-            rows = grasp.of_kind.position_rows
-            turn = [turns[name][..., rows[0] :]] if name in turns else []
-            residuals[name] = GraspResidual(np.concatenate([*turn, shift], -1), velocity)
+            parts = {part: found[part][..., where[name]] for part, where in function.parts.items()}
+            kind, position = grasp.of_kind, parts["shift"]
+            if kind.closed_angles:
+                turn = kind.turn(parts["attitude"].reshape(*position.shape, 3))
+                position = np.concatenate([turn[..., list(kind.closed_angles)], position], -1)
+            residuals[name] = GraspResidual(position, parts["velocity"])
         return residuals
 
     def kinetic_energy(
@@ -330,19 +330,6 @@ class ChainFunctions:
         found = self._function(name)(given, parameters, threads)["energy"]
         return found if found.ndim else float(found)
 
-    def _turns(self, attitudes: Array, parts: Mapping[str, slice]) -> dict[str, Array]:
-        """Return the turns from tip to contact, (..., 3) in contact axes, of the tips' attitudes seen from there."""
-        lead = attitudes.shape[:-1]
-        turns: dict[str, Array] = {}
-        for kind in ATTITUDES:
-            names = [name for name, grasp in self.chain.grasps.items() if grasp.kind == kind]
-            if names:
-                seen = np.concatenate([attitudes[..., parts[name]] for name in names], -1)
-                seen = seen.reshape(*lead, len(names), ATTITUDES[kind])
-                turn = _logarithm(seen) if kind == "rigid" else align(seen, np.eye(3)[0])
-                turns |= {name: turn[..., k, :] for k, name in enumerate(names)}
-        return turns
-
     def _require_holding(self, f: Array) -> None:
         """Refuse wrenches (..., arms, 6) on arms that hold nothing."""
         for row, name in enumerate(self.chain.names):
@@ -355,8 +342,3 @@ class ChainFunctions:
                 raise StateError(
                     f"grasp_wrench: arm '{name}' holds nothing, expected zeros, got {loads[loaded[0]]}{where}"
                 )
-
-
-def _logarithm(entries: Array) -> Array:
-    """Return the rotation vectors of the transposes of matrices (..., 9)."""
-    return log(entries.reshape(*entries.shape[:-1], 3, 3).swapaxes(-1, -2))

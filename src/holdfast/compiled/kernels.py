@@ -12,11 +12,11 @@ from pathlib import Path
 
 import holdfast.compiler
 from holdfast.compiled.structure import Structure
-from holdfast.compiler import cpu
 from holdfast.compiler.kernel import Kernel
 from holdfast.compiler.schedule import External, Schedule
+from holdfast.compiler.targets import cpu
 
-# The rooms whose text becomes machine code.
+# The rooms whose functions become machine code.
 _ROOMS = ("spatial", "model", "state", "dynamics", "compiler", "compiled")
 
 _made: weakref.WeakValueDictionary[str, Kernel] = weakref.WeakValueDictionary()
@@ -29,7 +29,7 @@ def key_of(what: str, structure: Structure, *further: str) -> str:
     Args:
         what: the computation's name, and what else decides it.
         structure: what is folded into the code.
-        further: rooms whose text it is made of, besides those of forward dynamics.
+        further: rooms whose functions it is made of, besides those of forward dynamics.
     """
     return f"{what}/{structure.key}/{_sources(*further)}"
 
@@ -53,7 +53,7 @@ def kernel(what: str, structure: Structure, externals: dict[str, External], make
 
 @functools.cache
 def _sources(*further: str) -> str:
-    """Return a digest of the text that decides the machine code, with the version."""
+    """Return a digest of the sources that decide the machine code, with the version."""
     root = Path(holdfast.compiler.__file__).parent.parent
     digest = hashlib.sha256(metadata.version("holdfast").encode())
     for room in (*_ROOMS, *further):

@@ -47,7 +47,9 @@ def parameters_of(chain: ClosedChain, generic_rank: int | None) -> dict[str, Arr
     }
 
 
-def taken(given: Mapping[str, Any], externals: Mapping[str, External], chain: ClosedChain) -> dict[str, Array]:
+def parse_parameters(
+    given: Mapping[str, Any], externals: Mapping[str, External], chain: ClosedChain
+) -> dict[str, Array]:
     """Return users' parameters by the names and shapes of the machine code.
 
     Args:

@@ -13,7 +13,7 @@ from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 
-# Statuses as the machine code numbers them; see `forward_schedule.verdict`.
+# Statuses as the machine code numbers them; see `forward_schedule.status_of_rank`.
 OK, INDETERMINATE, UNDECIDED, SINGULAR, INVALID = range(5)
 _STATUSES = np.array(
     [Status.OK, Status.INDETERMINATE_FORCES, Status.INDETERMINATE_FORCES, Status.SINGULAR, Status.INVALID]

@@ -1,4 +1,4 @@
-"""A chain whose run-time numbers are traced: what the texts of `dynamics` are run on to learn what they compute."""
+"""A chain whose run-time numbers are traced: what the functions of `dynamics` are run on to learn what they compute."""
 
 from __future__ import annotations
 
@@ -10,18 +10,20 @@ from typing import Any
 import numpy as np
 
 from holdfast.compiled.externals import BASE_MOTION
-from holdfast.compiled.folded import with_constants
 from holdfast.compiled.structure import Structure
 from holdfast.compiler.composition import Composition
+from holdfast.compiler.constant import Constant, constants
 from holdfast.compiler.derivation import derived
 from holdfast.compiler.node import Node
 from holdfast.compiler.schedule import External, Schedule
-from holdfast.compiler.trace import inputs, running_a_text
+from holdfast.compiler.targets import cpu
+from holdfast.compiler.trace import inputs, tracing
 from holdfast.dynamics.arm.regrouping import regrouped
 from holdfast.model.arm import Arm
 from holdfast.model.checks import ROTATION_TOLERANCE
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
+from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
@@ -33,11 +35,11 @@ Given = Mapping[str, Array]  # the caller's arrays, traced
 
 def traced(
     externals: Mapping[str, External],
-    text: Callable[[Given], Mapping[str, Any]],
+    function: Callable[[Given], Mapping[str, Any]],
     status: str | None = None,
     guarded: tuple[str, ...] = (),
 ) -> Schedule:
-    """Return the schedule of a text that is given the caller's arrays and returns the outputs by name."""
+    """Return the schedule of a function that is given the caller's arrays and returns the outputs by name."""
     composition = Composition()
     given: dict[str, Array] = {}
     numbers: dict[str, tuple[Node, ...]] = {}
@@ -49,13 +51,14 @@ def traced(
                 composition.parameters.update(numbers[name])
     token = loops.set(composition)
     try:
-        with running_a_text():
-            found = text(given)
+        with tracing():
+            found = function(given)
     finally:
         loops.reset(token)
     outputs = {name: list(np.asarray(found[name], dtype=object).flat) for name, e in externals.items() if name in found}
     assert all(len(x) == math.prod(externals[name].shape) for name, x in outputs.items())
-    return derived(composition, externals, numbers, outputs, status, guarded)
+    # a processor without fma would call a library for each: it keeps products and sums apart
+    return derived(composition, externals, numbers, outputs, status, guarded, fused=cpu.has_fma())
 
 
 def traced_chain(structure: Structure, given: Given) -> ClosedChain:
@@ -67,7 +70,7 @@ def traced_chain(structure: Structure, given: Given) -> ClosedChain:
     chain = structure.chain
     arms = {}
     for i, (name, arm) in enumerate(chain.arms.items()):
-        made = _with_links(structure, with_constants(arm), given, chain.joints[name])
+        made = _with_links(structure, _with_constants(arm), given, chain.joints[name])
         arms[name] = replace(made, base=_pose(given, "base", i), name="")
     held = enumerate(chain.grasps.items() if structure.by_grasp else ())
     grasps = {name: replace(grasp, frame=_pose(given, "grasp", i)) for i, (name, grasp) in held}
@@ -127,3 +130,26 @@ def _with_links(structure: Structure, arm: Arm, given: Given, joints: slice) -> 
     rows = zip(given["link_mass"][joints], given["link_com"][joints], given["link_inertia"][joints], strict=True)
     links = [replace(Link(0.0, com, I, physical=False), mass=m) for m, com, I in rows]
     return replace(arm, links=tuple(links))
+
+
+def _with_constants(arm: Arm) -> Arm:
+    """Return the arm with everything that is folded into code as constants, whose products no BLAS rounds.
+
+    Names and limits, which no algorithm asks for, are left out: arms that differ in them are of one type.
+    """
+    joints, links = [_constant_joint(joint) for joint in arm.joints], [_constant_link(link) for link in arm.links]
+    return replace(arm, joints=joints, links=links, tip=_constant_pose(arm.tip))
+
+
+def _constant_joint(joint: Joint) -> Joint:
+    plain = Joint(joint.kind, constants(joint.axis), _constant_pose(joint.placement))
+    return replace(plain, armature=Constant(joint.armature), damping=Constant(joint.damping))
+
+
+def _constant_link(link: Link) -> Link:
+    plain = Link(link.mass, constants(link.com), constants(link.inertia), physical=False)
+    return replace(plain, mass=Constant(link.mass))
+
+
+def _constant_pose(pose: Pose) -> Pose:
+    return Pose(constants(pose.R), constants(pose.p))

@@ -1,1 +1,1 @@
-"""From an algorithm's text to machine code: trace, fold, fuse, interpret, compile. Knows nothing of robots."""
+"""From a function of arrays to machine code: trace, fold, fuse, interpret, compile. Knows nothing of robots."""

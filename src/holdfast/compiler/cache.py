@@ -24,7 +24,7 @@ _SUFFIX = ".code"
 
 
 def key_of(*parts: str) -> str:
-    """Return the name of the code that these texts determine."""
+    """Return the name of the code that these parts determine."""
     digest = hashlib.sha256()
     for part in parts:
         text = part.encode()

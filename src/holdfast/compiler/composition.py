@@ -1,4 +1,4 @@
-"""A text with loops, traced: which regions run for which items, in which order, and what lies between.
+"""A function with loops, traced: which regions run for which items, in which order, and what lies between.
 
 `each` traces one item of each type; the others run the same region. What a loop returns for an item are images of
 the region's numbers. A later loop over them goes on in their regions, each item where its first number was made; a
@@ -16,14 +16,14 @@ from holdfast.compiler.graph import Graph
 from holdfast.compiler.node import Node
 from holdfast.compiler.region import (
     Classes,
-    Group,
     Origin,
     Outside,
+    PhaseCall,
     Region,
+    RegionInput,
     Scan,
     Source,
-    Step,
-    Taken,
+    TracedGroup,
     Traversal,
     Turns,
 )
@@ -31,14 +31,14 @@ from holdfast.compiler.values import Leaf, Values, numbers_of, with_numbers
 
 
 class Composition:
-    """A text being traced.
+    """A function being traced.
 
     Attributes:
         graph: the glue's.
         parameters: inputs of the glue that seldom change.
         origins: of images.
         groups: in order of their making.
-        steps: the calls so far.
+        phase_calls: the calls so far.
         scans: all scans.
         inside: whether a region is being traced.
     """
@@ -48,8 +48,8 @@ class Composition:
         self.parameters: set[Node] = set()
         self.origins: dict[Node, Origin] = {}
         self._outside = Outside(self.graph, self.origins)
-        self.groups: list[Group] = []
-        self.steps: list[Step] = []
+        self.groups: list[TracedGroup] = []
+        self.phase_calls: list[PhaseCall] = []
         self.scans: list[Scan] = []
         self._values = Values()
         self._regions: dict[Hashable, Region] = {}
@@ -80,14 +80,14 @@ class Composition:
 
     def _go_on(
         self,
-        group: Group,
+        group: TracedGroup,
         f: Callable[..., Any],
         items: Sequence[Any],
         flat: Sequence[tuple[list[Leaf], Hashable]],
         found: list[Any],
         order: Sequence[int],
     ) -> None:
-        """Run the text for all items of a group, the region where it is."""
+        """Run the loop's body for all items of a group, the region where it is."""
         done = self._traversal(group.region, group, 0, f, items[0], flat[0])
         group.region = done.after
         self._give(group, done.ports, [leaves for leaves, _ in flat])
@@ -98,37 +98,41 @@ class Composition:
         """Return what `scan` does, its regions traced."""
         flat = [self._values.leaves((x, f)) for x in items]
         homes = self._all_again(flat)
-        plan, kept = self._plan(f, carry, items, flat, homes)
-        turns, order = self._order(f, plan, flat, homes)
+        traversals, kept = self._traversals(f, carry, items, flat, homes)
+        turns, order = self._order(f, traversals, flat, homes)
         if turns.open:
             self._call_turns(turns)
         first = _once(numbers_of(carry), kept[0][0])
         self.settle([x for x in first if isinstance(x, Node)])
-        handed = tuple([_once(numbers_of(t.carry), classes) for t, (classes, _) in zip(plan, kept[1:], strict=True)])
-        scan = Scan(first, tuple((g, i, t) for (g, i), t in zip(order, plan, strict=True)), kept, handed)
+        handed = tuple(
+            [_once(numbers_of(t.carry), classes) for t, (classes, _) in zip(traversals, kept[1:], strict=True)]
+        )
+        scan = Scan(first, tuple((g, i, t) for (g, i), t in zip(order, traversals, strict=True)), kept, handed)
         self.scans.append(scan)
-        rows: dict[Group, list[tuple[int, int]]] = {}
+        rows: dict[TracedGroup, list[tuple[int, int]]] = {}
         for j, (group, i) in enumerate(order):
             rows.setdefault(group, []).append((i, j))
         for group, pairs in rows.items():
-            done = plan[pairs[0][1]]
+            done = traversals[pairs[0][1]]
             group.region = done.after
             self._give(group, done.ports, [flat[j][0] for _, j in sorted(pairs)])
             group.take(Source(done.carried, group.done + 1, None, scan))
         turns.open = list(order)
         group, i = order[-1]
         images = group.images[i]
-        last = with_numbers(plan[-1].carry, lambda x: images[x] if isinstance(x, Node) else x)
-        found = [self._values.replaced(t.value, repeat(g.images[i])) for (g, i), t in zip(order, plan, strict=True)]
+        last = with_numbers(traversals[-1].carry, lambda x: images[x] if isinstance(x, Node) else x)
+        found = [
+            self._values.replaced(t.value, repeat(g.images[i])) for (g, i), t in zip(order, traversals, strict=True)
+        ]
         return last, found
 
-    def _plan(
+    def _traversals(
         self,
         f: Callable[..., Any],
         carry: Any,
         items: Sequence[Any],
         flat: Sequence[tuple[list[Leaf], Hashable]],
-        homes: Sequence[tuple[Group, int]] | None,
+        homes: Sequence[tuple[TracedGroup, int]] | None,
     ) -> tuple[list[Traversal], tuple[tuple[Classes, Hashable], ...]]:
         """Return what every item does, and what of the carry it is handed; the last one's follows.
 
@@ -138,12 +142,12 @@ class Composition:
         shape = self._shape(carry)
         classes: dict[Hashable, Classes] = {shape: _classes(numbers_of(carry))}
         while True:
-            at, handed, plan, kept = shape, carry, [], []
+            at, handed, traversals, kept = shape, carry, [], []
             for j, x in enumerate(items):
                 region = homes[j][0].region if homes else self._region(("scan", flat[j][1]))
                 group, i = homes[j] if homes else (None, 0)
                 done = self._traversal(region, group, i, f, x, flat[j], (handed, classes[at], at))
-                plan.append(done)
+                traversals.append(done)
                 kept.append((classes[at], at))
                 handed, at = done.carry, self._shape(done.carry)
                 seen = _classes(numbers_of(handed))
@@ -152,15 +156,15 @@ class Composition:
                 if known is not None and classes[at] != known:
                     break
             else:
-                return plan, (*kept, (classes[at], at))
+                return traversals, (*kept, (classes[at], at))
 
     def _order(
         self,
         f: Callable[..., Any],
-        plan: Sequence[Traversal],
+        traversals: Sequence[Traversal],
         flat: Sequence[tuple[list[Leaf], Hashable]],
-        homes: Sequence[tuple[Group, int]] | None,
-    ) -> tuple[Turns, list[tuple[Group, int]]]:
+        homes: Sequence[tuple[TracedGroup, int]] | None,
+    ) -> tuple[Turns, list[tuple[TracedGroup, int]]]:
         """Return the groups' turns, and every item's group and place in it."""
         if homes:
             turns = homes[0][0].turns
@@ -168,11 +172,11 @@ class Composition:
             return turns, list(homes)
         turns = Turns()
         counts: dict[int, int] = {}
-        for t in plan:
+        for t in traversals:
             counts[id(t)] = counts.get(id(t), 0) + 1
-        groups: dict[int, Group] = {}
+        groups: dict[int, TracedGroup] = {}
         order = []
-        for j, t in enumerate(plan):
+        for j, t in enumerate(traversals):
             if id(t) not in groups:
                 groups[id(t)] = self._group(f, ("scan", flat[j][1]), counts[id(t)], turns)
                 counts[id(t)] = 0
@@ -180,7 +184,7 @@ class Composition:
             counts[id(t)] += 1
         return turns, order
 
-    def _all_again(self, flat: Sequence[tuple[list[Leaf], Hashable]]) -> list[tuple[Group, int]] | None:
+    def _all_again(self, flat: Sequence[tuple[list[Leaf], Hashable]]) -> list[tuple[TracedGroup, int]] | None:
         """Return the homes of items that are all those of an earlier scan, in any order; None otherwise."""
         homes = self._homes(flat, scanned=True)
         turns = {group.turns for group in homes}
@@ -197,20 +201,20 @@ class Composition:
 
     # ---- regions ----
 
-    def _homes(self, flat: Sequence[tuple[list[Leaf], Hashable]], scanned: bool) -> dict[Group, dict[int, int]]:
+    def _homes(self, flat: Sequence[tuple[list[Leaf], Hashable]], scanned: bool) -> dict[TracedGroup, dict[int, int]]:
         """Return which item each item was of which group: the one that its first number is an image of."""
-        homes: dict[Group, dict[int, int]] = {}
+        homes: dict[TracedGroup, dict[int, int]] = {}
         for j, (leaves, _) in enumerate(flat):
             origin = self.origins.get(leaves[0][0]) if leaves else None
             if origin is not None and (origin.group.turns is not None) == scanned:
                 homes.setdefault(origin.group, {})[origin.item] = j
         return homes
 
-    def _signature(self, leaves: Sequence[Leaf], group: Group | None, item: int) -> tuple[tuple[int, ...], ...]:
+    def _signature(self, leaves: Sequence[Leaf], group: TracedGroup | None, item: int) -> tuple[tuple[int, ...], ...]:
         """Return which numbers of an item are its region's own."""
         return tuple([tuple([self._own(node, group, item) for node in leaf]) for leaf in leaves])
 
-    def _own(self, node: Node, group: Group | None, item: int) -> int:
+    def _own(self, node: Node, group: TracedGroup | None, item: int) -> int:
         origin = self.origins.get(node)
         if origin is None or origin.group is not group or origin.item != item:
             return -1
@@ -219,23 +223,23 @@ class Composition:
     def _region(self, key: Hashable) -> Region:
         return self._regions.setdefault(key, Region(Graph()))
 
-    def _group(self, f: Callable[..., Any], key: Hashable, count: int, turns: Turns | None) -> Group:
+    def _group(self, f: Callable[..., Any], key: Hashable, count: int, turns: Turns | None) -> TracedGroup:
         name = f"{getattr(f, '__name__', type(f).__name__).strip('<>_')}{len(self.groups)}"
-        group = Group(self._outside, name, self._region(key), count, turns)
+        group = TracedGroup(self._outside, name, self._region(key), count, turns)
         self.groups.append(group)
         return group
 
     def _traversal(
         self,
         region: Region,
-        group: Group | None,
+        group: TracedGroup | None,
         item: int,
         f: Callable[..., Any],
         x: Any,
         flat: tuple[list[Leaf], Hashable],
         carry: tuple[Any, Classes, Hashable] | None = None,
     ) -> Traversal:
-        """Return what the text does in a region, traced if it was not done there before."""
+        """Return what the loop's body does in a region, traced if it was not done there before."""
         leaves, key = flat
         signature = self._signature(leaves, group, item)
         what = (key, signature, carry and carry[1:])
@@ -246,7 +250,7 @@ class Composition:
             places = tuple([p for p, serial in enumerate(own) if serial < 0])
             inputs = tuple([graph.input() for _ in places])
             if inputs:
-                ports.append(Taken(inputs, k, places))
+                ports.append(RegionInput(inputs, k, places))
             new = iter(inputs)
             numbers.append(
                 {n: next(new) if serial < 0 else graph.nodes[serial] for n, serial in zip(leaf, own, strict=True)}
@@ -275,7 +279,7 @@ class Composition:
 
     # ---- order ----
 
-    def _give(self, group: Group, ports: Sequence[Taken], leaves: Sequence[Sequence[Leaf]]) -> None:
+    def _give(self, group: TracedGroup, ports: Sequence[RegionInput], leaves: Sequence[Sequence[Leaf]]) -> None:
         """Give the group's region what it takes, item by item."""
         given = []
         for port in ports:
@@ -289,7 +293,7 @@ class Composition:
     def _known_before(self, node: Node) -> bool:
         """Return whether a number outside depends on parameters only."""
         known = self._constants
-        for n in self.graph.nodes[len(known) : node.serial + 1]:  # one after the other: texts may be long
+        for n in self.graph.nodes[len(known) : node.serial + 1]:  # one after the other: functions may be long
             known.append(n in self.parameters if n.kind == "input" else all(known[a.serial] for a in n.args))
         return known[node.serial]
 
@@ -306,24 +310,24 @@ class Composition:
             if origin is not None and origin.group.phase(origin.node) > origin.group.done:
                 self._call(origin.group)
 
-    def _call(self, group: Group) -> None:
+    def _call(self, group: TracedGroup) -> None:
         if group.turns is not None:
             self._call_turns(group.turns)
             return
         group.done += 1
-        self.steps.append(Step(group, group.done, tuple(range(group.count))))
+        self.phase_calls.append(PhaseCall(group, group.done, tuple(range(group.count))))
 
     def _call_turns(self, turns: Turns) -> None:
         """Call the items of a scan in their order, those of one group that follow each other at once."""
         order, turns.open = turns.open, []
-        runs: list[tuple[Group, list[int]]] = []
+        runs: list[tuple[TracedGroup, list[int]]] = []
         for group, item in order:
             if not runs or runs[-1][0] is not group:
                 runs.append((group, []))
             runs[-1][1].append(item)
         for group in {group for group, _ in runs}:
             group.done += 1
-        self.steps += [Step(group, group.done, tuple(items)) for group, items in runs]
+        self.phase_calls += [PhaseCall(group, group.done, tuple(items)) for group, items in runs]
 
 
 def _classes(numbers: Sequence[Any]) -> Classes:

@@ -1,4 +1,4 @@
-"""A number that is known while a text is traced: what a model's lengths and masses are there.
+"""A number that is known while a function is traced: what a model's lengths and masses are there.
 
 NumPy multiplies arrays of floats by BLAS, whose last digits depend on the kernel that it picks for the processor.
 It multiplies arrays of these entry by entry, in order and by the interpreter's operations, so the constants of the

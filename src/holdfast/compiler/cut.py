@@ -127,7 +127,11 @@ def by_phase(program: Program, input_phases: Sequence[int], results: Sequence[in
     sizes = [math.prod(shape) for shape in program.input_shapes]
     known = [phase for phase, size in zip(input_phases, sizes, strict=True) for _ in range(size)]
     for p, (kind, args, _) in enumerate(program.instructions):
-        piece.append(known[p] if kind == "input" else max([piece[a] for a in args], default=0))
+        latest = known[p] if kind == "input" else 0
+        for a in args:
+            if piece[a] > latest:
+                latest = piece[a]
+        piece.append(latest)
     outputs, start = [], 0
     for n in results:
         outputs.append(program.outputs[start : start + n])
@@ -139,6 +143,9 @@ def by_length(program: Program, length: int) -> Pieces:
     """Return the program cut after every `length` operations, each result written where it is computed."""
     first = program.input_size
     count = max(1, -(-(len(program.instructions) - first) // length))
+    if count == 1:  # a piece of `by_phase` already: cutting it again would write the same
+        outputs = (*program.outputs, Output((0,), ()))
+        return Pieces((Program(program.input_shapes, program.instructions, outputs),), (0,))
     piece = [max(0, p - first) // length for p in range(len(program.instructions))]
     for p, (kind, args, _) in enumerate(program.instructions):
         if kind in _MADE_AGAIN and args:

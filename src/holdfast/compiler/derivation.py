@@ -9,18 +9,16 @@ from holdfast.compiler.composition import Composition
 from holdfast.compiler.graph import SERIAL, Graph
 from holdfast.compiler.needed import Needed
 from holdfast.compiler.node import Node
-from holdfast.compiler.placement import Ports, Stages, inputs_of
-from holdfast.compiler.region import Group, Origin, Scan, Source
-from holdfast.compiler.schedule import Call, External, Internal, Schedule, Wire
-from holdfast.compiler.schedule import Group as Placed
-from holdfast.compiler.stage import Stage
+from holdfast.compiler.region import Origin, Scan, Source, TracedGroup
+from holdfast.compiler.schedule import Call, External, Group, Internal, Schedule, Wire
+from holdfast.compiler.stage import GraphPorts, Stage, Stages, inputs_of
 from holdfast.compiler.trace import as_node
 from holdfast.compiler.values import Leaf
 
 GLUE = "glue"
 
 
-class Put(NamedTuple):
+class GlueOutput(NamedTuple):
     """Numbers that the glue writes.
 
     Attributes:
@@ -37,25 +35,28 @@ class Put(NamedTuple):
 class Derivation:
     """Collects the arrays and ports of a composition's schedule."""
 
-    def __init__(self, traced: Composition, externals: Mapping[str, External], given: Mapping[str, Leaf]) -> None:
+    def __init__(
+        self, traced: Composition, externals: Mapping[str, External], given: Mapping[str, Leaf], fused: bool
+    ) -> None:
         """Take what was traced.
 
         Args:
             traced: the composition, finished.
             externals: the caller's arrays.
             given: the numbers of those that are not outputs, in the glue.
+            fused: whether products go into sums first.
         """
         self.traced, self.externals, self.given = traced, externals, given
         self.place_of = {node: (name, k) for name, nodes in given.items() for k, node in enumerate(nodes)}
         self.internals: dict[str, Internal] = {}
-        self.ports = {group: Ports() for group in traced.groups}
-        self.glue = Ports()
-        self.puts: list[Put] = []
+        self.ports = {group: GraphPorts() for group in traced.groups}
+        self.glue = GraphPorts()
+        self.glue_outputs: list[GlueOutput] = []
         self.needed = Needed(traced)
         self._arrays: dict[object, str] = {}
-        self.stages = Stages()
+        self.stages = Stages(fused)
         self._ready: list[int] = []
-        self._last = {(step.group, step.phase): k for k, step in enumerate(traced.steps)}
+        self._last = {(step.group, step.phase): k for k, step in enumerate(traced.phase_calls)}
 
     # ---- what the regions are given ----
 
@@ -69,7 +70,7 @@ class Derivation:
                 if source.numbers is not None and places:
                     self._take(group, source, places)
 
-    def _take(self, group: Group, source: Source, places: Sequence[int]) -> None:
+    def _take(self, group: TracedGroup, source: Source, places: Sequence[int]) -> None:
         """Wire a port, or the numbers of it that are needed."""
         assert source.numbers is not None
         inputs, wire = source.inputs, self._external(source.numbers)
@@ -93,7 +94,7 @@ class Derivation:
             places.append(start)
         return Wire(names.pop(), tuple(places)) if len(names) == 1 else None
 
-    def _image(self, group: Group, numbers: tuple[Leaf, ...]) -> Wire | None:
+    def _image(self, group: TracedGroup, numbers: tuple[Leaf, ...]) -> Wire | None:
         """Return the wire to what other groups return, if every item's numbers are all from one item of one group."""
         found = [self._origin(of_one) for of_one in numbers]
         if any(one is None for one in found):
@@ -109,7 +110,7 @@ class Derivation:
             return None
         return self._gathered(origins)
 
-    def _origin(self, numbers: Leaf) -> tuple[Group, int, Leaf] | None:
+    def _origin(self, numbers: Leaf) -> tuple[TracedGroup, int, Leaf] | None:
         """Return the group and item that numbers are all images of, and which of its own they are."""
         origins = [self.traced.origins.get(node) for node in numbers]
         if None in origins or len({(o.group, o.item) for o in origins}) > 1:  # type: ignore[union-attr]
@@ -117,9 +118,9 @@ class Derivation:
         first: Origin = origins[0]  # type: ignore[assignment]
         return first.group, first.item, tuple([o.node for o in origins])  # type: ignore[union-attr]
 
-    def _gathered(self, origins: Sequence[tuple[Group, int, Leaf]]) -> Wire | None:
+    def _gathered(self, origins: Sequence[tuple[TracedGroup, int, Leaf]]) -> Wire | None:
         """Return the wire to an array that several groups, or one in another order, write item by item."""
-        wanted: dict[tuple[Group, Leaf], dict[int, int]] = {}
+        wanted: dict[tuple[TracedGroup, Leaf], dict[int, int]] = {}
         for place, (maker, item, nodes) in enumerate(origins):
             wanted.setdefault((maker, nodes), {})[item] = place
         whole = all(len(places) == maker.count for (maker, _), places in wanted.items())
@@ -133,7 +134,7 @@ class Derivation:
                 self._return(maker, nodes, Wire(name, tuple([places[i] for i in range(maker.count)])))
         return Wire(self._arrays[key], tuple(range(len(origins))))
 
-    def _returned(self, maker: Group, nodes: Leaf, in_lanes: bool = False) -> str:
+    def _returned(self, maker: TracedGroup, nodes: Leaf, in_lanes: bool = False) -> str:
         """Return the array of numbers that a group returns, with a place for each of its items.
 
         Args:
@@ -148,7 +149,7 @@ class Derivation:
             self._return(maker, nodes, Wire(name, tuple(range(maker.count))))
         return self._arrays[key]
 
-    def _return(self, maker: Group, nodes: Leaf, wire: Wire, phase: int | None = None) -> None:
+    def _return(self, maker: TracedGroup, nodes: Leaf, wire: Wire, phase: int | None = None) -> None:
         known = max([1, *map(maker.phase, nodes)]) if phase is None else phase
         self.ports[maker].returned.append((known, nodes, wire))
 
@@ -159,7 +160,7 @@ class Derivation:
         if items not in self._arrays:
             name = self._arrays[items] = f"{GLUE}{len(self._arrays)}"
             self.internals[name] = Internal(len(items), len(numbers[0]))
-            self.puts += [Put(of_one, name, i) for i, of_one in enumerate(items)]
+            self.glue_outputs += [GlueOutput(of_one, name, i) for i, of_one in enumerate(items)]
         return Wire(self._arrays[items], (0,) * len(numbers) if same else tuple(range(len(numbers))))
 
     def _carry(self, name: str, scan: Scan) -> None:
@@ -173,8 +174,8 @@ class Derivation:
             if classes:
                 names[kept] = f"{name}.{len(names)}"
                 self.internals[names[kept]] = Internal(len(scan.kept), len(classes))
-        taken: dict[Group, dict[int, int]] = {}
-        handed: dict[tuple[Group, Leaf, str], dict[int, int]] = {}
+        taken: dict[TracedGroup, dict[int, int]] = {}
+        handed: dict[tuple[TracedGroup, Leaf, str], dict[int, int]] = {}
         for k, (group, item, _) in enumerate(scan.order):
             taken.setdefault(group, {})[item] = k
             kept = scan.kept[k + 1]
@@ -193,7 +194,7 @@ class Derivation:
             self._return(group, nodes, wire, scan.source(group).phase)
         if scan.kept[0] in names:
             first = tuple([as_node(self.traced.graph, scan.first[c]) for c in needed[scan.kept[0]]])
-            self.puts.append(Put(first, names[scan.kept[0]], 0))
+            self.glue_outputs.append(GlueOutput(first, names[scan.kept[0]], 0))
 
     # ---- results ----
 
@@ -205,8 +206,8 @@ class Derivation:
                 name = f"next.{outside}"
                 self.internals[name] = Internal(len(numbers), 1)
             runs = _runs([self.traced.origins.get(x) if isinstance(x, Node) else None for x in numbers])
-            of_group: dict[Group, dict[int, tuple[int, Leaf]]] = {}
-            several: set[Group] = set()
+            of_group: dict[TracedGroup, dict[int, tuple[int, Leaf]]] = {}
+            several: set[TracedGroup] = set()
             for start, nodes, origin in runs:
                 if origin is not None:
                     places = of_group.setdefault(origin.group, {})
@@ -223,7 +224,7 @@ class Derivation:
             for start, nodes, origin in runs:
                 if origin is None or origin.group not in straight:
                     there = tuple([as_node(self.traced.graph, x) for x in numbers[start : start + len(nodes)]])
-                    self.puts.append(Put(there, name, start))
+                    self.glue_outputs.append(GlueOutput(there, name, start))
 
     def _return_alike(self) -> None:
         """Let groups whose regions are the same return the same, so that they share a stage; nobody reads the rest."""
@@ -240,7 +241,7 @@ class Derivation:
 
     def _handed_on(self) -> tuple[Stage, dict[str, Wire]]:
         """Return the stage that makes what is carried the beginning of the next repetition."""
-        graph, ports = Graph(), Ports()
+        graph, ports = Graph(), GraphPorts()
         for name, internal in self.internals.items():
             if name.startswith("next."):
                 nodes = tuple([graph.input() for _ in range(internal.items)])
@@ -253,12 +254,12 @@ class Derivation:
     def glued(self) -> list[int]:
         """Wire the glue; return before which steps it is called."""
         outside = {name for name, external in self.externals.items() if external.role != "parameter"}
-        ready = [max(0 if put.array in outside else -1, *map(self.ready, put.numbers)) for put in self.puts]
+        ready = [max(0 if put.array in outside else -1, *map(self.ready, put.numbers)) for put in self.glue_outputs]
         when = sorted({at for at in ready if at >= 0})
         phase = {-1: 0} | {at: k + 1 for k, at in enumerate(when)}
-        for put, at in zip(self.puts, ready, strict=True):
+        for put, at in zip(self.glue_outputs, ready, strict=True):
             self.glue.returned.append((phase[at], put.numbers, Wire(put.array, (put.place,))))
-        used = inputs_of([node for put in self.puts for node in put.numbers])
+        used = inputs_of([node for put in self.glue_outputs for node in put.numbers])
         for name, nodes in self.given.items():
             if not used.isdisjoint(nodes):
                 at = 0 if self.externals[name].role == "parameter" else 1
@@ -278,17 +279,17 @@ class Derivation:
             origin = self.traced.origins.get(n)
             if origin is not None:
                 called = self._last.get((origin.group, max(1, origin.group.phase(origin.node))))
-                known.append(len(self.traced.steps) if called is None else called + 1)
+                known.append(len(self.traced.phase_calls) if called is None else called + 1)
             elif n.kind == "input":
                 known.append(-1 if n in self.traced.parameters else 0)
             else:
                 known.append(max([known[a.serial] for a in n.args], default=-1))
         return known[node.serial]
 
-    def _seen(self, used: set[Node]) -> list[tuple[Group, list[int], Leaf, int]]:
+    def _seen(self, used: set[Node]) -> list[tuple[TracedGroup, list[int], Leaf, int]]:
         """Return what the glue sees of the groups: items, numbers and the phase that returns them."""
-        nodes: dict[tuple[Group, int], set[Node]] = {}
-        items: dict[tuple[Group, int], set[int]] = {}
+        nodes: dict[tuple[TracedGroup, int], set[Node]] = {}
+        items: dict[tuple[TracedGroup, int], set[int]] = {}
         for node in used:
             origin = self.traced.origins.get(node)
             if origin is not None:
@@ -307,29 +308,29 @@ class Derivation:
         """Return the schedule; all is wired."""
         when = self.glued()
         self._return_alike()
-        groups: dict[str, Placed] = {}
+        groups: dict[str, Group] = {}
         prepare, calls = [], []
         stage, wires = self.stages.placed(GLUE, self.traced.graph, self.glue, len(when))
         if self.glue.returned:
-            groups[GLUE] = Placed(stage, 1, wires, side_by_side=False)
+            groups[GLUE] = Group(stage, 1, wires, side_by_side=False)
             if stage.outputs[0] or stage.pieces.memory[0]:
                 prepare.append(Call(GLUE, 0, (0,)))
         for group in self.traced.groups:
             stage, wires = self.stages.placed(group.name, group.region.graph, self.ports[group], group.done)
-            groups[group.name] = Placed(stage, group.count, wires, side_by_side=_wide(group))
+            groups[group.name] = Group(stage, group.count, wires, side_by_side=_wide(group))
             if stage.outputs[0] or stage.pieces.memory[0]:
                 prepare.append(Call(group.name, 0, tuple(range(group.count))))
-        for k, step in enumerate(self.traced.steps):
+        for k, step in enumerate(self.traced.phase_calls):
             if k in when:
                 calls.append(Call(GLUE, 1 + when.index(k), (0,)))
             stage = groups[step.group.name].stage
             if stage.outputs[step.phase] or stage.pieces.memory[step.phase]:
                 calls.append(Call(step.group.name, step.phase, step.items))
-        if len(self.traced.steps) in when:
+        if len(self.traced.phase_calls) in when:
             calls.append(Call(GLUE, len(when), (0,)))
         if any(external.role == "carried" for external in self.externals.values()):
             stage, wires = self._handed_on()
-            groups["handed_on"] = Placed(stage, 1, wires, side_by_side=False)
+            groups["handed_on"] = Group(stage, 1, wires, side_by_side=False)
             calls.append(Call("handed_on", 0, (0,)))
         return Schedule(dict(self.externals), self.internals, groups, tuple(prepare), tuple(calls), status, guarded)
 
@@ -341,6 +342,7 @@ def derived(
     found: Mapping[str, Sequence[Any]],
     status: str | None = None,
     guarded: tuple[str, ...] = (),
+    fused: bool = True,
 ) -> Schedule:
     """Return the schedule of a traced composition.
 
@@ -351,10 +353,11 @@ def derived(
         found: the numbers of the outputs, by name.
         status: as in `Schedule`.
         guarded: likewise.
+        fused: whether products go into sums first, as they should where the target has an fma.
     """
     results = [x for numbers in found.values() for x in numbers if isinstance(x, Node)]
     traced.settle(results)
-    derivation = Derivation(traced, externals, given)
+    derivation = Derivation(traced, externals, given, fused)
     derivation.needed.follow(results)
     derivation.regions()
     derivation.results(found)
@@ -376,6 +379,6 @@ def _runs(origins: Sequence[Origin | None]) -> list[tuple[int, Leaf, Origin | No
     return [(start, tuple(nodes), origin) for start, nodes, origin in found]
 
 
-def _wide(group: Group) -> bool:
+def _wide(group: TracedGroup) -> bool:
     """Return whether items of a group run side by side."""
     return group.turns is None and group.count > 1

@@ -1,4 +1,4 @@
-"""The compiler's error, and where in the algorithm's text it happened."""
+"""The compiler's error, and where in the traced function it happened."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import numpy as np
 
 from holdfast.errors import HoldfastError
 
-# Frames of these folders are machinery, not the text somebody wrote.
+# Frames of these folders are machinery, not the function somebody wrote.
 _MACHINERY = (str(Path(__file__).parent), str(Path(np.__file__).parent))
 
 
 class CompileError(HoldfastError):
-    """An algorithm's text, a program or a kernel's arguments ask for what the compiler cannot do."""
+    """A traced function, a program or a kernel's arguments ask for what the compiler cannot do."""
 
 
 def place_of_call() -> str:
-    """Return file, line and source of the innermost running line of an algorithm's text."""
+    """Return file, line and source of the innermost running line of a traced function."""
     frame = sys._getframe(1)
     while frame is not None:
         if not _is_machinery(frame.f_code.co_filename):
@@ -30,7 +30,7 @@ def place_of_call() -> str:
 
 
 def place_of_failure(error: BaseException) -> str:
-    """Return file, line and source of the innermost line of an algorithm's text that an exception went through."""
+    """Return file, line and source of the innermost line of a traced function that an exception went through."""
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         if not _is_machinery(frame.filename):
             return _described(frame.filename, frame.lineno or 0)

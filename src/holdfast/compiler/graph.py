@@ -1,10 +1,17 @@
-"""The expression graph: every node made once."""
+"""The expression graph: every node made once, and none that need not be made.
+
+Constants are folded, neutral operands dropped, signs carried outward. Rounded results never change: a rewritten
+operation rounds the same number. Only what an algorithm must not rely on is given up: the sign of a zero, and NaN from
+0 * inf, inf - inf, 0 / 0.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from operator import attrgetter
+from typing import Any, TypeGuard
 
-from holdfast.compiler import algebra
 from holdfast.compiler.arithmetic import OPERATIONS, TRUTHS
 from holdfast.compiler.errors import CompileError, place_of_call
 from holdfast.compiler.node import Node
@@ -28,14 +35,14 @@ class Graph:
 
     def input(self) -> Node:
         """Return a new run-time input."""
-        return self._new("input", (), 0.0)
+        return self.new("input", (), 0.0)
 
     def constant(self, value: float) -> Node:
         """Return the node of a number; 0.0 and -0.0 are two."""
         bits = value.hex()
         node = self._constants.get(bits)
         if node is None:
-            node = self._constants[bits] = self._new("constant", (), value)
+            node = self._constants[bits] = self.new("constant", (), value)
         return node
 
     def known(self, kind: str, *args: Value) -> Node | None:
@@ -45,40 +52,153 @@ class Graph:
     def make(self, kind: str, *args: Value) -> Node:
         """Return the node of an operation as it stands, without simplifying."""
         nodes = self._nodes(args)
-        key = (kind, *map(SERIAL, nodes))
+        key = (kind, *[node.serial for node in nodes])
         node = self._known.get(key)
         if node is None:
-            node = self._known[key] = self._new(kind, nodes, 0.0)
+            node = self._known[key] = self.new(kind, nodes, 0.0)
         return node
 
     def apply(self, kind: str, *args: Value) -> Value:
         """Return an operation's result, simplified: a number if it is known already."""
-        traced = truths = False
-        for a in args:
+        traced = False
+        for k, a in enumerate(args):
             if isinstance(a, Node):
                 traced = True
                 if a.graph is not self:
                     raise CompileError(f"{place_of_call()}: operands of two different traces meet")
-                if a.kind in TRUTHS:
-                    truths = True
-        if truths:
-            _refuse_truths(args[1:] if kind == "select" else args)
+                if a.kind in TRUTHS and (k or kind != "select"):
+                    raise CompileError(
+                        f"{place_of_call()}: expected a number, got the truth of a comparison;"
+                        " try where(condition, 1.0, 0.0)"
+                    )
         if not traced and kind in OPERATIONS:
             return OPERATIONS[kind](*args)
-        rule = algebra.RULES.get(kind)
+        rule = RULES.get(kind)
         return rule(self, *args) if rule else self.make(kind, *args)
 
     def _nodes(self, args: tuple[Value, ...]) -> tuple[Node, ...]:
         return tuple([a if isinstance(a, Node) else self.constant(a) for a in args])
 
-    def _new(self, kind: str, args: tuple[Node, ...], value: float) -> Node:
+    def new(self, kind: str, args: tuple[Node, ...], value: float) -> Node:
+        """Return a node not there yet."""
         node = Node(self, len(self.nodes), kind, args, value)
         self.nodes.append(node)
         return node
 
 
-def _refuse_truths(numbers: tuple[Value, ...]) -> None:
-    if any(isinstance(a, Node) and a.is_truth for a in numbers):
-        raise CompileError(
-            f"{place_of_call()}: expected a number, got the truth of a comparison; try where(condition, 1.0, 0.0)"
-        )
+# The rules by which operations are simplified, by kind; their operands are nodes or floats.
+
+
+def add(graph: Graph, a: Any, b: Any) -> Any:
+    """Return a + b."""
+    a, b = ordered(a, b)
+    if isinstance(b, float) and b == 0.0:
+        return a
+    if is_negated(b):
+        return graph.apply("subtract", a, b.args[0])
+    if is_negated(a):
+        return graph.apply("subtract", b, a.args[0])
+    return graph.make("add", a, b)
+
+
+def subtract(graph: Graph, a: Any, b: Any) -> Any:
+    """Return a - b."""
+    if a is b:
+        return 0.0
+    if isinstance(b, float):
+        return graph.apply("add", a, -b)  # one node for x - 2 and x + -2
+    if is_negated(b):
+        return graph.apply("add", a, b.args[0])
+    if is_negated(a):
+        return graph.apply("negate", graph.apply("add", a.args[0], b))
+    if isinstance(a, float) and a == 0.0:
+        return graph.apply("negate", b)
+    if graph.known("subtract", b, a) is not None:  # x - y and y - x share a node
+        return graph.apply("negate", graph.make("subtract", b, a))
+    return graph.make("subtract", a, b)
+
+
+def multiply(graph: Graph, a: Any, b: Any) -> Any:
+    """Return a * b."""
+    a, b = ordered(a, b)
+    if is_negated(a):
+        return graph.apply("negate", graph.apply("multiply", a.args[0], b))
+    if is_negated(b):
+        return graph.apply("negate", graph.apply("multiply", a, b.args[0]))
+    if isinstance(b, float):
+        if b == 0.0:
+            return 0.0
+        if b == 1.0:
+            return a
+        if b < 0.0:
+            return graph.apply("negate", graph.apply("multiply", a, -b))
+    return graph.make("multiply", a, b)
+
+
+def divide(graph: Graph, a: Any, b: Any) -> Any:
+    """Return a / b; by a power of two it is a product, which rounds the same."""
+    if isinstance(a, float):
+        if a == 0.0:
+            return 0.0
+        if a < 0.0:
+            return graph.apply("negate", graph.apply("divide", -a, b))
+    if isinstance(b, float):
+        if b < 0.0:
+            return graph.apply("negate", graph.apply("divide", a, -b))
+        if math.frexp(b)[0] == 0.5 and math.isfinite(1.0 / b):
+            return graph.apply("multiply", a, 1.0 / b)
+    if is_negated(a):
+        return graph.apply("negate", graph.apply("divide", a.args[0], b))
+    if is_negated(b):
+        return graph.apply("negate", graph.apply("divide", a, b.args[0]))
+    return graph.make("divide", a, b)
+
+
+def negate(graph: Graph, x: Any) -> Any:
+    """Return -x; the sign stays on the outside, for the next sum to take up."""
+    return x.args[0] if is_negated(x) else graph.make("negate", x)
+
+
+def absolute(graph: Graph, x: Any) -> Any:
+    """Return |x|."""
+    return graph.make("absolute", x.args[0]) if x.kind in ("negate", "absolute") else graph.make("absolute", x)
+
+
+def fma(graph: Graph, a: Any, b: Any, c: Any) -> Any:
+    """Return a b + c rounded once."""
+    a, b = ordered(a, b)
+    if isinstance(b, float) and b in (0.0, 1.0, -1.0) and not isinstance(a, float):
+        return c if b == 0.0 else graph.apply("add" if b == 1.0 else "subtract", c, a)
+    if isinstance(c, float) and c == 0.0:
+        return graph.apply("multiply", a, b)
+    return graph.make("fma", a, b, c)
+
+
+def less(graph: Graph, a: Any, b: Any) -> Any:
+    """Return a < b."""
+    return False if a is b else graph.make("less", a, b)
+
+
+def select(graph: Graph, condition: Any, a: Any, b: Any) -> Any:
+    """Return a if the condition holds, else b."""
+    if not isinstance(condition, Node):
+        return a if condition else b
+    same = a.hex() == b.hex() if isinstance(a, float) and isinstance(b, float) else a is b
+    return a if same else graph.make("select", condition, a, b)
+
+
+def ordered(a: Any, b: Any) -> tuple[Any, Any]:
+    """Return the operands of a commutative operation in their one order: as made, numbers last."""
+    if isinstance(b, float):
+        return a, b
+    return (b, a) if isinstance(a, float) or a.serial > b.serial else (a, b)
+
+
+def is_negated(x: Any) -> TypeGuard[Node]:
+    """Return whether x is a node's negative."""
+    return isinstance(x, Node) and x.kind == "negate"
+
+
+RULES: dict[str, Callable[..., Any]] = {
+    rule.__name__: rule for rule in (add, subtract, multiply, divide, negate, absolute, fma, less, select)
+}

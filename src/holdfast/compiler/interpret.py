@@ -13,7 +13,7 @@ import numpy as np
 from holdfast.compiler import schedule as schedules
 from holdfast.compiler.arithmetic import OPERATIONS
 from holdfast.compiler.errors import CompileError
-from holdfast.compiler.expand import lowered
+from holdfast.compiler.lowering import lowered
 from holdfast.compiler.program import Program
 from holdfast.compiler.schedule import Call, Schedule, Wire
 
@@ -24,7 +24,7 @@ def interpret(program: Program, *inputs: object, fused: bool = True) -> tuple[np
     Args:
         program: the program.
         inputs: an array for each of its input shapes.
-        fused: whether products go into sums first (`fuse`), as `compile_program` does.
+        fused: whether products go into sums first (`fuse`).
     """
     program = lowered(program, fused)
     arrays = [np.asarray(x, dtype=float) for x in inputs]

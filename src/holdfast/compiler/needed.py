@@ -7,7 +7,7 @@ from typing import Any
 
 from holdfast.compiler.composition import Composition
 from holdfast.compiler.node import Node
-from holdfast.compiler.region import Group, Source
+from holdfast.compiler.region import Source, TracedGroup
 
 
 class Needed:
@@ -19,13 +19,13 @@ class Needed:
     """
 
     def __init__(self, traced: Composition) -> None:
-        regions: dict[object, list[Group]] = {}
+        regions: dict[object, list[TracedGroup]] = {}
         for group in traced.groups:
             regions.setdefault((group.region, group.count, group.done), []).append(group)
         self.traced, self.alike = traced, list(regions.values())
         self._first = {group: alike[0] for alike in self.alike for group in alike}
         self._like = {alike[0]: alike for alike in self.alike}
-        of_first: dict[Group, set[Node]] = {alike[0]: set() for alike in self.alike}
+        of_first: dict[TracedGroup, set[Node]] = {alike[0]: set() for alike in self.alike}
         self.inputs = {group: of_first[self._first[group]] for group in traced.groups}
         self._given = {
             group: {node: (source, k) for source in group.sources for k, node in enumerate(source.inputs)}
@@ -34,8 +34,8 @@ class Needed:
 
     def follow(self, results: Iterable[Node]) -> None:
         """Note what numbers of the glue are made of."""
-        seen: dict[Group | None, set[Node]] = {group: set() for group in (None, *self._like)}
-        elsewhere: list[tuple[Group | None, Node]] = [(None, node) for node in results]
+        seen: dict[TracedGroup | None, set[Node]] = {group: set() for group in (None, *self._like)}
+        elsewhere: list[tuple[TracedGroup | None, Node]] = [(None, node) for node in results]
         while elsewhere:
             group, node = elsewhere.pop()
             known, here = seen[group], [node]
@@ -47,24 +47,24 @@ class Needed:
                     if node.kind == "input":
                         elsewhere += self._origin(node) if group is None else self._given_to(group, node)
 
-    def _origin(self, node: Node) -> list[tuple[Group | None, Node]]:
+    def _origin(self, node: Node) -> list[tuple[TracedGroup | None, Node]]:
         """Return what an input of the glue is an image of."""
         origin = self.traced.origins.get(node)
         return [] if origin is None else [(self._first[origin.group], origin.node)]
 
-    def _given_to(self, group: Group, node: Node) -> list[tuple[Group | None, Node]]:
+    def _given_to(self, group: TracedGroup, node: Node) -> list[tuple[TracedGroup | None, Node]]:
         """Note that an input of a region is needed; return what it is given."""
         self.inputs[group].add(node)
         sources = [self._sources(*self._given[other][node]) for other in self._like[group]]
         return [(maker and self._first[maker], x) for found in sources for maker, x in found]
 
-    def _sources(self, source: Source, k: int) -> Iterable[tuple[Group | None, Node]]:
+    def _sources(self, source: Source, k: int) -> Iterable[tuple[TracedGroup | None, Node]]:
         """Return what an input of a region is given, by any item."""
         if source.numbers is not None:
             return [(None, of_one[k]) for of_one in source.numbers]
         scan = source.before
         assert scan is not None
-        found: list[tuple[Group | None, Any]] = []
+        found: list[tuple[TracedGroup | None, Any]] = []
         alike = next(kept for kept, (g, *_) in zip(scan.kept, scan.order, strict=False) if scan.source(g) is source)
         for j, (group, _, _) in enumerate(scan.order):
             if scan.kept[j] == alike:

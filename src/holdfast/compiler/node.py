@@ -1,4 +1,4 @@
-"""One scalar whose value is not known yet: what an algorithm's text computes with while it is traced."""
+"""One scalar whose value is not known yet: what a function computes with while it is traced."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ class Node:
     __complex__ = _misuse("the complex number", "use real arithmetic")
 
     def __repr__(self) -> str:
-        """Return a short text; operands by serial number."""
+        """Return a short description; operands by serial number."""
         return f"<{self.kind} #{self.serial} of {', '.join(f'#{a.serial}' for a in self.args) or 'nothing'}>"
 
 

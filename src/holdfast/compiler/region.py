@@ -1,4 +1,4 @@
-"""Regions of a traced text, the groups of items that run them, and what these take and hand on."""
+"""Regions of a traced function, the groups of items that run them, and what these take and hand on."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from holdfast.compiler.values import Leaf
 Classes = tuple[int, ...]  # which numbers of a carry are one and the same
 
 
-class Taken(NamedTuple):
+class RegionInput(NamedTuple):
     """A port of a region, and where its numbers are in an item: which of which leaf."""
 
     inputs: Leaf
@@ -22,7 +22,7 @@ class Taken(NamedTuple):
 
 
 class Traversal(NamedTuple):
-    """What a loop's text does in a region.
+    """What a loop's body does in a region.
 
     Attributes:
         value: what it returns for an item.
@@ -33,18 +33,18 @@ class Traversal(NamedTuple):
     """
 
     value: Any
-    ports: tuple[Taken, ...]
+    ports: tuple[RegionInput, ...]
     carry: Any
     carried: Leaf
     after: Region
 
 
 class Region:
-    """A text under way: a graph that grows with every loop over its items.
+    """A traced function under way: a graph that grows with every loop over its items.
 
     Attributes:
         graph: of one item.
-        further: how the text went on from here, by what it did.
+        further: how the function went on from here, by what it did.
     """
 
     def __init__(self, graph: Graph) -> None:
@@ -67,7 +67,7 @@ class Outside(NamedTuple):
 class Images(dict[Node, Node]):
     """Numbers of a region as they are outside, for one item of a group."""
 
-    def __init__(self, outside: Outside, group: Group, item: int) -> None:
+    def __init__(self, outside: Outside, group: TracedGroup, item: int) -> None:
         super().__init__()
         self.outside, self.group, self.item = outside, group, item
 
@@ -82,7 +82,7 @@ class Images(dict[Node, Node]):
 class Origin(NamedTuple):
     """Where an image comes from."""
 
-    group: Group
+    group: TracedGroup
     item: int
     node: Node
 
@@ -103,12 +103,12 @@ class Source(NamedTuple):
     before: Scan | None = None
 
 
-class Group:
+class TracedGroup:
     """Items that run one region.
 
     Attributes:
         name: for messages and machine code.
-        region: where the text is.
+        region: where the traced function is.
         count: how many items there are.
         sources: of its ports, in the order of their making.
         done: how many phases have been called.
@@ -132,22 +132,25 @@ class Group:
 
     def phase(self, node: Node) -> int:
         """Return the phase that computes a number of the region."""
-        phases = self._phases
-        for n in self.region.graph.nodes[len(phases) : node.serial + 1]:
+        phases, serial = self._phases, node.serial
+        if serial < len(phases):
+            return phases[serial]
+        for n in self.region.graph.nodes[len(phases) : serial + 1]:
             latest = 0
             for a in n.args:
-                latest = max(latest, phases[a.serial])
+                if phases[a.serial] > latest:
+                    latest = phases[a.serial]
             if n.kind == "input":
                 latest = self._given.get(n.serial, -1)  # -1: another group's, which shares the region
             phases.append(latest)
-        return phases[node.serial]
+        return phases[serial]
 
 
 class Turns:
     """The groups of a scan, and the order in which their items wait to be run."""
 
     def __init__(self) -> None:
-        self.open: list[tuple[Group, int]] = []
+        self.open: list[tuple[TracedGroup, int]] = []
 
 
 class Scan(NamedTuple):
@@ -161,18 +164,18 @@ class Scan(NamedTuple):
     """
 
     first: tuple[Any, ...]
-    order: tuple[tuple[Group, int, Traversal], ...]
+    order: tuple[tuple[TracedGroup, int, Traversal], ...]
     kept: tuple[tuple[Classes, Hashable], ...]
     handed: tuple[tuple[Any, ...], ...]
 
-    def source(self, group: Group) -> Source:
+    def source(self, group: TracedGroup) -> Source:
         """Return what a group's region is handed."""
         return next(source for source in group.sources if source.before is self)
 
 
-class Step(NamedTuple):
+class PhaseCall(NamedTuple):
     """A phase of a group called for items; what the glue has to do before is done then."""
 
-    group: Group
+    group: TracedGroup
     phase: int
     items: tuple[int, ...]

@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Literal, NamedTuple
 
 from holdfast.compiler.program import Shape
-from holdfast.compiler.stage import Stage
+from holdfast.compiler.stage import Stage, Wire
 
 Role = Literal["input", "parameter", "output", "carried"]
 
@@ -50,18 +50,6 @@ class Internal(NamedTuple):
 
     items: int
     size: int
-
-
-class Wire(NamedTuple):
-    """Which numbers a port is tied to.
-
-    Attributes:
-        array: the name of an array.
-        places: per item of the group, its item there (of an external array: its first number).
-    """
-
-    array: str
-    places: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +105,6 @@ class Schedule:
 
     @cached_property
     def operation_count(self) -> int:
-        """Operations of the texts for one system, its parameters' included (signs and selections are free)."""
+        """Operations of all stages for one system, its parameters' included (signs and selections are free)."""
         run = {(call.group, item) for call in (*self.prepare, *self.calls) for item in call.items}
         return sum(self.groups[group].stage.operations for group, _ in run)

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 from holdfast.compiler.cut import Pieces, by_phase
-from holdfast.compiler.program import Program, Shape
+from holdfast.compiler.graph import SERIAL, Graph
+from holdfast.compiler.lowering import lowered
+from holdfast.compiler.node import Node
+from holdfast.compiler.program import Instruction, Output, Program, Shape
+from holdfast.compiler.values import Leaf
 
 Ports = Mapping[str, Shape]
 
@@ -24,7 +29,7 @@ class Stage:
         program: all phases as one, ready for the machine.
         pieces: the program by phase; piece k takes the inputs of all phases in order, then the
             memories of the phases before it, and returns its outputs, then its memory.
-        operations: of the text, all phases: sums, products, quotients, roots and sines, before
+        operations: of the traced function, all phases: sums, products, quotients, roots and sines, before
             products and sums are fused.
     """
 
@@ -57,7 +62,7 @@ def stage_of(
     outputs: Sequence[Sequence[str]],
     operations: int | None = None,
 ) -> Stage:
-    """Return the stage of a program that is lowered already; its text had so many operations, or as many as it."""
+    """Return the stage of a program that is lowered already; `operations` are those before, by default its own."""
     shapes = iter(program.outputs)
     named = tuple({port: next(shapes).shape for port in ports} for ports in outputs)
     phases = [k for k, phase in enumerate(inputs) for _ in phase]
@@ -65,3 +70,91 @@ def stage_of(
     return Stage(
         name, tuple(dict(phase) for phase in inputs), named, program, pieces, operations or program.operation_count
     )
+
+
+class Wire(NamedTuple):
+    """Which numbers a port is tied to.
+
+    Attributes:
+        array: the name of an array.
+        places: per item of the group, its item there (of an external array: its first number).
+    """
+
+    array: str
+    places: tuple[int, ...]
+
+
+Port = tuple[int, Leaf, Wire]  # phase, numbers of the graph, wire
+
+
+@dataclass(eq=False)
+class GraphPorts:
+    """The ports of one graph.
+
+    Attributes:
+        given: what it takes.
+        returned: what it returns.
+    """
+
+    given: list[Port] = field(default_factory=list)
+    returned: list[Port] = field(default_factory=list)
+
+
+class Stages:
+    """Makes stages; groups whose regions take and return the same share one."""
+
+    def __init__(self, fused: bool = True) -> None:
+        """Take whether products go into sums first, as they should where the target has an fma."""
+        self._made: dict[object, Stage] = {}
+        self._fused = fused
+
+    def placed(self, name: str, graph: Graph, ports: GraphPorts, phases: int) -> tuple[Stage, dict[str, Wire]]:
+        """Return the stage of a graph with its ports, and their wires."""
+        given = sorted(ports.given, key=lambda port: port[0])
+        returned = sorted(ports.returned, key=lambda port: port[0])
+        key = (graph, phases, *(tuple([port[:2] for port in some]) for some in (given, returned)))
+        if key not in self._made:
+            self._made[key] = self._stage(name, graph, given, returned, phases)
+        found = {f"in{k}": wire for k, (_, _, wire) in enumerate(given)}
+        return self._made[key], found | {f"out{k}": wire for k, (_, _, wire) in enumerate(returned)}
+
+    def _stage(self, name: str, graph: Graph, given: Sequence[Port], returned: Sequence[Port], phases: int) -> Stage:
+        """Return the stage that computes what is returned from what is given, phase by phase."""
+        inputs: list[dict[str, Shape]] = [{} for _ in range(phases + 1)]
+        outputs: list[list[str]] = [[] for _ in range(phases + 1)]
+        for k, (phase, nodes, _) in enumerate(given):
+            inputs[phase][f"in{k}"] = (len(nodes),)
+        for k, (phase, _, _) in enumerate(returned):
+            outputs[phase].append(f"out{k}")
+        program = _program([nodes for _, nodes, _ in given], [nodes for _, nodes, _ in returned])
+        return stage_of(name, lowered(program, self._fused), inputs, outputs, program.operation_count)
+
+
+def _program(given: Sequence[Leaf], returned: Sequence[Leaf]) -> Program:
+    """Return the program of a graph, its inputs in the order of the ports."""
+    inputs = [node for nodes in given for node in nodes]
+    new = {node.serial: k for k, node in enumerate(inputs)}
+    instructions = [Instruction("input")] * len(inputs)
+    for node in made_of([node for nodes in returned for node in nodes]):
+        if node.serial not in new:
+            new[node.serial] = len(instructions)
+            instructions.append(Instruction(node.kind, tuple([new[a.serial] for a in node.args]), node.value))
+    outputs = [Output((len(nodes),), tuple([new[node.serial] for node in nodes])) for nodes in returned]
+    return Program(tuple([(len(nodes),) for nodes in given]), tuple(instructions), tuple(outputs))
+
+
+def made_of(nodes: Iterable[Node]) -> list[Node]:
+    """Return all nodes that others are made of, and those, in the order of their making."""
+    found: set[Node] = set()
+    waiting = list(nodes)
+    while waiting:
+        node = waiting.pop()
+        if node not in found:
+            found.add(node)
+            waiting += node.args
+    return sorted(found, key=SERIAL)
+
+
+def inputs_of(nodes: Iterable[Node]) -> set[Node]:
+    """Return the inputs that numbers are made of."""
+    return {node for node in made_of(nodes) if node.kind == "input"}

@@ -1,4 +1,4 @@
-"""Running an algorithm's text once on nodes, to learn what it computes."""
+"""Running a function once on nodes, to learn what it computes."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ def trace(function: Callable[..., tuple[Any, ...]], input_shapes: Iterable[Shape
 
     Args:
         function: takes one array per shape, returns a tuple of arrays and numbers. Numbers of the
-            text become constants of the program; truth values come out as 1.0 and 0.0.
+            function become constants of the program; truth values come out as 1.0 and 0.0.
         input_shapes: the arguments' shapes.
 
     Raises:
-        CompileError: naming the line of the text that does what cannot be traced.
+        CompileError: naming the line of the function that does what cannot be traced.
     """
     graph, shapes = Graph(), tuple([tuple(shape) for shape in input_shapes])
     arrays = [inputs(graph, shape) for shape in shapes]
-    with running_a_text():
+    with tracing():
         found = function(*arrays)
     if not isinstance(found, tuple):
         raise CompileError(f"trace: expected the function to return a tuple of arrays, got {type(found).__name__}")
@@ -38,8 +38,8 @@ def trace(function: Callable[..., tuple[Any, ...]], input_shapes: Iterable[Shape
 
 
 @contextmanager
-def running_a_text() -> Iterator[None]:
-    """Name the line of a text where something cannot be traced.
+def tracing() -> Iterator[None]:
+    """Name the line of a traced function where something cannot be traced.
 
     Raises:
         CompileError: naming it.
@@ -51,7 +51,7 @@ def running_a_text() -> Iterator[None]:
         raise
     except Exception as error:
         raise CompileError(
-            f"{place_of_failure(error)}: this cannot be traced ({type(error).__name__}: {error}); an algorithm's text"
+            f"{place_of_failure(error)}: this cannot be traced ({type(error).__name__}: {error}); a traced function"
             " uses + - * /, comparisons and holdfast.spatial.scalar on small arrays"
         ) from error
 
@@ -64,7 +64,7 @@ def program_of(graph: Graph, input_shapes: tuple[Shape, ...], results: list[tupl
 
 
 def inputs(graph: Graph, shape: Shape) -> np.ndarray:
-    """Return an array of new inputs; a text that writes into its arguments is refused where it does."""
+    """Return an array of new inputs; a function that writes into its arguments is refused where it does."""
     return array_of([graph.input() for _ in range(math.prod(shape))], shape)
 
 

@@ -161,7 +161,7 @@ def _content(cell: Any) -> Any:
 
 
 def array_of(entries: Sequence[Any], shape: tuple[int, ...]) -> np.ndarray:
-    """Return an array of objects that cannot be written, as a text's arguments are."""
+    """Return an array of objects that cannot be written, as a traced function's arguments are."""
     found = np.empty(len(entries), dtype=object)
     for place, x in enumerate(entries):
         found[place] = x

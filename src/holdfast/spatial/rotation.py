@@ -1,6 +1,7 @@
 """Rotations: matrices, unit quaternions (w, x, y, z), rotation vectors, Euler angles.
 
-A matrix R maps the coordinates of a vector from the rotated frame to the reference frame.
+A matrix R maps the coordinates of a vector from the rotated frame to the reference frame. `to_quaternion`, `log` and
+`align` are for floats only and take leading axes, entry by entry: the bits do not depend on how many there are.
 """
 
 import math
@@ -33,25 +34,29 @@ def from_quaternion(wxyz: Array) -> Array:
 
 
 def to_quaternion(R: Array) -> Array:
-    """Return the unit quaternion with w >= 0 of a rotation matrix, floats only.
+    """Return the unit quaternions (w, x, y, z) with w >= 0 of rotation matrices.
 
-    The largest of the four components is found first, so no digits cancel.
+    4 q q^T is linear in R; the row of the largest component is taken, so no digits cancel.
+
+    Args:
+        R: (..., 3, 3).
+
+    Returns:
+        (..., 4).
     """
-    trace = R[0, 0] + R[1, 1] + R[2, 2]
-    squares = array([trace, R[0, 0], R[1, 1], R[2, 2]])
-    k = int(np.argmax(squares))
-    if k == 0:
-        q = array([1 + trace, R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    else:
-        i = k - 1
+    x, y, z = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
+    trace = x + y + z
+    products = np.empty((*R.shape[:-2], 4, 4))
+    products[..., 0, 0] = 1.0 + trace
+    for i in range(3):
         j, m = (i + 1) % 3, (i + 2) % 3
-        q = np.zeros(4)
-        q[0] = R[m, j] - R[j, m]
-        q[1 + i] = 1 + R[i, i] - R[j, j] - R[m, m]
-        q[1 + j] = R[j, i] + R[i, j]
-        q[1 + m] = R[m, i] + R[i, m]
-    q = q / math.sqrt(dot(q, q))
-    return -q if q[0] < 0 else q
+        products[..., 0, 1 + i] = products[..., 1 + i, 0] = R[..., m, j] - R[..., j, m]
+        products[..., 1 + i, 1 + i] = 1.0 + R[..., i, i] - R[..., j, j] - R[..., m, m]
+        products[..., 1 + i, 1 + j] = products[..., 1 + j, 1 + i] = R[..., i, j] + R[..., j, i]
+    largest = np.stack([trace, x, y, z], -1).argmax(-1)
+    q = np.take_along_axis(products, largest[..., None, None], -2)[..., 0, :]
+    q = q / _length(q)[..., None]
+    return np.where(q[..., :1] < 0.0, -q, q)
 
 
 def exp(rotation_vector: Array) -> Array:
@@ -69,12 +74,19 @@ def quaternion_exp(rotation_vector: Array) -> Array:
 
 
 def log(R: Array) -> Array:
-    """Return the rotation vector [rad], of length <= pi, of a rotation matrix, floats only."""
+    """Return the rotation vectors [rad], of length <= pi, of rotation matrices.
+
+    Args:
+        R: (..., 3, 3).
+
+    Returns:
+        (..., 3); not-a-number where R is.
+    """
     q = to_quaternion(R)
-    sine = math.sqrt(dot(q[1:], q[1:]))
-    if sine < 1e-9:  # angle = 2 sine (1 + sine^2/6 ...)
-        return 2 * q[1:]
-    return 2 * math.atan2(sine, q[0]) / sine * q[1:]
+    sine = _length(q[..., 1:])
+    small = sine < 1e-9  # angle = 2 sine (1 + sine^2/6 ...)
+    ratio = np.where(small, 2.0, 2.0 * np.arctan2(sine, q[..., 0].copy()) / np.where(small, 1.0, sine))
+    return ratio[..., None] * q[..., 1:]
 
 
 def log_below_pi(R: Array) -> Array:
@@ -144,16 +156,32 @@ def nearest(R: Array) -> Array:
 
 
 def align(a: Array, b: Array) -> Array:
-    """Return the shortest rotation vector [rad] that turns unit vector a to unit vector b.
+    """Return the shortest rotation vectors [rad] that turn unit vectors a to unit vectors b.
 
-    Floats only; where a = -b any perpendicular axis serves and one is chosen.
+    Where a = -b any perpendicular axis serves and one is chosen.
+
+    Args:
+        a: (..., 3).
+        b: (3,) or (..., 3).
+
+    Returns:
+        (..., 3).
     """
-    axis = cross(a, b)
-    sine = math.sqrt(dot(axis, axis))
-    angle = math.atan2(sine, dot(a, b))
-    if sine > 1e-12:
-        return angle / sine * axis
-    if dot(a, b) > 0:
-        return axis
-    other = cross(a, np.eye(3)[int(np.argmin(np.abs(a)))])
-    return math.pi / math.sqrt(dot(other, other)) * other
+    axis, cosine = np.cross(a, b), _dot(a, b)
+    sine = _length(axis)
+    small = sine <= 1e-12
+    ratio = np.where(small, 1.0, np.arctan2(sine, cosine) / np.where(small, 1.0, sine))
+    other = np.cross(a, np.eye(3)[np.abs(a).argmin(-1)])
+    half_turn = (np.pi / _length(other))[..., None] * other
+    return np.where((small & ~(cosine > 0.0))[..., None], half_turn, ratio[..., None] * axis)
+
+
+def _dot(a: Array, b: Array) -> Array:
+    total = a[..., 0] * b[..., 0]
+    for i in range(1, a.shape[-1]):
+        total = total + a[..., i] * b[..., i]
+    return total
+
+
+def _length(v: Array) -> Array:
+    return np.sqrt(_dot(v, v))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from holdfast import Rollout, RolloutSystems
-from holdfast.compiler import cpu
+from holdfast.compiler.targets import cpu
 from tests.compiler.programs import same_bits
 from tests.simulation.rollout.problems import elsewhere, problem, started, state_of, swinging, told_torques
 

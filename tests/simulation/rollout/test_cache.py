@@ -22,7 +22,8 @@ SCRIPT = """
 import json, sys
 import numpy as np
 from holdfast import ControlLaw, compile_rollout
-from holdfast.compiler import composition, cpu
+from holdfast.compiler import composition
+from holdfast.compiler.targets import cpu
 from tests.simulation.gantries import squeezed
 
 compilations, traces = [], []

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.compiled.externals import STATE
-from holdfast.compiled.forward_schedule import Judged, judged
+from holdfast.compiled.forward_schedule import SolutionWithStatus, solve_with_status
 from holdfast.compiled.structure import Structure
 from holdfast.compiled.traced_chain import Given, framed, traced_chain, traced_inputs
 from holdfast.compiler.schedule import FIRST_BAD
@@ -76,7 +76,7 @@ class Evaluation(NamedTuple):
     """
 
     state: State
-    found: Judged
+    found: SolutionWithStatus
     drive: Array
     memory: Array
     power: Array
@@ -126,7 +126,7 @@ class TracedSystem:
         drive, kept = asked(self.law, self.real, t, state, memory, self.given)
         lost = friction_torque(self.friction, state.qd)
         chain, inputs = self.world.at(t)
-        found = judged(chain, framed(state), drive - lost, inputs, self.given["generic_rank"], self.route)
+        found = solve_with_status(chain, framed(state), drive - lost, inputs, self.given["generic_rank"], self.route)
         power = work_rates(power_of(chain, state, drive, found.whole.base_wrench, inputs), lost, state.qd)
         self.worst = maximum(self.worst, array([found.condition, found.status]))
         return Evaluation(state, found, drive, kept, power)
@@ -163,7 +163,7 @@ def step(structure: Structure, law: ControlLaw, motions: Motions, tableau: Table
         "condition": array(found.condition),
         "margin": grasp_margins(system.real, given, end.object_frame.R, found.whole.grasp_wrench),
     }
-    code = verdict(system, kept, system.worst, drift, gaps)
+    code = status_of_rank(system, kept, system.worst, drift, gaps)
     return carried(system, kept, code, work, times[-1], concatenate([drift, gaps]))
 
 
@@ -198,7 +198,7 @@ def contact_margin(kind: str, contact: Array, f: Array) -> Scalar:
     return minimum(strength, where(one_sided > 0.5, pressed, float("inf")))
 
 
-def verdict(system: TracedSystem, kept: Mapping[str, Array], worst: Array, drift: Gap, gaps: Gap) -> Scalar:
+def status_of_rank(system: TracedSystem, kept: Mapping[str, Array], worst: Array, drift: Gap, gaps: Gap) -> Scalar:
     """Return why a system stands still after the step, as numbered above.
 
     Args:

@@ -9,7 +9,7 @@ import numpy as np
 
 from holdfast.compiled import arrays
 from holdfast.compiled.externals import LINKS
-from holdfast.compiled.parameters import taken
+from holdfast.compiled.parameters import parse_parameters
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.simulation.rollout.kernel import StepKernel
@@ -63,7 +63,7 @@ def told(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dict[str, 
             )
         else:
             raise StateError(f"no parameter '{name}'.{checks.did_you_mean(name, (*laws, *known))}")
-    for name, x in (taken(chains, kernel.externals, kernel.chain) if chains else {}).items():
+    for name, x in (parse_parameters(chains, kernel.externals, kernel.chain) if chains else {}).items():
         shape = kernel.externals[name].shape
         found[name] = _rows(fitting(name, x, shape, count), shape)
     return found

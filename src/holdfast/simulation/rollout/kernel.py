@@ -10,7 +10,7 @@ import numpy as np
 from holdfast.compiled.kernels import key_of
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.structure import Options, Structure
-from holdfast.compiler.batch_kernel import BatchKernel
+from holdfast.compiler.kernel import BatchKernel
 from holdfast.dynamics.margins import joint_limits
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain

@@ -10,8 +10,8 @@ import numpy as np
 from holdfast.compiled import arrays
 from holdfast.compiled.externals import STATE
 from holdfast.compiled.faults import faulty, largest_positions
+from holdfast.compiled.statuses import generic_rank, system
 from holdfast.compiled.structure import Options
-from holdfast.compiled.verdict import generic_rank, system
 from holdfast.compiler.schedule import External
 from holdfast.dynamics.consistency import POSITION_TOLERANCE
 from holdfast.errors import StateError

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from holdfast.compiler.llvm import Access
 from holdfast.compiler.schedule import Group, Schedule, Wire
+from holdfast.compiler.targets.llvm.functions import Access
 
 _LINE = 8  # doubles; areas begin at a cache line, which is the alignment of the widest vector
 
 
-class Place(NamedTuple):
+class Address(NamedTuple):
     """The address of a port's numbers.
 
     Attributes:
@@ -97,19 +97,19 @@ class Layout:
         """Return how a stage's function finds its memory."""
         return Access(max(self.systems, self.width[group]))
 
-    def memory(self, group: str, phase: int, item: int) -> Place:
+    def memory(self, group: str, phase: int, item: int) -> Address:
         """Return where the memory of a phase is for an item."""
         return self._at(self._memories[group, phase], item)
 
-    def place(self, group: str, port: str, item: int) -> Place:
+    def address(self, group: str, port: str, item: int) -> Address:
         """Return where a port's numbers are for an item (the first one, if several run side by side)."""
         wire = self._group(group).wires[port]
         if (group, port) in self.packed:
             return self._at(self.packed[group, port], item)
         if wire.array in self.schedule.externals:
             if self.systems == 1:
-                return Place(self._externals[wire.array], wire.places[item])
-            return Place(None, self.external_areas[wire.array].start + wire.places[item] * self.systems)
+                return Address(self._externals[wire.array], wire.places[item])
+            return Address(None, self.external_areas[wire.array].start + wire.places[item] * self.systems)
         return self._at(self._internal_areas[wire.array], wire.places[item])
 
     def _group(self, name: str) -> Group:
@@ -131,9 +131,9 @@ class Layout:
         self.total += -(-needed // _LINE) * _LINE
         return area
 
-    def _at(self, area: Area, item: int) -> Place:
+    def _at(self, area: Area, item: int) -> Address:
         block, lane = divmod(item, area.width)
-        return Place(None, area.start + (block * area.size * area.width + lane) * self.systems)
+        return Address(None, area.start + (block * area.size * area.width + lane) * self.systems)
 
 
 def shared(wire: Wire) -> bool:

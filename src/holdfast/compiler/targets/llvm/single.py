@@ -8,18 +8,19 @@ what depends on parameters only. `single` returns the status as an integer, 0 if
 
 from __future__ import annotations
 
-from holdfast.compiler import schedule as schedules
-from holdfast.compiler.layout import Area, Layout
-from holdfast.compiler.llvm import constant, declarations, number_type
-from holdfast.compiler.module import Module
-from holdfast.compiler.schedule import Schedule, Wire
+import math
 
-_NAN = "0x7FF8000000000000"
+from holdfast.compiler.schedule import FIRST_BAD, NOT_FINITE, Schedule, Wire
+from holdfast.compiler.targets.llvm.functions import constant, declarations, number_type
+from holdfast.compiler.targets.llvm.layout import Area, Layout
+from holdfast.compiler.targets.llvm.module import Module
+from holdfast.compiler.targets.llvm.templates import filled
+
 _INLINE = 32  # numbers that are looked at one register after the other; more of them in a loop
 
 
 def single_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
-    """Return the module's text and how many doubles of working memory it needs."""
+    """Return the module's source and how many doubles of working memory it needs."""
     layout = Layout(schedule, lanes)
     module = Module(layout)
     roles = {name: external.role for name, external in schedule.externals.items()}
@@ -38,10 +39,12 @@ def single_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
         wire = schedule.groups[group].wires[port]
         if roles[wire.array] == "output":
             end = _move(single, module, wire, area, end, inward=False)
-    single += _guard(schedule, lanes)
     declared = [line for n in sorted(module.lanes | {1, lanes}) for line in declarations(n)]
-    if schedule.status is not None:
-        declared += _watchers(lanes)
+    if schedule.status is None:
+        single += ["  ret i64 0", "}"]
+    else:
+        single += _status(schedule, schedule.status, lanes)
+        declared += _guard(lanes)
     text = [*declared, *module.tables, *module.functions, *prepare, *single]
     return "\n".join(text), layout.total + module.scratch
 
@@ -106,10 +109,8 @@ def _move(lines: list[str], module: Module, wire: Wire, area: Area, label: str, 
     return f"moved{n}"
 
 
-def _guard(schedule: Schedule, lanes: int) -> list[str]:
+def _status(schedule: Schedule, status: str, lanes: int) -> list[str]:
     """Return the end of `single`: status, and not-a-number instead of results of bad status."""
-    if schedule.status is None:
-        return ["  ret i64 0", "}"]
     index = {name: k for k, name in enumerate(schedule.externals)}
     T, zero = number_type(lanes), constant(0.0, lanes)
     lines: list[str] = []
@@ -132,25 +133,18 @@ def _guard(schedule: Schedule, lanes: int) -> list[str]:
     for j, flag in enumerate(["%flag.wide", *flags]):
         lines.append(f"  %unsound{j} = or i1 {unsound}, {flag}")
         unsound = f"%unsound{j}"
-    status = index[schedule.status]
-    return [
-        *lines,
-        f"  %told = load double, ptr %external{status}, align 8",
-        f"  %status = select i1 {unsound}, double {constant(schedules.NOT_FINITE, 1)}, double %told",
-        f"  store double %status, ptr %external{status}, align 8",
-        f"  %bad = fcmp oge double %status, {constant(schedules.FIRST_BAD, 1)}",
-        "  br i1 %bad, label %take.back, label %done",
-        "take.back:",
-        *(
+    end = filled(
+        "single_status",
+        status=f"%external{index[status]}",
+        unsound=unsound,
+        not_finite=constant(NOT_FINITE, 1),
+        first_bad=constant(FIRST_BAD, 1),
+        blank=[
             f"  call void @blank(ptr %external{index[name]}, i64 {schedule.externals[name].size})"
             for name in schedule.guarded
-        ),
-        "  br label %done",
-        "done:",
-        "  %code = fptosi double %status to i64",
-        "  ret i64 %code",
-        "}",
-    ]
+        ],
+    )
+    return [*lines, end]
 
 
 def _difference(lines: list[str], name: str, T: str, k: int, e: int, before: str) -> str:
@@ -168,61 +162,8 @@ def _any(lanes: int, truth: str) -> str:
     return f"call i1 @llvm.vector.reduce.or.v{lanes}i1(<{lanes} x i1> {truth})"
 
 
-def _watchers(lanes: int) -> list[str]:
+def _guard(lanes: int) -> list[str]:
     """Return `unsound`, whether any of n numbers is not finite, and `blank`, which takes them back."""
-    T, zero = number_type(lanes), constant(0.0, lanes)
     reduce = [f"declare i1 @llvm.vector.reduce.or.v{lanes}i1(<{lanes} x i1>)"] if lanes > 1 else []
-    return [
-        *reduce,
-        "define internal i1 @unsound(ptr %x, i64 %n) noinline nounwind {",
-        "entry:",
-        f"  %rest = urem i64 %n, {lanes}",
-        "  %whole = sub i64 %n, %rest",
-        "  %none = icmp eq i64 %whole, 0",
-        "  br i1 %none, label %middle, label %wide",
-        "wide:",
-        "  %e = phi i64 [ 0, %entry ], [ %e.next, %wide ]",
-        f"  %sum = phi {T} [ {zero}, %entry ], [ %sum.next, %wide ]",
-        "  %at = getelementptr double, ptr %x, i64 %e",
-        f"  %v = load {T}, ptr %at, align 8",
-        f"  %d = fsub {T} %v, %v",
-        f"  %sum.next = fadd {T} %sum, %d",
-        f"  %e.next = add i64 %e, {lanes}",
-        "  %more = icmp slt i64 %e.next, %whole",
-        "  br i1 %more, label %wide, label %middle",
-        "middle:",
-        f"  %found = phi {T} [ {zero}, %entry ], [ %sum.next, %wide ]",
-        f"  %odd = fcmp une {T} %found, {zero}",
-        f"  %any = {_any(lanes, '%odd')}",
-        "  %even = icmp eq i64 %rest, 0",
-        "  br i1 %even, label %done, label %narrow",
-        "narrow:",
-        "  %i = phi i64 [ %whole, %middle ], [ %i.next, %narrow ]",
-        "  %s = phi double [ 0.0, %middle ], [ %s.next, %narrow ]",
-        "  %here = getelementptr double, ptr %x, i64 %i",
-        "  %y = load double, ptr %here, align 8",
-        "  %z = fsub double %y, %y",
-        "  %s.next = fadd double %s, %z",
-        "  %i.next = add i64 %i, 1",
-        "  %again = icmp slt i64 %i.next, %n",
-        "  br i1 %again, label %narrow, label %done",
-        "done:",
-        "  %last = phi double [ 0.0, %middle ], [ %s.next, %narrow ]",
-        "  %strange = fcmp une double %last, 0.0",
-        "  %result = or i1 %any, %strange",
-        "  ret i1 %result",
-        "}",
-        "define internal void @blank(ptr %x, i64 %n) noinline nounwind {",
-        "entry:",
-        "  br label %next",
-        "next:",
-        "  %e = phi i64 [ 0, %entry ], [ %e.next, %next ]",
-        "  %at = getelementptr double, ptr %x, i64 %e",
-        f"  store double {_NAN}, ptr %at, align 8",
-        "  %e.next = add i64 %e, 1",
-        "  %more = icmp slt i64 %e.next, %n",
-        "  br i1 %more, label %next, label %done",
-        "done:",
-        "  ret void",
-        "}",
-    ]
+    values = {"lanes": lanes, "T": number_type(lanes), "zero": constant(0.0, lanes), "nan": constant(math.nan, 1)}
+    return [*reduce, filled("single_guard", **values, any_odd=_any(lanes, "%odd"))]

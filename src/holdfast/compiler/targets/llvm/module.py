@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from holdfast.compiler.layout import Layout, Place
-from holdfast.compiler.llvm import Access, Function, function
 from holdfast.compiler.schedule import Call
+from holdfast.compiler.targets.llvm.functions import Access, Function, function
+from holdfast.compiler.targets.llvm.layout import Address, Layout
 
 _UNROLLED = 2  # calls that are written out; more of them are a loop
 
@@ -47,17 +47,17 @@ class Module:
         made = self._function(call)
         out_ports = tuple(stage.outputs[call.phase])
         count = len(stage.input_ports)
-        runs: list[list[Place | None]] = []
+        runs: list[list[Address | None]] = []
         for item in layout.blocks(call.group, call.items):
-            places: list[Place | None] = []
+            places: list[Address | None] = []
             for k in made.reads:
                 if k < count:
-                    places.append(layout.place(call.group, stage.input_ports[k], item))
+                    places.append(layout.address(call.group, stage.input_ports[k], item))
                 else:
                     places.append(layout.memory(call.group, k - count, item))
             for k in made.writes:
                 if k < len(out_ports):
-                    places.append(layout.place(call.group, out_ports[k], item))
+                    places.append(layout.address(call.group, out_ports[k], item))
                 else:
                     places.append(layout.memory(call.group, call.phase, item))
             if made.scratch:
@@ -71,7 +71,7 @@ class Module:
             return label
         return self._loop(made, runs, lines, label)
 
-    def _loop(self, made: Function, runs: list[list[Place | None]], lines: list[str], label: str) -> str:
+    def _loop(self, made: Function, runs: list[list[Address | None]], lines: list[str], label: str) -> str:
         n, count = self.label(), len(runs)
         lines += [f"  br label %loop{n}", f"loop{n}:"]
         lines.append(f"  %t{n} = phi i64 [ 0, %{label} ], [ %t{n}.next, %loop{n} ]")
@@ -116,7 +116,7 @@ class Module:
         return self._known[key]
 
 
-def _pointer(lines: list[str], name: str, place: Place | None, moving: str | None) -> str:
+def _pointer(lines: list[str], name: str, place: Address | None, moving: str | None) -> str:
     """Append the line that computes an address; return the argument."""
     if place is None:
         return "ptr %scratch"

@@ -1,4 +1,4 @@
-"""LLVM's text to machine code. The only file that loads llvmlite.
+"""LLVM's language to machine code. The only file that loads llvmlite.
 
 `HOLDFAST_CPU` chooses the processor that code is made for: `host` (the default), or one of the levels `x86-64-v2`,
 `x86-64-v3` and `x86-64-v4`, for code that is the same on every machine of a cluster.
@@ -22,8 +22,8 @@ from holdfast.compiler.errors import CompileError
 
 _LOCK = threading.Lock()  # LLVM's compiler is used by one thread at a time
 
-# Of code generation; no pass over the text is needed. Level 1 leaves out the last scheduling of instructions, which
-# gains one percent at most and is a quarter of the time that LLVM takes: too much for long texts.
+# Of code generation; no optimisation pass is needed. Level 1 leaves out the last scheduling of instructions, which
+# gains one percent at most and is a quarter of the time that LLVM takes: too much for long modules.
 _LEVEL, _LEVEL_OF_LONG, _LONG = 2, 1, 2**21  # characters
 _QUICK_LEVEL = 0  # a third of LLVM's time, and half as long again to run; every level gives the same bits
 
@@ -119,7 +119,7 @@ class Code:
         Args:
             source: the module in LLVM's language, or what makes it and notes to keep with it.
             functions: the names of the functions to call.
-            key: stands for the source on disk; without it, its text does.
+            key: stands for the source on disk; without it, its source does.
             quick: compile sooner what will not run for long.
         """
         made = None if key else _made(source)
@@ -139,7 +139,7 @@ class Code:
 
 
 def _made(source: Source) -> tuple[str, Notes]:
-    """Return a module's text and its notes."""
+    """Return a module's source and its notes."""
     if isinstance(source, str):
         return source, {}
     with collector.paused():
@@ -181,7 +181,7 @@ def _fma_of_the_c_library() -> int:
 
 
 def _fingerprint(quick: bool) -> tuple[str, ...]:
-    """Return what besides the text decides the code."""
+    """Return what besides the source decides the code."""
     versions = (llvmlite.__version__, str(binding.llvm_version_info))
     levels = str(_QUICK_LEVEL) if quick else f"{_LEVEL} {_LEVEL_OF_LONG} {_LONG}"
     made_for = target()

@@ -5,9 +5,8 @@ import math
 import numpy as np
 from hypothesis import given, settings
 
-from holdfast.compiler.expand import expand, lowered
-from holdfast.compiler.fuse import fuse
 from holdfast.compiler.interpret import interpret
+from holdfast.compiler.lowering import expand, fuse, lowered
 from holdfast.compiler.trace import trace
 from tests.compiler.programs import all_same_bits, programs
 
@@ -61,7 +60,7 @@ def test_repeatable(program):
 
 
 def test_small_error():
-    """Fused and unfused readings differ by rounding only."""
+    """Fused and unfused programs differ by rounding only."""
     program = trace(lambda x: (np.sin(x) @ x + np.cos(x) * x[0] - x / 3.0,), [(3,)])
     (a,), (b,) = interpret(program, X), interpret(program, X, fused=False)
     expected = np.sin(X) @ X + np.cos(X) * X[0] - X / 3

@@ -15,7 +15,7 @@ _UNROLLED = 2  # squares that are written out; more of them are a loop
 
 
 def transpositions(sizes: Iterable[tuple[str, int]], lanes: int) -> list[str]:
-    """Return the text of the functions for the given directions and sizes, and what they call."""
+    """Return the source of the functions for the given directions and sizes, and what they call."""
     V = f"<{lanes} x double>"
     lines = [
         f"declare {V} @llvm.masked.load.v{lanes}f64.p0(ptr, i32, <{lanes} x i1>, {V})",

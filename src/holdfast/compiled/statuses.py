@@ -62,10 +62,10 @@ def is_closed(chain: ClosedChain, state: State) -> bool:
 
 def generic_rank(chain: ClosedChain, state: State, found: int) -> int:
     """Return the rank that a chain has in general, given a state where it is low."""
-    verdict = rank.regularity(chain, state, found)
-    if verdict.kind == "singular" and verdict.generic_rank == found:
+    found_rank = rank.regularity(chain, state, found)
+    if found_rank.kind == "singular" and found_rank.generic_rank == found:
         return found + 1  # no neighbour has more, but some velocities begin no motion
-    return verdict.generic_rank
+    return found_rank.generic_rank
 
 
 def system(chain: ClosedChain, found: Mapping[str, Array], row: int) -> tuple[ClosedChain, State]:

@@ -1,4 +1,4 @@
-"""A program as a function in LLVM's text: one straight line of operations, on numbers or on lanes.
+"""A program as a function in LLVM's language: one straight line of operations, on numbers or on lanes.
 
 No fast-math flag is ever written, so LLVM neither fuses nor reorders: the bits are the interpreter's.
 """
@@ -35,7 +35,7 @@ class Access(NamedTuple):
 
 
 class Function(NamedTuple):
-    """A program as text.
+    """A program in LLVM's language.
 
     Its parameters are pointers: the inputs that are read, the outputs, and scratch memory.
 

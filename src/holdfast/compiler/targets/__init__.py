@@ -1,0 +1,19 @@
+"""What belongs to one target: the only door through which the rest of the library reaches it.
+
+The compiler's other files say what is computed: programs, stages, schedules. A target makes that run. The one there
+is, `llvm`, is this processor: its lanes, its calling convention, its language. Another (C, a GPU) is a folder
+beside it that offers the same:
+
+    cpu               the processor (`target`, `lanes`, `has_fma`) and code made for it or loaded (`Code`)
+    single_module     the source of a schedule for one system
+    batch_module      the source of a schedule for many systems
+    Builtin           a Python callable that takes arrays straight to the code
+    no_argument_call  the same without arguments, for control loops
+"""
+
+from holdfast.compiler.targets.llvm import cpu
+from holdfast.compiler.targets.llvm.batch import batch_module
+from holdfast.compiler.targets.llvm.builtin import Builtin, no_argument_call
+from holdfast.compiler.targets.llvm.single import single_module
+
+__all__ = ["Builtin", "batch_module", "cpu", "no_argument_call", "single_module"]

@@ -1,0 +1,1 @@
+"""Schedules as machine code of this processor, by LLVM."""
