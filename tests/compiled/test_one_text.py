@@ -10,12 +10,12 @@ import holdfast
 from holdfast.compiled.forward_schedule import forward_schedule
 from holdfast.compiled.structure import Options, Structure
 from holdfast.dynamics.projection import STEP_ROUNDS
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.law import held_torques
 from holdfast.simulation.rollout.schedule import step_schedule
 from holdfast.simulation.runge_kutta import RK4
 from holdfast.simulation.stepper import ReferenceStepper
 from holdfast.simulation.tolerance import Tolerance
-from holdfast.simulation.world import World
 from tests.dynamics.problems import random_problem
 
 ROOT = Path(holdfast.__file__).parent
@@ -68,7 +68,7 @@ def test_a_step():
     """Stages, projection and its rounds, gaps, forward dynamics."""
     problem = random_problem(0, grasps=GRASPS[:4], joints=(6, 4, 2, 4), moving_base=False, extras=False)
     chain = problem.chain
-    world, tau = World(chain), problem.tau
+    world, tau = Environment(chain), problem.tau
     stepper = ReferenceStepper(world, lambda t, state, memory: (tau, memory), 18, RK4, Tolerance(1e-6, 1e-9))
     now, _ = stepper.start(0.0, problem.state, None)
     rooms = ("dynamics/arm", "dynamics/closed", "dynamics/projection", "simulation/runge_kutta", "simulation/step.py")

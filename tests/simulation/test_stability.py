@@ -22,6 +22,7 @@ from holdfast import (
     simulate,
     state_from_joints,
 )
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.friction import SMOOTHING_RATE, friction_slope, friction_torque
 from holdfast.simulation.instant import evaluate
 from holdfast.simulation.runge_kutta import RK4, SCHEMES, scheme
@@ -33,7 +34,6 @@ from holdfast.simulation.stability import (
     passive_resistance,
     step_for,
 )
-from holdfast.simulation.world import World
 from tests.simulation.gantries import squeezed
 from tests.simulation.one_step import one_step
 from tests.simulation.problems import PROBLEMS
@@ -90,7 +90,7 @@ def test_decay_of_forward_dynamics(seed):
     found = fastest_decay(chain, still, passive_resistance(chain, still.qd))
     assert found.rate == pytest.approx(expected, rel=1e-7)
     gains = np.random.default_rng(seed).uniform(0.0, 5.0, n)
-    now = evaluate(World(chain), lambda t, x, m: (5.0 - gains * x.qd, m), 0.0, still, None)
+    now = evaluate(Environment(chain), lambda t, x, m: (5.0 - gains * x.qd, m), 0.0, still, None)
     both = passive_resistance(chain, still.qd) + feedback_resistance(lambda t, x, m: (5.0 - gains * x.qd, m), now)
     expected = np.linalg.eigvals((qdd[1:] - qdd[0]).T * (damping + gains)).real.max()
     assert fastest_decay(chain, still, both).rate == pytest.approx(expected, rel=1e-6)

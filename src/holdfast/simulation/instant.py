@@ -15,9 +15,9 @@ from holdfast.errors import ModelError, SingularChainError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import power_terms
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.friction import friction_torque, joint_friction
 from holdfast.simulation.runge_kutta import rotation_vector_rate
-from holdfast.simulation.world import World
 from holdfast.spatial.scalar import Array, concatenate
 from holdfast.state import Inputs, State
 
@@ -102,7 +102,7 @@ def answer(found: Any) -> tuple[Any, Any]:
 
 
 def evaluate(
-    world: World,
+    environment: Environment,
     controller: Controller,
     t: float,
     state: State,
@@ -114,7 +114,7 @@ def evaluate(
     """Return the chain at one time and state.
 
     Args:
-        world: the chain and what acts on it.
+        environment: the chain and what acts on it.
         controller: torques.
         t: time [s].
         state: positions and velocities.
@@ -126,7 +126,7 @@ def evaluate(
         SingularChainError: the constraint's rank drops, or its condition passes 1e12.
         StateError: torques of a wrong shape, or not finite.
     """
-    chain, inputs = world.at(t)
+    chain, inputs = environment.at(t)
     tau, memory = answer(controller(t, state, memory))
     tau = checks.numbers(tau, (chain.joint_count,), "controller: torques", StateError)
     friction = friction_torque(joint_friction(chain), state.qd)

@@ -10,6 +10,7 @@ import numpy as np
 
 from holdfast.model.grasp import Grasp
 from holdfast.simulation.checkpoint import Origin
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.events import Event
 from holdfast.simulation.instant import Controller, Instant, evaluate
 from holdfast.simulation.limits import Signals
@@ -19,10 +20,9 @@ from holdfast.simulation.stepper import Stepper
 from holdfast.simulation.stops import Stops
 from holdfast.simulation.subdivision import SubdividingStepper
 from holdfast.simulation.tolerance import Tolerance
-from holdfast.simulation.world import World
 from holdfast.spatial.scalar import Array
 
-MakeStepper = Callable[[World, Controller, int, Tableau, Tolerance], Stepper]
+MakeStepper = Callable[[Environment, Controller, int, Tableau, Tolerance], Stepper]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,9 +30,9 @@ class Plan:
     """What stays the same through a run.
 
     Attributes:
-        world: the chain as it is at the start, and what acts on it.
+        environment: the chain as it is at the start, and what acts on it.
         controller: torques, as it is at the start.
-        make_stepper: (world, controller, generic rank, scheme, tolerance) -> what takes the steps.
+        make_stepper: (environment, controller, generic rank, scheme, tolerance) -> what takes the steps.
         scheme: Runge-Kutta scheme.
         tolerance: of a scheme that estimates its error.
         largest_drift: of a step of one that does not, see `subdivision` [m or rad]; None: any.
@@ -41,7 +41,7 @@ class Plan:
         stops: times that steps end at.
     """
 
-    world: World
+    environment: Environment
     controller: Controller
     make_stepper: MakeStepper
     scheme: Tableau
@@ -64,13 +64,13 @@ class Leg:
 
     Attributes:
         plan: of the run.
-        world: the chain with its grasps now, and what acts on it.
+        environment: the chain with its grasps now, and what acts on it.
         controller: torques.
         generic_rank: of the constraint away from singular configurations.
     """
 
     plan: Plan
-    world: World
+    environment: Environment
     controller: Controller
     generic_rank: int
 
@@ -78,7 +78,7 @@ class Leg:
     def stepper(self) -> Stepper:
         """What takes the steps; those of a scheme that does not choose its own are taken in parts where need be."""
         plan = self.plan
-        whole = plan.make_stepper(self.world, self.controller, self.generic_rank, plan.scheme, plan.tolerance)
+        whole = plan.make_stepper(self.environment, self.controller, self.generic_rank, plan.scheme, plan.tolerance)
         if plan.scheme.adaptive or plan.largest_drift is None:
             return whole
         return SubdividingStepper(whole, plan.largest_drift)
@@ -86,7 +86,7 @@ class Leg:
     @cached_property
     def signals(self) -> Signals:
         """The margins that there are."""
-        return Signals(self.world.chain)
+        return Signals(self.environment.chain)
 
     @cached_property
     def acting(self) -> Array:
@@ -106,8 +106,8 @@ def first_leg(plan: Plan, start: Origin) -> Leg:
         SingularChainError: the configuration is singular.
     """
     # judged with its neighbours; later a rank below its rank is a singularity
-    first = evaluate(plan.world, plan.controller, start.t, start.state, start.memory, check=True)
-    return Leg(plan, plan.world, plan.controller, first.result.rank)
+    first = evaluate(plan.environment, plan.controller, start.t, start.state, start.memory, check=True)
+    return Leg(plan, plan.environment, plan.controller, first.result.rank)
 
 
 def leg_with(leg: Leg, grasps: Mapping[str, Grasp], start: Origin) -> Leg:
@@ -118,9 +118,9 @@ def leg_with(leg: Leg, grasps: Mapping[str, Grasp], start: Origin) -> Leg:
     Raises:
         SingularChainError: the configuration is singular with these grasps.
     """
-    world, controller = _for_grasps(leg.plan, grasps)
-    first = evaluate(world, controller, start.t, start.state, start.memory)
-    return Leg(leg.plan, world, controller, first.result.rank)
+    environment, controller = _for_grasps(leg.plan, grasps)
+    first = evaluate(environment, controller, start.t, start.state, start.memory)
+    return Leg(leg.plan, environment, controller, first.result.rank)
 
 
 def resumed_leg(plan: Plan, grasps: Mapping[str, Grasp], generic_rank: int) -> Leg:
@@ -128,7 +128,7 @@ def resumed_leg(plan: Plan, grasps: Mapping[str, Grasp], generic_rank: int) -> L
     return Leg(plan, *_for_grasps(plan, grasps), generic_rank)
 
 
-def _for_grasps(plan: Plan, grasps: Mapping[str, Grasp]) -> tuple[World, Controller]:
-    chain = replace(plan.world.chain, grasps=grasps)
+def _for_grasps(plan: Plan, grasps: Mapping[str, Grasp]) -> tuple[Environment, Controller]:
+    chain = replace(plan.environment.chain, grasps=grasps)
     for_chain = getattr(plan.controller, "for_chain", None)
-    return replace(plan.world, chain=chain), plan.controller if for_chain is None else for_chain(chain)
+    return replace(plan.environment, chain=chain), plan.controller if for_chain is None else for_chain(chain)

@@ -77,7 +77,7 @@ class Progress:
             tail=self.tail,
             stop=self.stop,
             event=self.event,
-            grasps=leg.world.chain.grasps,
+            grasps=leg.environment.chain.grasps,
             generic_rank=leg.generic_rank,
             work=sums.work,
             impact=sums.impact,
@@ -104,7 +104,7 @@ def begun(plan: Plan, state: State) -> Progress:
         SingularChainError: the configuration is singular.
     """
     leg = first_leg(plan, Origin(0.0, state, None))
-    require_followed(plan.world.at(0.0)[0], state, plan.longest_step, plan.scheme)
+    require_followed(plan.environment.at(0.0)[0], state, plan.longest_step, plan.scheme)
     now, gaps = leg.stepper.start(0.0, state, None)
     sums = Sums(np.zeros(4), 0.0, np.zeros(6))
     ledger = Ledger.blank(len(leg.signals))
@@ -244,7 +244,7 @@ def _jumped(at: Progress) -> Progress:
     plan, leg = at.leg.plan, at.leg
     t = float(plan.stops.times[at.stop])
     t = t if t > at.now.t else just_after(at.now.t)  # where a grasp has opened just there
-    chain, inputs = leg.world.at(t)
+    chain, inputs = leg.environment.at(t)
     state, event, sums, news, gripped = at.now.state, at.event, at.sums, [], False
     while event < len(plan.events) and plan.events[event].t <= t:
         chain, state, one = happen(plan.events[event], chain, state, inputs)
@@ -263,7 +263,7 @@ def _jumped(at: Progress) -> Progress:
         now, gaps = leg.stepper.start(t, state, origin.memory)
         origin = replace(origin, state=now.state)
     ledger = at.ledger
-    for name in set(at.leg.world.chain.grasps) - set(chain.grasps):
+    for name in set(at.leg.environment.chain.grasps) - set(chain.grasps):
         ledger = ledger.without(chain.names.index(name))
     return _arrived(leg, now, origin, gaps, at.stop + 1, event, sums, ledger, (*at.occurrences, *news))
 
@@ -272,9 +272,9 @@ def _opened(at: Progress, signal: int) -> Progress:
     """Return the run after a grasp that cannot hold has opened; velocities go on."""
     name = at.leg.signals.names[signal]
     origin = Origin(just_after(at.now.t), at.now.state, at.now.memory)
-    grasps = {arm: grasp for arm, grasp in at.leg.world.chain.grasps.items() if arm != name}
+    grasps = {arm: grasp for arm, grasp in at.leg.environment.chain.grasps.items() if arm != name}
     leg = leg_with(at.leg, grasps, origin)
-    require_followed(leg.world.at(origin.t)[0], origin.state, leg.plan.longest_step, leg.plan.scheme)
+    require_followed(leg.environment.at(origin.t)[0], origin.state, leg.plan.longest_step, leg.plan.scheme)
     news = Occurrence(at.now.t, "release", name, f"'{name}' is released: it cannot hold")
     ledger = at.ledger.without(signal)
     now = leg.at(origin)

@@ -12,6 +12,7 @@ from holdfast.errors import HoldfastError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.checkpoint import Checkpoint
+from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.events import Event, in_order
 from holdfast.simulation.failure import reason
 from holdfast.simulation.instant import Controller, require_controller
@@ -25,7 +26,6 @@ from holdfast.simulation.sample import sample
 from holdfast.simulation.stops import ALIKE, MOST_STEPS, step_times, stops
 from holdfast.simulation.tolerance import RTOL, Tolerance
 from holdfast.simulation.trajectory import Trajectory, array_names, stacked
-from holdfast.simulation.world import BaseMotion, World
 from holdfast.state import Inputs, State
 
 
@@ -107,11 +107,11 @@ def simulate(
     ordered = in_order(events, chain, float(grid[-1]))
     jumps = [*breakpoints, *getattr(controller, "breakpoints", ())]
     ends = stops(grid, jumps, [one.t for one in ordered], ALIKE * step)
-    world = World(chain, {} if base_motion is None else base_motion, Inputs() if inputs is None else inputs)
+    environment = Environment(chain, {} if base_motion is None else base_motion, Inputs() if inputs is None else inputs)
     policy, tolerance = Policy(on_slip, on_limit), Tolerance(rtol, atol)
     make = make_stepper or partial(stepper_for, steps=len(grid) - 1)
     limit = None if largest_drift is None else checks.number(largest_drift, "simulation: largest_drift", above=0.0)
-    plan = Plan(world, controller, make, named, tolerance, limit, policy, ordered, ends)
+    plan = Plan(environment, controller, make, named, tolerance, limit, policy, ordered, ends)
 
     samples: list[Trajectory] = []
     at = begun(plan, state) if start is None else resumed(plan, start)

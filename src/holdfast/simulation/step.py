@@ -10,9 +10,9 @@ import numpy as np
 
 from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, STEP_ROUNDS, after_step, largest_gaps, moved
 from holdfast.errors import ClosureError, StateError
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.runge_kutta import Tableau, runge_kutta_step
-from holdfast.simulation.world import World
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.state import State
 
@@ -153,13 +153,13 @@ def displaced(state: State, y: Array) -> State:
     return State(there.q, state.qd + y[n : 2 * n], there.object_pose, state.object_twist + y[2 * n + 6 : 2 * n + 12])
 
 
-def back_on_constraint(world: World, t: float, state: State) -> tuple[State, Gaps]:
+def back_on_constraint(environment: Environment, t: float, state: State) -> tuple[State, Gaps]:
     """Return the state projected onto the grasps, and the gaps.
 
     Raises:
         ClosureError: they are open by more than a step may leave them, or stay so.
     """
-    chain, inputs = world.at(t)
+    chain, inputs = environment.at(t)
     given = inputs.shaped(chain)
     before = largest_gaps(chain, state, given)
     if not before.position <= FARTHEST:

@@ -13,11 +13,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from holdfast.errors import ClosureError, HoldfastError, ModelError, SingularChainError, StateError
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Controller, Instant, evaluate
 from holdfast.simulation.runge_kutta import RK4, Tableau
 from holdfast.simulation.step import Closing, Gaps, Question, Stage, answered, back_on_constraint, course_of
 from holdfast.simulation.tolerance import Tolerance
-from holdfast.simulation.world import World
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
@@ -46,7 +46,7 @@ class Advance:
 
 
 class Stepper(Protocol):
-    """Takes steps of one chain in one world under one controller."""
+    """Takes steps of one chain in one environment under one controller."""
 
     @property
     def scheme(self) -> Tableau:
@@ -81,14 +81,14 @@ class ReferenceStepper:
     """Steps by the readable texts on floats.
 
     Attributes:
-        world: the chain and what acts on it.
+        environment: the chain and what acts on it.
         controller: torques.
         generic_rank: rank of the constraint away from singular configurations.
         scheme: the Runge-Kutta scheme of the steps.
         tolerance: what `Advance.error` compares the scheme's estimates with.
     """
 
-    world: World
+    environment: Environment
     controller: Controller
     generic_rank: int
     scheme: Tableau = RK4
@@ -96,12 +96,12 @@ class ReferenceStepper:
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
         """Return the chain at a given state; see `Stepper`."""
-        state, gaps = back_on_constraint(self.world, t, state)
+        state, gaps = back_on_constraint(self.environment, t, state)
         return self.evaluate(t, state, memory), gaps
 
     def evaluate(self, t: float, state: State, memory: Any) -> Instant:
         """Return the chain at a given state taken as it is; see `Stepper`."""
-        return evaluate(self.world, self.controller, t, state, memory, generic_rank=self.generic_rank)
+        return evaluate(self.environment, self.controller, t, state, memory, generic_rank=self.generic_rank)
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
         """Return where one step leads; see `Stepper`."""
@@ -121,6 +121,6 @@ class ReferenceStepper:
     def _answer(self, question: Question, memory: Any) -> Any:
         """Return what a step asks; the controller's memory moves on once a step, at the step's start."""
         if isinstance(question, Closing):
-            return back_on_constraint(self.world, question.t, question.state)
+            return back_on_constraint(self.environment, question.t, question.state)
         there = self.evaluate(question.t, question.state, memory)
         return there.rates(question.turn) if isinstance(question, Stage) else there

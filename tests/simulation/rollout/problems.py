@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from holdfast import ClosedChain, ControlLaw, Inputs, Rollout, RolloutSystems, State, compile_rollout
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant, evaluate
-from holdfast.simulation.world import World
 from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain
 
@@ -117,9 +117,9 @@ def difference(found: Mapping[str, np.ndarray], expected: Mapping[str, np.ndarra
 
 def generic_rank(chain: ClosedChain, state: State) -> int:
     """Return the rank at a regular state."""
-    return evaluate(World(chain), lambda t, x, m: (np.zeros(len(x.q)), m), 0.0, state, None).result.rank
+    return evaluate(Environment(chain), lambda t, x, m: (np.zeros(len(x.q)), m), 0.0, state, None).result.rank
 
 
-def pushed(chain: ClosedChain) -> World:
+def pushed(chain: ClosedChain) -> Environment:
     """Return the chain with a constant wrench on its object."""
-    return World(chain, inputs=Inputs(object_wrench=np.array([0.3, -0.2, 0.1, 1.0, 2.0, -1.5])))
+    return Environment(chain, inputs=Inputs(object_wrench=np.array([0.3, -0.2, 0.1, 1.0, 2.0, -1.5])))

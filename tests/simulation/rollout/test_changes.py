@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from holdfast import ControlLaw, Inputs, Rollout, State, StateError, compile_rollout
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.runge_kutta import RK4
 from holdfast.simulation.stepper import ReferenceStepper
-from holdfast.simulation.world import World
 from tests.compiler.programs import same_bits
 from tests.simulation.gantries import squeezed
 from tests.simulation.rollout.problems import arrays, generic_rank, problem, state_of, told_torques
@@ -25,8 +25,8 @@ def test_torques_and_wrenches_of_each_step():
     systems = rollout.start(**arrays(state), tau=np.zeros(6))
     for _ in range(4):
         tau, wrench = 10.0 * random.normal(size=6), 5.0 * random.normal(size=6)
-        world = World(chain, inputs=Inputs(object_wrench=wrench))
-        reference = ReferenceStepper(world, lambda t, x, m, tau=tau: (tau, m), rank, RK4)
+        environment = Environment(chain, inputs=Inputs(object_wrench=wrench))
+        reference = ReferenceStepper(environment, lambda t, x, m, tau=tau: (tau, m), rank, RK4)
         now, _ = reference.start(0.0, state_of(systems, 0), None)
         (reached,) = reference.advance(now, [STEP])
         rollout.step(systems, STEP, tau=tau, object_wrench=wrench)
@@ -83,7 +83,7 @@ def test_a_changed_law_is_the_references():
     def controller(t, x, m):
         return rollout.law.torque(t, x, m, told(-0.5) | {"target": np.array(-0.5)})
 
-    reference = ReferenceStepper(World(rollout.chain), controller, 9, RK4)
+    reference = ReferenceStepper(Environment(rollout.chain), controller, 9, RK4)
     now, _ = reference.start(systems.t[0], at, memory)
     (reached,) = reference.advance(now, [systems.t[0] + STEP])
     rollout.step(systems, STEP, **told(-0.5))

@@ -20,9 +20,9 @@ from holdfast import (
     compile_rollout,
     grasp_margins,
 )
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.runge_kutta import RK4
 from holdfast.simulation.stepper import ReferenceStepper
-from holdfast.simulation.world import World
 from tests.compiler.programs import same_bits
 from tests.simulation.gantries import squeezed
 from tests.simulation.rollout.problems import arrays, elsewhere, problem, state_of, swinging
@@ -137,7 +137,7 @@ def test_singular_at_a_steps_end_or_inside():
     assert all(same_bits(x[0], systems.arrays[name][2]) for name, x in alone.arrays.items())
     for row in (0, 1):
         at = state_of(systems, row)
-        reference = ReferenceStepper(World(rollout.chain), lambda t, x, m: (tau, m), 9, RK4)
+        reference = ReferenceStepper(Environment(rollout.chain), lambda t, x, m: (tau, m), 9, RK4)
         now, _ = reference.start(0.0, at, None)
         assert isinstance(reference.advance(now, [1e-2])[0].failure, SingularChainError)
 

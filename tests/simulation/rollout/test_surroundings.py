@@ -34,12 +34,12 @@ from holdfast import (
 )
 from holdfast.compiler.errors import CompileError
 from holdfast.scenario.surroundings import SwayingBase
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.choice import stepper_for
 from holdfast.simulation.rollout.fused import FusedStepper
 from holdfast.simulation.runge_kutta import RK4
 from holdfast.simulation.stepper import ReferenceStepper
 from holdfast.simulation.tolerance import Tolerance
-from holdfast.simulation.world import World
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import concatenate, cos, sin
 from tests.compiler.programs import same_bits
@@ -85,7 +85,7 @@ def motions(chain: ClosedChain, every: int = 2) -> dict[str, Motion]:
 
 def carried_along(chain: ClosedChain, state: State, bases: dict[str, Motion]) -> State:
     """Return the state nearest to one whose velocities the moving bases allow at t = 0."""
-    return project(chain, state, World(chain, bases).at(0.0)[1])[0]
+    return project(chain, state, Environment(chain, bases).at(0.0)[1])[0]
 
 
 def agree(systems: RolloutSystems, row: int, run: Trajectory) -> None:
@@ -123,7 +123,7 @@ def test_moving_bases(name, scheme):
     )
     agree(systems, 0, run)
     assert systems.running.all() and systems.gap.max() <= 1e-12
-    there, _ = World(chain, bases).at(STEPS * STEP)
+    there, _ = Environment(chain, bases).at(STEPS * STEP)
     gaps = closure(there, state_of(systems, 1)).values()
     assert max((np.abs(gap.position).max() for gap in gaps), default=0.0) <= 1e-12
     assert not np.allclose(systems.q[0], systems.q[1], rtol=0, atol=1e-9)
@@ -138,8 +138,8 @@ def test_moving_bases_travel():
     other, there = pickle.loads(pickle.dumps((rollout, systems)))
     for name, motion in other.base_motion.items():
         (mine, *rates), (theirs, *others) = (
-            World(chain, {name: motion}).at(0.3),
-            World(chain, {name: bases[name]}).at(0.3),
+            Environment(chain, {name: motion}).at(0.3),
+            Environment(chain, {name: bases[name]}).at(0.3),
         )
         assert np.abs(mine.arms[name].base.R - theirs.arms[name].base.R).max() <= 1e-15
         assert np.array_equal(rates[0].base_twists, others[0].base_twists)
@@ -156,12 +156,12 @@ def test_scenes_bases_are_machine_code():
         name: SwayingBase(arm.base, *(random.uniform(0.05, 2.0, 6) * size for size in (0.02, 1.0, 1.0)), 0.02)
         for name, arm in chain.arms.items()
     }
-    world, law, rank = World(chain, bases), swinging_law(chain.joint_count), generic_rank(chain, state)
-    stepper = stepper_for(world, law, rank, RK4, Tolerance(), 1000)
+    environment, law, rank = Environment(chain, bases), swinging_law(chain.joint_count), generic_rank(chain, state)
+    stepper = stepper_for(environment, law, rank, RK4, Tolerance(), 1000)
     assert isinstance(stepper, FusedStepper)
     found, expected = (
         one.advance(one.start(0.0, state, None)[0], [0.01])[0].instant
-        for one in (stepper, ReferenceStepper(world, law, rank, RK4))
+        for one in (stepper, ReferenceStepper(environment, law, rank, RK4))
     )
     assert found is not None and expected is not None
     assert difference(numbers(found), numbers(expected)) <= 1e-12

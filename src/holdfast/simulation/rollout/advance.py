@@ -30,6 +30,7 @@ from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, Gap, after_step, l
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import GraspKind
 from holdfast.simulation.balance import work_rates
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.friction import friction_torque, joint_friction
 from holdfast.simulation.instant import WORST_CONDITION, rates
 from holdfast.simulation.rollout.law import ControlLaw
@@ -37,7 +38,6 @@ from holdfast.simulation.rollout.law_text import asked
 from holdfast.simulation.rollout.traced_motion import Motions, sound
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import Arrival, Question, Stage, answered, take_step
-from holdfast.simulation.world import World
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each, maximum, minimum, select, where
 from holdfast.spatial.spatial_vector import unrotate
 from holdfast.state import State
@@ -94,7 +94,7 @@ class TracedSystem:
     Attributes:
         real: the chain as the caller has it.
         given: the caller's arrays.
-        world: its chain, parameters in place, and what acts on it.
+        environment: its chain, parameters in place, and what acts on it.
         law: its law.
         worst: (2,) the worst condition and status of any evaluation so far.
     """
@@ -103,7 +103,7 @@ class TracedSystem:
         self.real, self.law, self.given = structure.chain, law, given
         chain = traced_chain(structure, given)
         moving = {name: sound(name, motion) for name, motion in motions.items()}
-        self.world = World(chain, moving, traced_inputs(chain, given))
+        self.environment = Environment(chain, moving, traced_inputs(chain, given))
         self.route: Route = structure.options.route
         self.friction = joint_friction(structure.chain)
         self.worst = np.zeros(2)
@@ -126,7 +126,7 @@ class TracedSystem:
         """Return torques, then forward dynamics and the power."""
         drive, kept = asked(self.law, self.real, t, state, memory, self.given)
         lost = friction_torque(self.friction, state.qd)
-        chain, inputs = self.world.at(t)
+        chain, inputs = self.environment.at(t)
         found = judged(chain, framed(state), drive - lost, inputs, self.given["generic_rank"], self.route)
         power = work_rates(power_of(chain, state, drive, found.whole.base_wrench, inputs), lost, state.qd)
         self.worst = maximum(self.worst, array([found.condition, found.status]))
@@ -142,7 +142,7 @@ class TracedSystem:
         at = State(at.q, at.qd, select(held, self.last("object_pose"), at.object_pose), at.object_twist)
         if isinstance(question, Stage):
             return self.evaluate(t, at, self.last("memory")).slope(question.turn)
-        chain, inputs = self.world.at(t)
+        chain, inputs = self.environment.at(t)
         closed = after_step(chain, at, inputs)
         end = State(*(select(held, getattr(at, name), getattr(closed, name)) for name in STATE))
         return end, [largest_gaps(chain, one, inputs) for one in (at, end)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from holdfast.compiler.errors import CompileError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Controller
 from holdfast.simulation.limits import Signals
 from holdfast.simulation.rollout.fused import FusedStepper
@@ -14,14 +15,13 @@ from holdfast.simulation.rollout.stagewise import StagewiseStepper, unsteady
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.stepper import ReferenceStepper, Stepper
 from holdfast.simulation.tolerance import Tolerance
-from holdfast.simulation.world import World
 
 WORTH_COMPILING = 45  # steps: fewer are taken by the readable texts in the time that compiling takes
 LOOKED_AT = 16  # steps that the looks inside one come to, where something is limited
 
 
 def stepper_for(
-    world: World,
+    environment: Environment,
     controller: Controller | ControlLaw,
     generic_rank: int,
     scheme: Tableau,
@@ -34,7 +34,7 @@ def stepper_for(
     any other one is asked from Python, stage by stage. So go schemes that estimate their errors.
 
     Args:
-        world: the chain and what acts on it.
+        environment: the chain and what acts on it.
         controller: torques.
         generic_rank: rank of the constraint away from singular configurations.
         scheme: the Runge-Kutta scheme.
@@ -45,13 +45,13 @@ def stepper_for(
         StateError: a law that is told parameters, which a run has not.
         CompileError: a law does what cannot be traced.
     """
-    few = steps * (LOOKED_AT if len(Signals(world.chain).limited) else 1) < WORTH_COMPILING
-    if (few and not scheme.adaptive) or _acting_on_links(world):
-        return ReferenceStepper(world, controller, generic_rank, scheme, tolerance)
-    law = law_of(controller, world.chain)
-    if law is None or scheme.adaptive or not _traceable(world):
-        return StagewiseStepper.of(world, controller, generic_rank, scheme, tolerance, law)
-    return FusedStepper.of(world, law, scheme, generic_rank)
+    few = steps * (LOOKED_AT if len(Signals(environment.chain).limited) else 1) < WORTH_COMPILING
+    if (few and not scheme.adaptive) or _acting_on_links(environment):
+        return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)
+    law = law_of(controller, environment.chain)
+    if law is None or scheme.adaptive or not _traceable(environment):
+        return StagewiseStepper.of(environment, controller, generic_rank, scheme, tolerance, law)
+    return FusedStepper.of(environment, law, scheme, generic_rank)
 
 
 def law_of(controller: Controller | ControlLaw, chain: ClosedChain) -> ControlLaw | None:
@@ -75,12 +75,12 @@ def law_of(controller: Controller | ControlLaw, chain: ClosedChain) -> ControlLa
     return law
 
 
-def _traceable(world: World) -> bool:
+def _traceable(environment: Environment) -> bool:
     """Return whether all that changes with time can be part of the machine code."""
-    motions = world.base_motion.values()
-    return not unsteady(world.inputs) and all(getattr(motion, "traceable", False) for motion in motions)
+    motions = environment.base_motion.values()
+    return not unsteady(environment.inputs) and all(getattr(motion, "traceable", False) for motion in motions)
 
 
-def _acting_on_links(world: World) -> bool:
-    inputs = world.inputs(0.0) if callable(world.inputs) else world.inputs
+def _acting_on_links(environment: Environment) -> bool:
+    inputs = environment.inputs(0.0) if callable(environment.inputs) else environment.inputs
     return inputs.link_wrenches is not None

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from holdfast.compiled.structure import optional_parameters
 from holdfast.errors import ModelError
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.rollout.arguments import require_free_names
 from holdfast.simulation.rollout.law import ControlLaw, held_torques
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.runge_kutta import scheme as scheme_of
-from holdfast.simulation.world import BaseMotion, World
 
 
 def compile_rollout(
@@ -55,6 +55,6 @@ def compile_rollout(
         raise ModelError(f"rollout: chain: expected a ClosedChain, got {type(chain).__name__}")
     if law is not None:
         require_free_names(law.parameters)
-    motions = World(chain, base_motion or {}).base_motion
+    motions = Environment(chain, base_motion or {}).base_motion
     options = optional_parameters(parameters, "rollout")
     return Rollout(chain, law or held_torques(chain.joint_count), scheme, generic_rank, motions, options)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.law import ControlLaw
@@ -15,7 +16,6 @@ from holdfast.simulation.rollout.rows import failure, gaps_of, instant_of, state
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import NO_GAPS, Advance
-from holdfast.simulation.world import World
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
@@ -25,22 +25,22 @@ class FusedStepper:
     """Steps of a chain under a control law, base motions traceable, external wrenches constant; see `Stepper`.
 
     Attributes:
-        world: the chain and what acts on it.
+        environment: the chain and what acts on it.
         kernel: its step.
         scheme: the Runge-Kutta scheme of its steps; it estimates no errors.
         generic_rank: rank of the constraint away from singular configurations.
     """
 
-    world: World
+    environment: Environment
     kernel: StepKernel
     scheme: Tableau
     generic_rank: int
 
     @classmethod
-    def of(cls, world: World, law: ControlLaw, scheme: Tableau, generic_rank: int) -> FusedStepper:
+    def of(cls, environment: Environment, law: ControlLaw, scheme: Tableau, generic_rank: int) -> FusedStepper:
         """Return the stepper of a law."""
-        kernel = StepKernel(world.chain, law, scheme, generic_rank, motions=world.base_motion, quick=True)
-        return cls(world, kernel, scheme, generic_rank)
+        kernel = StepKernel(environment.chain, law, scheme, generic_rank, motions=environment.base_motion, quick=True)
+        return cls(environment, kernel, scheme, generic_rank)
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
         """Return the chain at a given state, projected onto the grasps; see `Stepper`."""
@@ -73,20 +73,20 @@ class FusedStepper:
         return self._instant(systems, 0, t, memory), gaps_of(systems, 0)
 
     def _run(self, systems: Systems, begin: float, steps: Array, held: bool) -> None:
-        acting = self.world.inputs
+        acting = self.environment.inputs
         assert isinstance(acting, Inputs)
         inputs = {
             "begin": np.array(begin),
             "step": steps,
             "held": np.array(float(held)),
-            "object_wrench": acting.shaped(self.world.chain).object_wrench,
+            "object_wrench": acting.shaped(self.environment.chain).object_wrench,
         }
         self.kernel.run(systems, inputs, {}, 1, 1)
 
     def _instant(self, systems: Systems, row: int, t: float, memory: Any) -> Instant:
         tau = systems["drive"][row].copy()
         kept = systems["memory"][row].copy() if "memory" in systems else memory
-        chain, inputs = self.world.at(t)
+        chain, inputs = self.environment.at(t)
         return instant_of(systems, row, t, chain, inputs.shaped(chain), tau, kept, self.generic_rank)
 
     def _flat(self, memory: Any) -> Array | None:

@@ -17,6 +17,7 @@ from holdfast.dynamics.consistency import POSITION_TOLERANCE
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.advance import BROKEN, LIMITED, OPEN, SINGULAR, SLIPPED, TOO_LONG
 from holdfast.simulation.rollout.arguments import (
     acting,
@@ -36,7 +37,6 @@ from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.simulation.rollout.traced_motion import Motions
 from holdfast.simulation.rollout.travelling import travelling_law, travelling_motion
 from holdfast.simulation.runge_kutta import scheme as scheme_of
-from holdfast.simulation.world import World
 from holdfast.spatial.scalar import Array
 
 HALVINGS = 50  # of a step, when the instant of a slip or limit is sought
@@ -339,7 +339,7 @@ class Rollout:
             _, parameters = acting(self._kernel, systems.told)
             at = {name: systems.arrays[name] for name in STATE} | self._kernel.parameters | parameters
             chain, state = system(self.chain, at, row)
-            chain, _ = World(chain, self.base_motion).at(float(systems.t[row]))
+            chain, _ = Environment(chain, self.base_motion).at(float(systems.t[row]))
             most = generic_rank(chain, state, most)
         self.generic_rank = most
         self._kernel.parameters["generic_rank"] = np.array(float(most))

@@ -1,4 +1,4 @@
-"""Steps of any scheme in any world, stage by stage: dynamics, projection and a traced law are machine code."""
+"""Steps of any scheme in any environment, stage by stage: dynamics, projection and a traced law are machine code."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from holdfast.compiled.structure import Options
 from holdfast.errors import HoldfastError, MethodNotApplicable, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Controller, Instant, answer
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.law import ControlLaw, held_torques
@@ -21,7 +22,6 @@ from holdfast.simulation.runge_kutta import EULER, Tableau, rotation_vector_rate
 from holdfast.simulation.step import Closing, Gaps, Question, Stage, answered_together, course_of
 from holdfast.simulation.stepper import NO_GAPS, Advance
 from holdfast.simulation.tolerance import Tolerance
-from holdfast.simulation.world import World
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
@@ -47,10 +47,10 @@ class Moment:
 
 @dataclass(frozen=True, eq=False)
 class StagewiseStepper:
-    """Steps that ask the world from Python at every stage, and a controller that is no machine code; see `Stepper`.
+    """Steps that ask the environment from Python at every stage, and a controller that is no machine code; see `Stepper`.
 
     Attributes:
-        world: the chain and what acts on it; no wrenches on links.
+        environment: the chain and what acts on it; no wrenches on links.
         controller: torques; None where they are part of the kernel.
         kernel: a step, of which only the end is used: states closed, or evaluated.
         generic_rank: rank of the constraint away from singular configurations.
@@ -58,7 +58,7 @@ class StagewiseStepper:
         tolerance: what `Advance.error` compares the scheme's estimates with.
     """
 
-    world: World
+    environment: Environment
     controller: Controller | None
     kernel: StepKernel
     generic_rank: int
@@ -68,7 +68,7 @@ class StagewiseStepper:
     @classmethod
     def of(
         cls,
-        world: World,
+        environment: Environment,
         controller: Controller,
         generic_rank: int,
         scheme: Tableau,
@@ -76,10 +76,10 @@ class StagewiseStepper:
         law: ControlLaw | None = None,
     ) -> StagewiseStepper:
         """Return the stepper of a controller; a `law` that gives the same torques is asked in its place."""
-        ours = held_torques(world.chain.joint_count) if law is None else law
-        options = Options(base_motion=moving(world))
-        kernel = StepKernel(world.chain, ours, EULER, generic_rank, options=options, quick=True)
-        return cls(world, controller if law is None else None, kernel, generic_rank, scheme, tolerance)
+        ours = held_torques(environment.chain.joint_count) if law is None else law
+        options = Options(base_motion=moving(environment))
+        kernel = StepKernel(environment.chain, ours, EULER, generic_rank, options=options, quick=True)
+        return cls(environment, controller if law is None else None, kernel, generic_rank, scheme, tolerance)
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
         """Return the chain at a given state, projected onto the grasps; see `Stepper`."""
@@ -135,7 +135,7 @@ class StagewiseStepper:
         return self._run(times, states, moments, memory, held=True), moments
 
     def _told(self, t: float, state: State, memory: Any) -> Moment:
-        chain, inputs = self._world_at(t)
+        chain, inputs = self._surroundings_at(t)
         if self.controller is None:
             return Moment(t, chain, inputs, None, memory)
         tau, kept = answer(self.controller(t, state, memory))
@@ -143,12 +143,12 @@ class StagewiseStepper:
         return Moment(t, chain, inputs, tau, kept)
 
     def _still(self, t: float) -> Moment:
-        chain, inputs = self._world_at(t)
+        chain, inputs = self._surroundings_at(t)
         return Moment(t, chain, inputs, np.zeros(chain.joint_count), None)
 
-    def _world_at(self, t: float) -> tuple[ClosedChain, Inputs]:
+    def _surroundings_at(self, t: float) -> tuple[ClosedChain, Inputs]:
         """Return chain and inputs at a time; wrenches on links are not ignored but refused."""
-        chain, inputs = self.world.at(t)
+        chain, inputs = self.environment.at(t)
         shaped = inputs.shaped(chain)
         if shaped.link_wrenches is not None and shaped.link_wrenches.any():
             raise MethodNotApplicable(
@@ -173,7 +173,7 @@ class StagewiseStepper:
 
     def _bases(self, moments: list[Moment]) -> dict[str, Array]:
         """Return where the bases are and how they move, if they do."""
-        if not moving(self.world):
+        if not moving(self.environment):
             return {}
         return {
             "base_R": np.array([[arm.base.R for arm in m.chain.arms.values()] for m in moments]),
@@ -183,9 +183,9 @@ class StagewiseStepper:
         }
 
 
-def moving(world: World) -> bool:
+def moving(environment: Environment) -> bool:
     """Return whether bases move, or what acts on the chain changes with time."""
-    return bool(world.base_motion) or unsteady(world.inputs)
+    return bool(environment.base_motion) or unsteady(environment.inputs)
 
 
 def unsteady(given: Inputs | Callable[[float], Inputs]) -> bool:

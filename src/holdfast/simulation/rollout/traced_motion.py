@@ -9,7 +9,7 @@ import numpy as np
 from holdfast.compiled.traced_chain import unit_pose
 from holdfast.model import checks
 from holdfast.model.checks import ROTATION_TOLERANCE
-from holdfast.simulation.world import BaseMotion, motion_of
+from holdfast.simulation.environment import BaseMotion, motion_of
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, where

@@ -18,10 +18,10 @@ from holdfast.compiler.node import Node
 from holdfast.compiler.program import Program
 from holdfast.compiler.trace import trace
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.environment import BaseMotion
 from holdfast.simulation.rollout.law import ControlLaw
 from holdfast.simulation.rollout.law_text import law_program
 from holdfast.simulation.rollout.traced_motion import sound
-from holdfast.simulation.world import BaseMotion
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, array, cos, sin, sqrt, where
 from holdfast.state import State
