@@ -9,13 +9,13 @@ import pytest
 import holdfast
 from holdfast.compiled.forward_schedule import forward_schedule
 from holdfast.compiled.structure import Options, Structure
+from holdfast.control.controller import held_torques
 from holdfast.dynamics.projection import STEP_ROUNDS
+from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.rollout.law import held_torques
-from holdfast.simulation.rollout.schedule import step_schedule
+from holdfast.simulation.rollout.kernel import step_schedule
 from holdfast.simulation.runge_kutta import RK4
 from holdfast.simulation.stepper import ReferenceStepper
-from holdfast.simulation.tolerance import Tolerance
 from tests.dynamics.problems import random_problem
 
 ROOT = Path(holdfast.__file__).parent

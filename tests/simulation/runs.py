@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 
 from holdfast import ClosedChain, State, closure, kinetic_energy, potential_energy
-from holdfast.simulation.adaptive import first_proposal, next_step
+from holdfast.simulation.adaptive import Tolerance, first_proposal, next_step
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.runge_kutta import RK4, Tableau
 from holdfast.simulation.stepper import ReferenceStepper, Stepper
-from holdfast.simulation.tolerance import Tolerance
 from holdfast.spatial import rotation
 
 # (environment, controller, generic rank, scheme, tolerance) -> stepper

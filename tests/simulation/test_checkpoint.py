@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from holdfast import Friction, Grasp, ResultError
-from holdfast.simulation.checkpoint import Checkpoint
+from holdfast.control.torque_schedule import TorqueSchedule
+from holdfast.simulation.checkpoint import Checkpoint, packed, unpacked
 from holdfast.simulation.events import Attach, Release
-from holdfast.simulation.memory import packed, unpacked
-from holdfast.simulation.schedule import TorqueSchedule
 from holdfast.simulation.simulate import simulate
 from holdfast.simulation.trajectory import array_names
 from tests.simulation.gantries import contact_frame, squeezed

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from holdfast import ClosedChain, Friction, State, StepTooLongError, WrenchLimits, holding_torques, simulate
-from holdfast.simulation.schedule import TorqueSchedule
+from holdfast.control.torque_schedule import TorqueSchedule
 from tests.control.two_pandas import two_pandas
 from tests.simulation.damped import outcome, problem
 from tests.simulation.gantries import squeezed

@@ -7,7 +7,7 @@ import pytest
 
 from holdfast import ControlLaw, HoldfastError, ModelError, StateError, TorqueSchedule, simulate
 from holdfast.control.gravity_compensation import GravityCompensation
-from holdfast.simulation.rollout.choice import WORTH_COMPILING
+from holdfast.simulation.rollout.compiled_steppers import WORTH_COMPILING
 from tests.simulation.rollout.problems import problem
 
 N = 6

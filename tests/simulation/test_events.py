@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from holdfast import Grasp, ModelError, Pose, StateError
+from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.simulation.events import Attach, Release
-from holdfast.simulation.schedule import TorqueSchedule
 from holdfast.simulation.simulate import simulate
 from tests.simulation.gantries import BLOCK, LINK, contact_frame, squeezed
 

@@ -5,10 +5,10 @@ import pytest
 
 from holdfast import StateError, closure
 from holdfast.simulation.events import Release
-from holdfast.simulation.interpolation import Knot
-from holdfast.simulation.interpolation import interpolant as between_knots
 from holdfast.simulation.runge_kutta import dop853
 from holdfast.simulation.simulate import simulate
+from holdfast.simulation.trajectory import Knot
+from holdfast.simulation.trajectory import interpolant as between_knots
 from tests.simulation.runs import differences, numbers, stepper_of
 from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain

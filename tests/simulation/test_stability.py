@@ -23,8 +23,7 @@ from holdfast import (
     state_from_joints,
 )
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.friction import SMOOTHING_RATE, friction_slope, friction_torque
-from holdfast.simulation.instant import evaluate
+from holdfast.simulation.instant import SMOOTHING_RATE, evaluate, friction_slope, friction_torque
 from holdfast.simulation.runge_kutta import RK4, SCHEMES, scheme
 from holdfast.simulation.stability import (
     Decay,

@@ -5,7 +5,7 @@ import pytest
 
 from holdfast import ClosureError, ModelError, simulate
 from holdfast.simulation.runge_kutta import MIDPOINT, RK4
-from holdfast.simulation.subdivision import MOST_PARTS, SubdividingStepper
+from holdfast.simulation.stepper import MOST_PARTS, SubdividingStepper
 from tests.simulation.problems import PROBLEMS
 from tests.simulation.runs import differences, limp, numbers, stepper_of
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from holdfast import ClosedChain, MissingExtra
-from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.summary import summarise
-from holdfast.simulation.trajectory import Trajectory, array_names
+from holdfast.simulation.trajectory import Occurrence, Trajectory, array_names
 from holdfast.view import closure_figure, figure_style
 from holdfast.view.margin_figure import slips
 from holdfast.view.plots import figures, save_plots

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.io.result_meta import ResultMeta
-from holdfast.simulation.limits import JOINT_QUANTITIES
+from holdfast.simulation.margins import JOINT_QUANTITIES
 from holdfast.simulation.trajectory import Trajectory, array_names
 from holdfast.spatial.scalar import Array
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from holdfast.io.columns import MOMENTUM, NO_UNIT, Column
 from holdfast.io.result_meta import ResultMeta
-from holdfast.simulation.occurrence import Occurrence
+from holdfast.simulation.trajectory import Occurrence
 
 TEXTS = ("kind", "name", "text", "quantity")
 NUMBERS = {"t": "s", "lowest": "SI", "lowest_time": "s", "energy_change": "J"}  # lowest is of the quantity's unit

@@ -11,8 +11,7 @@ from typing import Any
 import msgspec
 
 from holdfast.io.result_arrays import Damage, read_arrays, write_arrays
-from holdfast.simulation.occurrence import Occurrence
-from holdfast.simulation.trajectory import Trajectory, array_names, stacked
+from holdfast.simulation.trajectory import Occurrence, Trajectory, array_names, stacked
 from holdfast.spatial.scalar import Array
 
 

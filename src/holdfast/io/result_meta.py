@@ -13,7 +13,7 @@ import msgspec
 from holdfast.errors import ResultError
 from holdfast.io.atomic import write_atomically
 from holdfast.io.place import LONGEST_NAME, one_line
-from holdfast.simulation.occurrence import Occurrence
+from holdfast.simulation.trajectory import Occurrence
 
 FORMAT = "holdfast-result"
 FORMAT_VERSION = 2

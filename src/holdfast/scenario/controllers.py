@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from holdfast.control.controller import Controller
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest
+from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.io.place import Place
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.scenario.scene import GravityCompensationData, ObjectTrackingData, TorqueScheduleData
-from holdfast.simulation.instant import Controller
-from holdfast.simulation.schedule import TorqueSchedule
 from holdfast.state import State
 
 GAINS = ("squeeze", "joint_damping", "stiffness", "damping")

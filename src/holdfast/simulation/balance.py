@@ -11,6 +11,8 @@ the step like the integrator's error.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from holdfast.dynamics.energy import Power, power
@@ -23,6 +25,20 @@ from holdfast.state import Inputs, State
 # Columns of every work and power array.
 WORK_TERMS = ("drives", "damping", "base", "external")
 GAUSS = (-1.0 / np.sqrt(3.0), 1.0 / np.sqrt(3.0))  # on -1 .. 1
+
+
+class Sums(NamedTuple):
+    """What has gone into the chain since the start.
+
+    Attributes:
+        work: (4,) see `WORK_TERMS` [J].
+        impact: energy, by impulses [J].
+        base_impulse: (6,) by impulses of the bases, about the world's origin [N m s, N s].
+    """
+
+    work: Array
+    impact: float
+    base_impulse: Array
 
 
 def power_terms(

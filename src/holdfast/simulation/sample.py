@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,30 +13,16 @@ from holdfast.dynamics.margins import grasp_margins
 from holdfast.dynamics.split import split
 from holdfast.dynamics.wrist import wrist_wrenches
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.balance import Sums
 from holdfast.simulation.instant import Instant
-from holdfast.simulation.limits import JOINT_QUANTITIES
-from holdfast.simulation.occurrence import Occurrence
+from holdfast.simulation.margins import JOINT_QUANTITIES
 from holdfast.simulation.step import Gaps
-from holdfast.simulation.trajectory import Trajectory
+from holdfast.simulation.trajectory import Occurrence, Trajectory
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.spatial.vector import cross
 from holdfast.state import State
-
-
-class Sums(NamedTuple):
-    """What has gone into the chain since the start.
-
-    Attributes:
-        work: (4,) see `balance.WORK_TERMS` [J].
-        impact: energy, by impulses [J].
-        base_impulse: (6,) by impulses of the bases, about the world's origin [N m s, N s].
-    """
-
-    work: Array
-    impact: float
-    base_impulse: Array
 
 
 def sample(

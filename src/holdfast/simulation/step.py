@@ -87,10 +87,10 @@ class Step(NamedTuple):
     estimates: list[Array]
 
 
-Course = Generator[Question, Any, Step]
+StepCourse = Generator[Question, Any, Step]
 
 
-def take_step(start: State, first: Array, h: Scalar, times: Sequence[Scalar], scheme: Tableau) -> Course:
+def take_step(start: State, first: Array, h: Scalar, times: Sequence[Scalar], scheme: Tableau) -> StepCourse:
     """Return the chain one step later, closed again.
 
     A generator, which asks how the chain is found at a state: by the readable texts (`stepper`), for several ends side
@@ -117,20 +117,20 @@ def take_step(start: State, first: Array, h: Scalar, times: Sequence[Scalar], sc
     return Step(later, gaps, y[2 * n + 12 :], estimates)
 
 
-def course_of(now: Instant, until: float, scheme: Tableau) -> Course:
+def course_of(now: Instant, until: float, scheme: Tableau) -> StepCourse:
     """Return a step from an instant to a time [s]."""
     h = until - now.t
     times = [*(now.t + c * h for c in scheme.c[1:].tolist()), until]
     return take_step(now.state, now.rates(np.zeros(3)), h, times, scheme)
 
 
-def answered(course: Course, answer: Callable[[Question], Any]) -> Step:
+def answered(course: StepCourse, answer: Callable[[Question], Any]) -> Step:
     """Return what a step leads to."""
     (step,) = answered_together([course], lambda questions: [answer(questions[0])])
     return step
 
 
-def answered_together(courses: Sequence[Course], answer: Callable[[list[Question]], Sequence[Any]]) -> list[Step]:
+def answered_together(courses: Sequence[StepCourse], answer: Callable[[list[Question]], Sequence[Any]]) -> list[Step]:
     """Return what steps of one scheme lead to, the same question of all of them answered at once."""
     replies: Sequence[Any] = [None] * len(courses)
     while True:

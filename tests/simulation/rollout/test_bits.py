@@ -112,15 +112,15 @@ def test_records(every):
     rollout, (_, state) = swinging("five"), problem("five")
     systems = started(rollout, state, 3, t=0.1)
     before = systems.copy()
-    fine = rollout.run(systems, 20 * STEP, STEP, record=("q", "grasp_wrench", "work", "fate", "t"))
-    coarse = rollout.run(systems, 20 * STEP, STEP, every=every, record=("q", "grasp_wrench", "work", "fate", "t"))
+    fine = rollout.run(systems, 20 * STEP, STEP, record=("q", "grasp_wrench", "work", "status", "t"))
+    coarse = rollout.run(systems, 20 * STEP, STEP, every=every, record=("q", "grasp_wrench", "work", "status", "t"))
     assert same(systems, before) and same(fine.systems, coarse.systems)
     rows = [*range(0, 20, every), 20]
     assert same_bits(coarse.t, fine.t[rows]) and np.array_equal(fine.t, 0.1 + STEP * np.arange(21))
     for name in ("q", "grasp_wrench", "work", "t"):
         assert same_bits(coarse[name], fine[name][rows])
     assert np.array_equal(fine["t"], np.tile(fine.t[:, None], 3))
-    assert coarse["fate"].shape == (len(rows), 3) and np.isinf(coarse.stopped).all()
+    assert coarse["status"].shape == (len(rows), 3) and np.isinf(coarse.stopped).all()
     assert same_bits(fine["q"][-1], fine.systems.q)
     further = rollout.run(fine.systems, 5 * STEP, STEP)
     assert same(further.systems, after(rollout, systems, 25))

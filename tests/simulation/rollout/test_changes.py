@@ -9,7 +9,7 @@ import pytest
 
 from holdfast import ControlLaw, Inputs, Rollout, State, StateError, compile_rollout
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.runge_kutta import RK4
+from holdfast.simulation.runge_kutta import MIDPOINT, RK4
 from holdfast.simulation.stepper import ReferenceStepper
 from tests.compiler.programs import same_bits
 from tests.simulation.gantries import squeezed
@@ -48,7 +48,7 @@ def integrating() -> tuple[Rollout, State]:
         return np.array([0.0, 0.0, up, 0.0, 0.0, 0.0]), np.array([memory[0] + 0.01 * error, memory[1] + 1.0])
 
     law = ControlLaw(torque, np.array([0.1, 0.0]), {"gain": (3,), "target": ()}, key="tests: integrating")
-    return compile_rollout(chain, law), state
+    return compile_rollout(chain, law, scheme="midpoint"), state
 
 
 def told(target: float) -> dict[str, object]:
@@ -83,7 +83,7 @@ def test_a_changed_law_is_the_references():
     def controller(t, x, m):
         return rollout.law.torque(t, x, m, told(-0.5) | {"target": np.array(-0.5)})
 
-    reference = ReferenceStepper(Environment(rollout.chain), controller, 9, RK4)
+    reference = ReferenceStepper(Environment(rollout.chain), controller, 9, MIDPOINT)
     now, _ = reference.start(systems.t[0], at, memory)
     (reached,) = reference.advance(now, [systems.t[0] + STEP])
     rollout.step(systems, STEP, **told(-0.5))

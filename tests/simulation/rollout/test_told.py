@@ -27,7 +27,7 @@ def braking() -> tuple[Rollout, State]:
         push = minimum(-given["gain"][()] * now.qd, 30.0 + memory[0])
         return push + where(t < 0.5, given["pull"], 0.0) - sin(now.q - home), np.array([0.9 * memory[0] + t])
 
-    return compile_rollout(chain, ControlLaw(torque, [0.2], {"gain": (), "pull": (6,)})), state
+    return compile_rollout(chain, ControlLaw(torque, [0.2], {"gain": (), "pull": (6,)}), scheme="midpoint"), state
 
 
 def everything(rollout: Rollout, count: int) -> dict[str, Any]:
@@ -111,7 +111,10 @@ def test_another_law():
     """A law that takes over acts in the first stage of its first step; what the law before was told is not its own."""
     held, state = told_torques("one"), problem("one")[1]
     chain = held.chain
-    plain = [compile_rollout(chain, ControlLaw(lambda t, x, m, g, k=k: (-k * x.qd, m))) for k in (1.0, 50.0)]
+    plain = [
+        compile_rollout(chain, ControlLaw(lambda t, x, m, g, k=k: (-k * x.qd, m)), scheme="midpoint")
+        for k in (1.0, 50.0)
+    ]
     systems = plain[0].start(**arrays(state))
     plain[0].step(systems, STEP)
     fresh = plain[1].start(systems.q, systems.qd, systems.object_pose, systems.object_twist, t=float(systems.t[0]))
@@ -124,13 +127,12 @@ def test_another_law():
         told_torques("legs").step(systems, STEP, tau=np.zeros(told_torques("legs").chain.joint_count))
 
 
-@pytest.mark.parametrize("protocol", [2, 5])
-def test_travelling(protocol):
+def test_travelling():
     """A started rollout whose law is a closure, and its systems, are pickled, and go on to the same bits elsewhere."""
     rollout, state = braking()
     systems = rollout.start(**elsewhere(rollout.chain, state, COUNT), **everything(rollout, COUNT))
     rollout.step(systems, STEP, steps=2)
-    other, there = pickle.loads(pickle.dumps((rollout, systems), protocol=protocol))
+    other, there = pickle.loads(pickle.dumps((rollout, systems)))
     assert other.generic_rank == rollout.generic_rank and other.law.parameters == rollout.law.parameters
     for law in (rollout.law, other.law):  # both are functions on floats
         tau, memory = law.torque(0.1, state, np.array([0.2]), {"gain": np.array(2.0), "pull": np.ones(6)})

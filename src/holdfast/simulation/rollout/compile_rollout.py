@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from holdfast.compiled.structure import optional_parameters
+from holdfast.control.controller import ControlLaw, held_torques
 from holdfast.errors import ModelError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.rollout.arguments import require_free_names
-from holdfast.simulation.rollout.law import ControlLaw, held_torques
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.runge_kutta import scheme as scheme_of
 

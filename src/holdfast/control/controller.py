@@ -17,7 +17,36 @@ from holdfast.spatial.frozen import Frozen, FrozenDict
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.state import State
 
+# (t, state, memory) -> (torques (n,), memory): a pure function, memory None at the start
+Controller = Callable[[float, State, Any], tuple[ArrayLike, Any]]
+# (t, state, memory, parameters) -> (torques (n,), memory), traced
 Torque = Callable[[Scalar, State, Array, Mapping[str, Array]], tuple[ArrayLike, ArrayLike]]
+
+
+def require_controller(controller: Any) -> None:
+    """Refuse what cannot be asked for torques.
+
+    Raises:
+        ModelError: it is no function.
+    """
+    if not callable(controller):
+        raise ModelError(
+            "controller: expected a function (t, state, memory) -> (torques, memory), got"
+            f" {type(controller).__name__}; try lambda t, state, memory: (tau, memory), or a TorqueSchedule"
+        )
+
+
+def torques_and_memory(found: Any) -> tuple[Any, Any]:
+    """Return the torques and the memory that a controller returned.
+
+    Raises:
+        StateError: it returned something else.
+    """
+    if not isinstance(found, tuple) or len(found) != 2:
+        got = f"an array of shape {found.shape}" if isinstance(found, np.ndarray) else f"a {type(found).__name__}"
+        got = f"{len(found)} things" if isinstance(found, tuple) else got
+        raise StateError(f"controller: expected it to return torques and memory, got {got}; try `return tau, memory`")
+    return found
 
 
 @dataclass(frozen=True, eq=False)
