@@ -44,11 +44,11 @@ def test_thirty_digits():
 
 
 def test_sundials():
-    """Two Pandas falling for 0.1 s agree to 1e-7 with IDA on the dense equations of motion."""
+    """Two Pandas falling for 0.05 s agree to 1e-7 with IDA on the dense equations of motion."""
     chain, state = PROBLEMS["pandas"]()
-    theirs = sundials.integrated(as_case(chain, state), state.object_pose, 0.1, 1e-9)
-    books = kept(adaptive(*stepper_of(chain, state, dop853(), 1e-10), 0.1))
+    theirs = sundials.integrated(as_case(chain, state), state.object_pose, 0.05, 1e-9)
+    books = kept(adaptive(*stepper_of(chain, state, dop853(), 1e-10), 0.05))
     assert books.last is not None
     for key, x in theirs.items():
         np.testing.assert_allclose(getattr(books.last.state, key), x, rtol=0, atol=1e-7, err_msg=key)
-    assert np.abs(books.last.state.qd).max() > 2.0
+    assert np.abs(books.last.state.qd).max() > 1.0

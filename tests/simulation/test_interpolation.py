@@ -76,7 +76,7 @@ def test_both_quaternions_of_an_attitude(moving):
     np.testing.assert_array_equal(numbers(a), numbers(b))
 
 
-@pytest.mark.parametrize("t", [-1e-9, 0.021, np.nan])
+@pytest.mark.parametrize("t", [0.021, np.nan])
 def test_no_time_outside(moving, t):
     """It does not extrapolate."""
     stepper, now = moving

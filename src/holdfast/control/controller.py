@@ -51,15 +51,15 @@ def torques_and_memory(found: Any) -> tuple[Any, Any]:
 
 @dataclass(frozen=True, eq=False)
 class ControlLaw(Frozen):
-    """A controller in the words of `spatial.scalar`: no `if` on a value, no writing into arrays.
+    """A controller that can be traced, written with `spatial.scalar`: no `if` on a value, no writing into arrays.
 
     Attributes:
         torque: (t, state, memory, parameters) -> (torques (n,), memory); called once, with traced
             numbers in all of them.
         memory: (m,) what it carries on, at the start; a step moves it on once, at the step's start.
-        parameters: shapes of what it is told from outside, per system or for all: gains, targets,
+        parameters: shapes of what it is given from outside, per system or for all: gains, targets,
             an action.
-        key: stands for the law's text on disk; the text of its machine code does if it is empty.
+        key: names the law in the cache on disk; if it is empty, the traced machine code does.
 
     Raises:
         ModelError: memory that is no array of numbers, or a parameter without a shape.
@@ -89,21 +89,21 @@ class ControlLaw(Frozen):
         """Return the torques on floats, as any controller does: (t, state, memory) -> (torques, memory).
 
         Raises:
-            StateError: the law has parameters, which a controller is not told.
+            StateError: the law has parameters, which a controller is not given.
         """
         self.require_no_parameters()
         tau, kept = self.torque(t, state, self.memory if memory is None else memory, {})
         return np.asarray(tau), kept
 
     def require_no_parameters(self) -> None:
-        """Refuse to be a controller, which is told nothing.
+        """Refuse to be a controller, which has no parameters.
 
         Raises:
             StateError: the law has parameters.
         """
         if self.parameters:
             raise StateError(
-                f"controller: the law is told {', '.join(self.parameters)}, which only a rollout can do; try"
+                f"controller: the law takes {', '.join(self.parameters)}, which only a rollout can give; try"
                 " holdfast.compile_rollout"
             )
 

@@ -73,7 +73,6 @@ def _sizes(state: State) -> Array:
 
 if TYPE_CHECKING:
     from holdfast.simulation.instant import Instant
-    from holdfast.simulation.runge_kutta import Tableau
     from holdfast.simulation.stepper import Advance, Stepper
 
 SAFETY = 0.9
@@ -148,7 +147,8 @@ def next_step(stepper: Stepper, now: Instant, proposed: Proposal, latest: float)
         SingularChainError, ClosureError: at the shortest step the chain still cannot go on.
         ModelError: the scheme estimates no error, or `latest` is not ahead.
     """
-    _require_estimate(stepper.scheme)
+    if not stepper.scheme.adaptive:
+        raise ModelError(f"adaptive: scheme '{stepper.scheme.name}' estimates no error; try 'dop853', or a fixed step")
     room = latest - now.t
     if not 0.0 < room < math.inf:
         raise ModelError(f"adaptive: latest: expected a time after t = {now.t:.9g} s, got {latest:.9g} s")
@@ -165,11 +165,6 @@ def next_step(stepper: Stepper, now: Instant, proposed: Proposal, latest: float)
         if proposal < smallest_step(now.t):
             raise _stuck(now.t, reached)
         step, rejected = proposal, True
-
-
-def _require_estimate(scheme: Tableau) -> None:
-    if not scheme.adaptive:
-        raise ModelError(f"adaptive: scheme '{scheme.name}' estimates no error; try 'dop853', or a fixed step")
 
 
 def _stuck(t: float, reached: Advance) -> HoldfastError:

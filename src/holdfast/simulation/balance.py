@@ -15,12 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.energy import Power, power
-from holdfast.dynamics.result import ForwardResult
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.dynamics.energy import Power
 from holdfast.simulation.stops import MOMENT
 from holdfast.spatial.scalar import Array, array
-from holdfast.state import Inputs, State
 
 # Columns of every work and power array.
 WORK_TERMS = ("drives", "damping", "base", "external")
@@ -41,24 +38,14 @@ class Sums(NamedTuple):
     base_impulse: Array
 
 
-def power_terms(
-    chain: ClosedChain, state: State, tau: Array, friction: Array, result: ForwardResult, inputs: Inputs
-) -> Array:
-    """Return the power of drives, damping and friction, bases, external wrenches, (4,) [W].
+def work_rates(p: Power, friction: Array, qd: Array) -> Array:
+    """Return power in the order of `WORK_TERMS`, (4,) [W].
 
     Args:
-        chain: the chain.
-        state: positions and velocities.
-        tau: (n,) torques of the drives.
+        p: power under the drives' torques.
         friction: (n,) what friction takes from them.
-        result: forward dynamics under tau - friction.
-        inputs: external wrenches and base motion.
+        qd: (n,) joint rates; friction's power goes with the damping's.
     """
-    return work_rates(power(chain, state, tau, result, inputs), friction, state.qd)
-
-
-def work_rates(p: Power, friction: Array, qd: Array) -> Array:
-    """Return power in the order of `WORK_TERMS`, friction's with the damping's, (4,) [W]."""
     return array([p.drives, p.damping - friction @ qd, p.base, p.external])
 
 

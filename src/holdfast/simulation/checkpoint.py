@@ -12,7 +12,7 @@ On disk a checkpoint is two flat things: arrays by name, for an .npz, and plain 
     arrays, data = checkpoint.to_data()
     checkpoint = Checkpoint.from_data(arrays, data)
 
-What happened on the way (grasps closed, opened, slipped; limits passed) is told twice: each sample
+What happened on the way (grasps closed, opened, slipped; limits passed) is kept twice: each sample
 carries its own `occurrences` beside its arrays, and `stacked` joins them; a checkpoint has all of them
 since the start, so that the log of a run that was killed is whole too.
 

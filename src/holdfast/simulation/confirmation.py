@@ -54,7 +54,7 @@ class Window:
         """Where the window begins."""
         return self.now if self.previous is None else self.previous
 
-    def taken(self, t: float, parts: int) -> Advance:
+    def in_parts(self, t: float, parts: int) -> Advance:
         """Return where parts of both steps lead, to a time within the window."""
         stepper, begin = self.segment.stepper, self.begin
         if t <= self.now.t or self.previous is None:
@@ -82,7 +82,7 @@ def require_shown(window: Window, found: StepMargins, tracker: ViolationTracker)
             continue
         allowed = SHARE * np.ptp(margins, axis=0) + ROUNDING * np.maximum(1.0, np.abs(margins[-1]))
         for parts in PARTS:
-            again = window.taken(t, parts)
+            again = window.in_parts(t, parts)
             if again.instant is not None:
                 off = np.abs(signals.of(again.instant)[together] - margins[-1])
                 if (off <= allowed).all():
@@ -104,9 +104,9 @@ def explained(window: Window, until: float, failure: HoldfastError) -> HoldfastE
     if decay is not None and not followed(decay, window.segment.settings.longest_step, window.segment.settings.scheme):
         return too_long(window, until, f"a step fails ({failure})")
     most = PARTS[0] if isinstance(failure, SingularChainError) else MOST_PARTS
-    parts, fewer = 2, window.taken(until, 2)
+    parts, fewer = 2, window.in_parts(until, 2)
     while parts <= most:
-        more = window.taken(until, 2 * parts)
+        more = window.in_parts(until, 2 * parts)
         if _agree(window.begin, fewer, more):
             return too_long(window, until, f"it fails, and steps of 1/{parts} of it do not ({failure})")
         parts, fewer = 2 * parts, more
@@ -171,7 +171,7 @@ def _working(window: Window, until: float, step: float) -> float:
 
 def _most_different(window: Window, until: float) -> str:
     """Return the joint that steps and halves of them move most differently."""
-    whole, halves = (window.taken(until, parts).instant for parts in (1, 2))
+    whole, halves = (window.in_parts(until, parts).instant for parts in (1, 2))
     now = window.now
     rates = now.state.qd if whole is None or halves is None else whole.state.qd - halves.state.qd
     motion = chain_motion(now.chain, now.state, now.tau, now.inputs.shaped(now.chain))

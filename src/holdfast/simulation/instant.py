@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from holdfast.control.controller import Controller, torques_and_memory
+from holdfast.dynamics.energy import power
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.result import ForwardResult
 from holdfast.errors import SingularChainError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.balance import power_terms
+from holdfast.simulation.balance import work_rates
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.runge_kutta import rotation_vector_rate
 from holdfast.spatial.scalar import Array, array, concatenate, sqrt
@@ -125,5 +126,5 @@ def evaluate(
             f"the grasp constraint is nearly singular: condition {found.condition:.3g}, expected <="
             f" {WORST_CONDITION:g}; try another posture or another grasp"
         )
-    power = power_terms(chain, state, tau, friction, found, inputs)
-    return Instant(t, state, chain, inputs, tau, memory, found, power)
+    powers = work_rates(power(chain, state, tau, found, inputs), friction, state.qd)
+    return Instant(t, state, chain, inputs, tau, memory, found, powers)

@@ -71,13 +71,10 @@ class Signals:
         Where the grasp forces are not unique, one is a violation only if no internal force holds every
         grasp: negative then, in place of what the smallest forces give (`margin_range`, a tenth of a second).
         """
-        chain = self.chain
         given = grasp_margins(at.chain, at.state, at.result.grasp_wrench)
         if at.result.status is Status.INDETERMINATE_FORCES and (given < 0).any():
             given = np.where(given < 0, margin_range(at.chain, at.state, at.result).together, given)
-        grasps = np.full(len(chain.arms), np.inf)
-        grasps[[chain.names.index(name) for name in chain.grasps]] = given
-        return np.concatenate([grasps, *joint_margins(at.chain, at.state, at.tau)])
+        return np.concatenate([by_arm(self.chain, given), *joint_margins(at.chain, at.state, at.tau)])
 
     def description(self, at: Instant, signal: int) -> str:
         """Return what happens where a margin reaches zero."""
@@ -87,6 +84,13 @@ class Signals:
         grasp = self.chain.grasps[name]
         wrench = unrotate(at.state.object_frame.R @ grasp.frame.R, at.result.grasp_wrench[signal])
         return f"grasp '{name}' {giving_way(grasp, wrench)}"
+
+
+def by_arm(chain: ClosedChain, margins: Array) -> Array:
+    """Return the margins of the grasps by arm, (arms,); infinite where an arm holds nothing."""
+    found = np.full(len(chain.arms), np.inf)
+    found[[chain.names.index(name) for name in chain.grasps]] = margins
+    return found
 
 
 def giving_way(grasp: Grasp, wrench: Array) -> str:

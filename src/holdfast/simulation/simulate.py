@@ -65,7 +65,7 @@ def simulate(
         chain: arms, object and grasps.
         state: where to start; must satisfy the grasps.
         controller: (t, state, memory) -> (torques (n,), memory), memory None at first. Its attribute
-            `breakpoints`, if it has one, tells at which times its torques jump; its method `for_chain(chain)`,
+            `breakpoints`, if it has one, says at which times its torques jump; its method `for_chain(chain)`,
             if it has one, is asked for a controller whenever a grasp closes or opens.
         duration: [s].
         step: h [s]; the last step is shorter where h does not divide the duration. An adaptive scheme
@@ -78,7 +78,7 @@ def simulate(
             "release" (it opens; velocities go on).
         on_limit: what is done about a joint beyond a limit: "record" or "stop".
         scheme: "rk4", "midpoint" or "dop853" (adaptive, order 8).
-        rtol: relative tolerance of an adaptive scheme, see `tolerance.Tolerance`.
+        rtol: relative tolerance of an adaptive scheme, see `adaptive.Tolerance`.
         atol: absolute tolerance.
         largest_drift: a fixed step that leaves the grasps open by more than this before projection, 1e-10 say, is
             too long for the motion and taken in equal parts [m or rad]; None: every step is taken whole.
@@ -93,7 +93,7 @@ def simulate(
         ModelError: a duration or step that is not positive, too many steps, an unknown policy or scheme, an
             impossible event, or a controller that is no function.
         StateError: the initial state breaks a grasp, the controller returns no torques and memory that fit, or it is a
-            law that is told parameters.
+            law that takes parameters.
         SingularChainError: the initial configuration is singular.
     """
     checks.instance(chain, ClosedChain, "simulation: chain")
@@ -150,11 +150,13 @@ def simulate(
     return replace(stacked(samples, later), occurrences=at.checkpoint.occurrences[first:])
 
 
-SINGULAR = 0.01  # strength: below it a singular configuration is taken for the cause, above it for a possible one
+SINGULAR = (
+    0.01  # strength of a direction: below it a singular configuration counts as the cause, above it as a possible one
+)
 
 
 def reason(cause: HoldfastError, last: Instant) -> str:
-    """Return why a step failed, in words, with the directions that are nearly lost at the last sample.
+    """Return why a step failed, with the directions that are nearly lost at the last sample.
 
     Args:
         cause: what the step raised.

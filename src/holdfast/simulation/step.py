@@ -93,8 +93,8 @@ StepCourse = Generator[Question, Any, Step]
 def take_step(start: State, first: Array, h: Scalar, times: Sequence[Scalar], scheme: Tableau) -> StepCourse:
     """Return the chain one step later, closed again.
 
-    A generator, which asks how the chain is found at a state: by the readable texts (`stepper`), for several ends side
-    by side by machine code (`rollout.stagewise`), or traced (`rollout.advance`).
+    A generator, which asks how the chain is found at a state: on floats (`stepper`), for several ends side
+    by side by machine code (`rollout.compiled_steppers`), or traced (`rollout.traced_step`).
 
     Args:
         start: on the constraint; the first of the scheme's stages.

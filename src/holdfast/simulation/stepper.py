@@ -84,7 +84,7 @@ class Stepper(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class ReferenceStepper:
-    """Steps by the readable texts on floats.
+    """Steps on floats, without machine code.
 
     Attributes:
         environment: the chain and what acts on it.

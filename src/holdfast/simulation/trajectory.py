@@ -28,7 +28,7 @@ class Occurrence:
         kind: "attach" and "release" of a grasp; "violation", a margin that becomes negative, and
             "recovery", where it no longer is.
         name: the arm, or 'arm/joint'.
-        text: what happened, in words.
+        text: what happened.
         quantity: of a violation or recovery, what was passed: "grasp", "position", "rate", "effort".
         lowest: of a recovery, the lowest margin since the violation [N; rad or m; rad/s or m/s; N m or N].
         lowest_time: when that was [s].
@@ -222,7 +222,7 @@ class Trajectory(Frozen):
         return State(self.q[k], self.qd[k], self.object_pose[k], self.object_twist[k])
 
     def state_at(self, t: float) -> State:
-        """Return the state at any time of the run; between samples by quintics, see `interpolation.interpolant`.
+        """Return the state at any time of the run; between samples by quintics, see `interpolant`.
 
         Where the grasps or velocities jump, the state after the jump.
 

@@ -1,7 +1,7 @@
 """Margins inside a step: every dip below zero is found, its beginning to 1e-12 s, its depth to rounding.
 
 The margins are known at the step's start. They are looked at after every eighth of the step and at the
-scheme's stage times, each point reached by one shorter step from the start, in parts where `subdivision` asks
+scheme's stage times, each point reached by one shorter step from the start, in parts where `SubdividingStepper` asks
 for them (never an interpolant).
 
 What is found for certain: *every dip below zero that lasts a quarter of a step*. Looks are at most h/8
@@ -48,7 +48,7 @@ REFUSALS = (SingularChainError, ClosureError, StateError)
 
 
 class StepMargins(NamedTuple):
-    """What a step's looks tell.
+    """What the looks of a step show.
 
     Attributes:
         times: (looks,) in order; the first is the last look of the step before, if there is one.

@@ -57,7 +57,7 @@ def swinging(name: str, scheme: str = "rk4") -> Rollout:
 
 
 @cache
-def told_torques(name: str) -> Rollout:
+def given_torques(name: str) -> Rollout:
     """Return the rollout of a chain under given torques."""
     return compile_rollout(problem(name)[0])
 

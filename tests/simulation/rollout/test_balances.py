@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from holdfast import Rollout, RolloutSystems, closure, kinetic_energy, momentum, potential_energy
-from tests.simulation.rollout.problems import problem, started, state_of, swinging, told_torques
+from tests.simulation.rollout.problems import given_torques, problem, started, state_of, swinging
 
 DURATION = 0.08
 
@@ -59,7 +59,7 @@ def test_energy(name, scheme, order):
 
 def test_work_terms():
     """Drives, losses, wrenches: each is what it is; nothing is done by bases that stand still."""
-    rollout, (chain, state) = told_torques("one"), problem("one")
+    rollout, (chain, state) = given_torques("one"), problem("one")
     tau, wrench = np.full(chain.joint_count, 0.5), np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2.0])
     systems = started(rollout, state, 1, tau=tau, object_wrench=wrench)
     q, z = systems.q[0].copy(), systems.object_pose[0, 6]

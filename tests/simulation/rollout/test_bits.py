@@ -8,7 +8,7 @@ import pytest
 from holdfast import Rollout, RolloutSystems
 from holdfast.compiler import cpu
 from tests.compiler.programs import same_bits
-from tests.simulation.rollout.problems import elsewhere, problem, started, state_of, swinging, told_torques
+from tests.simulation.rollout.problems import elsewhere, given_torques, problem, started, swinging
 
 LANES = cpu.lanes()
 COUNT = 2 * LANES + 3
@@ -25,10 +25,9 @@ def after(rollout: Rollout, systems: RolloutSystems, steps: int, **options) -> R
     return rollout.step(systems.copy(), STEP, steps=steps, **options)
 
 
-@pytest.mark.parametrize("name", ["five", "legs"])
-def test_place_in_the_batch(name):
+def test_place_in_the_batch():
     """Alone, in tails of every length, turned round, in one thread or more than there are blocks."""
-    rollout, (_, state) = swinging(name), problem(name)
+    rollout, (_, state) = swinging("five"), problem("five")
     systems = started(rollout, state, COUNT)
     whole = after(rollout, systems, 5)
     assert whole.running.all()
@@ -59,29 +58,9 @@ def test_how_steps_are_asked_for():
     assert np.array_equal(rollout.step(systems.copy(), np.full(LANES + 1, STEP), steps=30).q, whole.q)
 
 
-def test_torques_told_again():
-    """The same torques told again, changed at each step or not, shared or by system: the steps they belong to."""
-    rollout, (chain, state) = told_torques("one"), problem("one")
-    random = np.random.default_rng(0)
-    torques = random.normal(size=(6, LANES + 2, chain.joint_count))
-    systems = started(rollout, state, LANES + 2, tau=torques[0])
-    whole = systems.copy()
-    for tau in torques:
-        rollout.step(whole, STEP, steps=2, tau=tau)
-    again = systems.copy()
-    for tau in torques:
-        for _ in range(2):
-            rollout.step(again, STEP, tau=tau.copy())
-    assert same(whole, again)
-    row = systems.copy([3])
-    for tau in torques:
-        rollout.step(row, STEP, steps=2, tau=tau[3])
-    assert same(row, whole.copy([3]))
-
-
 def test_parameters_by_system():
     """Gravity, payload, bases, grasps and wrenches of each system: as if each ran alone with its own."""
-    rollout, (chain, state) = told_torques("one"), problem("one")
+    rollout, (chain, state) = given_torques("one"), problem("one")
     random, count = np.random.default_rng(0), LANES + 1
     body, (arm,), (grasp,) = chain.held_object, chain.arms.values(), chain.grasps.values()
     given = {
@@ -106,7 +85,7 @@ def test_parameters_by_system():
         assert same(alone, systems.copy([row]))
 
 
-@pytest.mark.parametrize("every", [1, 3, 10, 25])
+@pytest.mark.parametrize("every", [1, 3, 25])
 def test_records(every):
     """What is recorded does not depend on how often it is, the last portion may be shorter."""
     rollout, (_, state) = swinging("five"), problem("five")
@@ -125,14 +104,3 @@ def test_records(every):
     further = rollout.run(fine.systems, 5 * STEP, STEP)
     assert same(further.systems, after(rollout, systems, 25))
     assert further.t[0] == fine.t[-1]
-
-
-def test_copies_are_apart():
-    """Stepping a copy leaves the original; states read from it are the reference's."""
-    rollout, (_, state) = swinging("legs"), problem("legs")
-    systems = started(rollout, state, 4)
-    q = systems.q.copy()
-    some = systems.copy(np.array([True, False, True, False]))
-    rollout.step(some, STEP)
-    assert same_bits(systems.q, q) and len(some) == 2
-    assert np.array_equal(state_of(some, 1).q, some.q[1])

@@ -299,7 +299,8 @@ def test_which_comes_first(share, status):
         return np.array([30.0, 0.0, 600.0 * t, -30.0, 0.0, 600.0 * t]), memory
 
     slip, limit = 0.05025, (50 + share) * STEP  # each contact passes on half of one push: mu f_n = 300 t
-    rollout = compile_rollout(limited(chain, 2, {"effort_limit": 600.0 * limit}), ControlLaw(torque))
+    law = ControlLaw(torque, key="tests: pushed harder and harder")
+    rollout = compile_rollout(limited(chain, 2, {"effort_limit": 600.0 * limit}), law, scheme="midpoint")
     record = rollout.run(rollout.start(**arrays(state)), 0.06, STEP, least_margin=0.0, stop_at_limits=True)
     assert record.systems.status[0] is status
     assert record.stopped[0] == pytest.approx(min(slip, limit), abs=1e-9)

@@ -34,13 +34,13 @@ def compile_rollout(
         scheme: `rk4`, or `midpoint`: half the evaluations, second order.
         generic_rank: rank of the grasp constraint away from singular configurations; found from the
             first systems if not given.
-        base_motion: t -> (pose, twist, acceleration) of moving bases, by arm name, as for `simulate`; in the words of
-            a control law, as it becomes part of the machine code.
-        parameters: what else systems may be told, as for `compile`: `link_inertia` (link_mass, link_com,
+        base_motion: t -> (pose, twist, acceleration) of moving bases, by arm name, as for `simulate`;
+            written as a control law is, as it becomes part of the machine code.
+        parameters: what else may be given, as for `compile`: `link_inertia` (link_mass, link_com,
             link_inertia), `link_wrench` (external wrenches on the links).
 
     Raises:
-        ModelError: no such scheme, or one that estimates errors; a parameter of the law has a taken name; a base
+        ModelError: no such scheme, or one that estimates errors; a parameter of the law is named as an argument; a base
             motion of no arm.
         StateError: no such optional parameter.
         CompileError: (when first started) the law or a base motion does what cannot be traced; the line is named.

@@ -207,7 +207,7 @@ def stop_code(system: TracedSystem, kept: Mapping[str, Array], worst: Array, dri
         gaps: and left.
     """
     given, margins = system.given, list(kept["margin"])
-    # x - x, which tells as much, is folded to zero
+    # x - x, which would do as well, is folded to zero
     total = sum(sum(abs(entry) for entry in x.flat) for name, x in kept.items() if name != "margin")
     least = reduce(minimum, margins) if margins else float("inf")
     of_joints = margins_of_joints(JointLimits(*given["limits"]), kept["q"], kept["qd"], kept["drive"])

@@ -44,7 +44,7 @@ def gantries() -> tuple[Rollout, State]:
         up = given["rate"][()] * t
         return np.array([SQUEEZE, 0.0, up, -SQUEEZE, 0.0, up]), memory
 
-    return compile_rollout(chain, ControlLaw(torque, parameters={"rate": ()})), state
+    return compile_rollout(chain, ControlLaw(torque, parameters={"rate": ()}), scheme="midpoint"), state
 
 
 def slip_time(rate: np.ndarray) -> np.ndarray:
@@ -93,7 +93,7 @@ def test_margins():
     limited = replace(rollout.chain.grasps["right"], wrench_limits=WrenchLimits(moment=2.0, force=45.0))
     chain = replace(rollout.chain, grasps=rollout.chain.grasps | {"right": limited})
     rate = np.array([400.0])
-    for each in (rollout, compile_rollout(chain, rollout.law)):
+    for each in (rollout, compile_rollout(chain, rollout.law, scheme="midpoint")):
         systems = each.start(**arrays(state), **given(rate))
         least = systems.margin[0].copy()
         for _ in range(5):
@@ -109,7 +109,7 @@ def test_margins():
     (name,) = free.chain.grasps
     weak = replace(free.chain.grasps[name], wrench_limits=WrenchLimits(force=50.0))
     chain = replace(free.chain, grasps={name: weak})
-    systems = compile_rollout(chain, free.law).start(**arrays(problem("one")[1]))
+    systems = compile_rollout(chain, free.law, scheme="midpoint").start(**arrays(problem("one")[1]))
     expected = grasp_margins(chain, state_of(systems, 0), systems.grasp_wrench[0])
     assert np.isfinite(expected).all() and np.abs(systems.margin[0] - expected).max() <= 1e-11
 
