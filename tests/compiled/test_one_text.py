@@ -90,7 +90,7 @@ def test_nothing_is_computed_there(path):
     """No products of matrices and no sines: what machine code computes of a chain is a text of another room."""
     if path.name in ("turns.py",):
         pytest.skip("works on what machine code has found")
-    allowed = {("traced_chain", "unit_pose"), ("advance", "grasp_margins")}
+    allowed = {("traced_chain", "unit_pose"), ("traced_step", "grasp_margins")}
     for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(function, ast.FunctionDef) and (path.stem, function.name) not in allowed:
             products = [x for x in ast.walk(function) if isinstance(x, ast.BinOp) and isinstance(x.op, ast.MatMult)]

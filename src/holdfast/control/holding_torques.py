@@ -133,11 +133,7 @@ def joint_places(chain: ClosedChain, names: Iterable[str]) -> Array:
     Raises:
         StateError: no such joint.
     """
-    places = {
-        f"{name}/{joint.name or f'joint{k + 1}'}": chain.joints[name].start + k
-        for name, arm in chain.arms.items()
-        for k, joint in enumerate(arm.joints)
-    }
+    places = {name: k for k, name in enumerate(chain.joint_names())}
     names = list(names)
     for name in names:
         if name not in places:
