@@ -14,7 +14,7 @@ from tests.systems.five_bar import FiveBar, five_bar_chain, five_bar_state
 
 @pytest.mark.parametrize("problem", PROBLEMS)
 def test_every_grasp(problem):
-    """Closed to 1e-12 and 1e-11 after every step, by the run's own books and by `closure`."""
+    """Closed to 1e-12 and 1e-11 after every step, by `closure`."""
     books = kept(fixed(*stepper_of(*PROBLEMS[problem]()), np.linspace(0.0, 0.008, 5)))
     assert books.position <= 1e-12
     assert books.velocity <= 1e-11

@@ -86,7 +86,7 @@ def test_no_time_outside(moving, t):
 
 
 def test_any_time_of_a_run(moving):
-    """A run tells its state at any time: at samples theirs, between them the quintic's, at a jump what comes after."""
+    """A run has its state at any time: at samples theirs, between them the quintic's, at a jump what comes after."""
     stepper, now = moving
     chain, step = now.chain, 0.01
     release = Release(2 * step, chain.names[0])

@@ -79,7 +79,7 @@ def test_what_cannot_be_closed_whole():
 
 
 def test_in_a_run():
-    """`simulate` parts steps where it is told to."""
+    """`simulate` takes steps in parts where `largest_drift` asks for it."""
     chain, state = PROBLEMS["balls"]()
     ways = ({}, {"largest_drift": LIMIT}, {"largest_drift": 1e-12})
     drifts = [simulate(chain, state, limp, 0.02, 0.02, **way).position_gap[-1, 0] for way in ways]

@@ -87,7 +87,7 @@ def state_of(systems: RolloutSystems, row: int) -> State:
 
 
 def numbers(at: Instant) -> dict[str, np.ndarray]:
-    """Return everything that an instant tells, by name."""
+    """Return all numbers of an instant, by name."""
     found = at.result
     return arrays(at.state) | {
         "t": np.array(at.t),

@@ -13,7 +13,7 @@ DURATION = 0.08
 
 @pytest.mark.parametrize("name", ["legs", "five"])
 def test_closure(name):
-    """After every step every grasp is closed to rounding; the gaps told are those that the reference finds."""
+    """After every step every grasp is closed to rounding; the gaps reported are those that the reference finds."""
     rollout, (chain, state) = swinging(name), problem(name)
     systems = started(rollout, state, 3)
     for _ in range(40):
@@ -26,8 +26,8 @@ def test_closure(name):
     assert max(np.abs(gap.velocity).max() for gap in gaps) <= 1e-12
 
 
-def test_first_gap_is_told():
-    """`start` closes what is a little open, and tells how far it was."""
+def test_first_gap_is_reported():
+    """`start` closes what is a little open, and reports how far it was."""
     rollout, (_, state) = swinging("legs"), problem("legs")
     systems = started(rollout, state, 2)
     assert systems.drift[0].max() <= 1e-12 and 1e-5 < systems.drift[1].max() < 1e-2

@@ -52,7 +52,7 @@ def test_how_steps_are_asked_for():
     for _ in range(30):
         rollout.step(one, STEP)
     for steps in (1, 7, 2, 19, 1):
-        odd = rollout.step(odd, STEP, steps=steps).copy(np.arange(LANES + 1))  # forgets what it was told
+        odd = rollout.step(odd, STEP, steps=steps).copy(np.arange(LANES + 1))  # a copy in every portion
     assert same(one, whole) and same(odd, whole)
     assert same_bits(whole.t, np.full(LANES + 1, 0.7 + 30 * STEP))
     assert np.array_equal(rollout.step(systems.copy(), np.full(LANES + 1, STEP), steps=30).q, whole.q)

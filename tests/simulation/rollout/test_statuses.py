@@ -56,7 +56,7 @@ def slip_time(rate: np.ndarray) -> np.ndarray:
 
 
 def given(rate: np.ndarray) -> dict[str, np.ndarray]:
-    """Return what the gantries are told: how fast the force grows [N/s], and the twisting moment."""
+    """Return the parameters of the law: how fast the force grows [N/s], and the twisting moment."""
     return {"rate": rate, "object_wrench": np.array([TWIST, 0.0, 0.0, 0.0, 0.0, 0.0])}
 
 
@@ -229,9 +229,9 @@ def test_feedback_that_blows_up_is_no_slip(scheme):
 
     rollout = compile_rollout(chain, ControlLaw(torque, parameters={"gain": (), "up": ()}), scheme=scheme)
     ratio = np.array([0.0, 1.0, 4.0, 10.7, 30.0, 1e3, 1e5, 0.0, 0.01])
-    told = {"gain": ratio * 2.0 / STEP, "up": np.array([40.0] * 7 + [1000.0] * 2)}
-    systems = rollout.start(**{name: np.tile(x, (9, 1)) for name, x in arrays(state).items()}, **told)
-    record = rollout.run(systems, 60 * STEP, STEP, least_margin=0.0, **told)
+    gains = {"gain": ratio * 2.0 / STEP, "up": np.array([40.0] * 7 + [1000.0] * 2)}
+    systems = rollout.start(**{name: np.tile(x, (9, 1)) for name, x in arrays(state).items()}, **gains)
+    record = rollout.run(systems, 60 * STEP, STEP, least_margin=0.0, **gains)
     expected = [RolloutStatus.RUNNING] * 2 + [RolloutStatus.TOO_LONG] * 5
     assert list(record.systems.status[:7]) == expected
     assert (record.systems.status[7:] == RolloutStatus.SLIPPED).all()
@@ -239,5 +239,5 @@ def test_feedback_that_blows_up_is_no_slip(scheme):
     assert record.stopped[7:] == pytest.approx(expected_times, rel=1e-6 if scheme == "rk4" else 1e-4)
     assert np.array_equal(record.stopped[2:7], record.systems.t[2:7]) and np.isinf(record.stopped[:2]).all()
     assert np.isfinite(record.systems.qd).all() and (record.systems.margin >= 0.0).all()
-    again = rollout.step(record.systems.copy(), STEP, least_margin=0.0, **told)
+    again = rollout.step(record.systems.copy(), STEP, least_margin=0.0, **gains)
     assert list(again.status[2:7]) == expected[2:] and same_bits(again.q[2:7], record.systems.q[2:7])

@@ -54,7 +54,7 @@ from tests.simulation.rollout.problems import (
 )
 
 STEP, STEPS = 1e-3, 20
-AGREEMENT = 1e-11  # the bar; the gaps of projection apart, steps are the same to rounding
+AGREEMENT = 1e-11  # gaps of projection apart, steps are the same to rounding
 
 Motion = Callable[[Any], tuple[Any, Any, Any]]
 
@@ -78,7 +78,7 @@ def shaken(base: Pose, seed: int, quaternion: bool) -> Motion:
 
 
 def motions(chain: ClosedChain, every: int = 2) -> dict[str, Motion]:
-    """Return motions of every second base or of all, one of them told as a quaternion."""
+    """Return motions of every second base or of all, one of them given as a quaternion."""
     return {arm: shaken(chain.arms[arm].base, k, k == 0) for k, arm in enumerate(chain.names) if k % every == 0}
 
 
@@ -195,7 +195,7 @@ def test_what_no_base_does():
 
 
 def test_links():
-    """Wrenches on the links and inertias of the links, told per system and kept."""
+    """Wrenches on the links and inertias of the links, given per system and kept."""
     chain, state = problem("one")
     law, n = swinging_law(chain.joint_count), chain.joint_count
     rollout = compile_rollout(chain, law, scheme="midpoint", parameters=["link_wrench", "link_inertia"])
@@ -259,7 +259,7 @@ def limited(chain: ClosedChain, number: int, limits: dict[str, Any]) -> ClosedCh
 
 @pytest.mark.parametrize("quantity", ["position", "rate", "effort"])
 def test_joint_limits(quantity):
-    """A system stops where `simulate` does, to the instant; without the word it goes on and its margins are told."""
+    """A system stops where `simulate` does, to the instant; without the option it goes on and its margins are known."""
     chain, state = problem("one")
     law, array = growing(chain.joint_count), {"position": "q", "rate": "qd", "effort": "tau"}[quantity]
     free = compile_rollout(chain, law, scheme="midpoint")
@@ -378,17 +378,17 @@ def test_grasps_that_open_and_close():
     agree(end, 0, run)
     assert impact > 1e-9 and -run.impact[-1] == pytest.approx(impact, rel=0.01)
     assert all(same_bits(x, systems.arrays[key]) for key, x in before.arrays.items())
-    for steps, told in ((3, True), (30, False)):  # some 40 micrometres away, and more than a centimetre
+    for steps, measured in ((3, True), (30, False)):  # some 40 micrometres away, and more than a centimetre
         away = free.step(free.take_over(systems), STEP, steps=steps)
         far = held.take_over(away)
         assert (far.status == RolloutStatus.OPEN).all() and same_bits(far.q, away.q) and same_bits(far.t, away.t)
-        assert not told or (far.drift[:, 0] > 1e-6).all()
+        assert not measured or (far.drift[:, 0] > 1e-6).all()
     with pytest.raises(StateError, match="systems: expected those of a rollout with the joints"):
         held.take_over(compile_rollout(problem("one")[0]).start(**arrays(problem("one")[1]), tau=np.zeros(6)))
 
 
 def test_refused():
-    """A word that is neither true nor false."""
+    """An option that is neither true nor false."""
     chain, state = problem("one")
     rollout = compile_rollout(chain)
     systems = rollout.start(**arrays(state), tau=np.zeros(6))
