@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 import holdfast as hf
+from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.robots.mechanisms import CONTACT, three_finger_hand
-from holdfast.simulation.schedule import TorqueSchedule
 from holdfast.view.figure_style import DPI
 from holdfast.view.margin_figure import friction_margin_figure
 

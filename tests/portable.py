@@ -28,7 +28,7 @@ OF_ITSELF = [  # machine code against machine code: NumPy's kernels have no part
     ),
     *(
         f"tests/simulation/rollout/test_{name}.py"
-        for name in ("arguments", "bits", "cache", "changes", "fates", "told")
+        for name in ("arguments", "bits", "cache", "call_inputs", "changes", "statuses")
     ),
 ]
 ARM = "tests/compiler/test_aarch64.py"

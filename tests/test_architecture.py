@@ -28,8 +28,8 @@ MAY_IMPORT = {
     "dynamics": MODEL | {"state"},
     "compiler": set(),  # knows nothing of robots
     "compiled": DYNAMICS - {"compiled"},
-    "simulation": DYNAMICS,
     "control": DYNAMICS,
+    "simulation": DYNAMICS | {"control"},
     "robots": MODEL,
     "assembly": DYNAMICS | {"robots"},
     "interop": USE | {"robots", "io"},

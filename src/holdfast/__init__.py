@@ -31,10 +31,12 @@ if TYPE_CHECKING:
     from holdfast.compiled.bound_dynamics import BoundDynamics
     from holdfast.compiled.chain import CompiledChain, compile
     from holdfast.compiled.result import CompiledResult
+    from holdfast.control.controller import ControlLaw
     from holdfast.control.gravity_compensation import GravityCompensation
     from holdfast.control.holding_torques import holding_torques
     from holdfast.control.object_tracking import ObjectTracking
     from holdfast.control.paths import RestToRest
+    from holdfast.control.torque_schedule import TorqueSchedule
     from holdfast.dynamics.closing import close, project_velocity
     from holdfast.dynamics.consistency import GraspResidual, closure
     from holdfast.dynamics.contact_attitude import ContactAttitude, contact_attitudes
@@ -66,11 +68,8 @@ if TYPE_CHECKING:
     from holdfast.scenario.build import load_scene
     from holdfast.simulation.events import Attach, Release
     from holdfast.simulation.rollout.compile_rollout import compile_rollout
-    from holdfast.simulation.rollout.law import ControlLaw
-    from holdfast.simulation.rollout.record import RolloutRecord
     from holdfast.simulation.rollout.rollout import Rollout
-    from holdfast.simulation.rollout.systems import Fate, RolloutSystems
-    from holdfast.simulation.schedule import TorqueSchedule
+    from holdfast.simulation.rollout.systems import RolloutRecord, RolloutStatus, RolloutSystems
     from holdfast.simulation.simulate import simulate
     from holdfast.simulation.trajectory import Trajectory
     from holdfast.view.film import film_of_run
@@ -90,9 +89,8 @@ _LATER = {
     "CompiledChain": "holdfast.compiled.chain",
     "CompiledResult": "holdfast.compiled.result",
     "ContactAttitude": "holdfast.dynamics.contact_attitude",
-    "ControlLaw": "holdfast.simulation.rollout.law",
+    "ControlLaw": "holdfast.control.controller",
     "Diagnosis": "holdfast.dynamics.diagnose",
-    "Fate": "holdfast.simulation.rollout.systems",
     "ForwardResult": "holdfast.dynamics.result",
     "GraspResidual": "holdfast.dynamics.consistency",
     "GravityCompensation": "holdfast.control.gravity_compensation",
@@ -106,11 +104,12 @@ _LATER = {
     "Release": "holdfast.simulation.events",
     "RestToRest": "holdfast.control.paths",
     "Rollout": "holdfast.simulation.rollout.rollout",
-    "RolloutRecord": "holdfast.simulation.rollout.record",
+    "RolloutRecord": "holdfast.simulation.rollout.systems",
+    "RolloutStatus": "holdfast.simulation.rollout.systems",
     "RolloutSystems": "holdfast.simulation.rollout.systems",
     "Split": "holdfast.dynamics.split",
     "Status": "holdfast.dynamics.result",
-    "TorqueSchedule": "holdfast.simulation.schedule",
+    "TorqueSchedule": "holdfast.control.torque_schedule",
     "Trajectory": "holdfast.simulation.trajectory",
     "angular_first": "holdfast.interop.joint_order",
     "assemble": "holdfast.assembly.assemble",
@@ -198,7 +197,6 @@ __all__ = [
     "ContactAttitude",
     "ControlLaw",
     "Diagnosis",
-    "Fate",
     "ForwardResult",
     "Friction",
     "FrozenError",
@@ -225,6 +223,7 @@ __all__ = [
     "ResultError",
     "Rollout",
     "RolloutRecord",
+    "RolloutStatus",
     "RolloutSystems",
     "SceneError",
     "SingularChainError",

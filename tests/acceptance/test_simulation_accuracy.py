@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holdfast.simulation.rollout.stagewise import StagewiseStepper
+from holdfast.simulation.rollout.compiled_steppers import StagewiseStepper
 from holdfast.simulation.runge_kutta import scheme
-from holdfast.simulation.subdivision import SubdividingStepper
+from holdfast.simulation.stepper import SubdividingStepper
 from tests.oracles import sundials
 from tests.oracles.planar_linkage import Motion
 from tests.simulation.problems import PROBLEMS

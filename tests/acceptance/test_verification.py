@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from holdfast.simulation.schedule import TorqueSchedule
+from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.simulation.simulate import simulate
 from tests.simulation.dips import Dips, found_dips
 from tests.simulation.gantries import PUSHED, pressed

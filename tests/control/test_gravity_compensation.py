@@ -1,4 +1,4 @@
-"""Gravity compensation holds every closed chain still, and squeezes as told."""
+"""Gravity compensation holds every closed chain still, and squeezes as asked."""
 
 from dataclasses import replace
 

@@ -36,7 +36,7 @@ def internal_wrenches(chain, state, seed=0):
 
 @pytest.mark.parametrize("kinds", [("rigid", "rigid"), ("rigid", "ball"), ("hinge", "softfinger"), ("hinge", "hinge")])
 def test_given_back_by_forward_dynamics(kinds):
-    """The object accelerates as told, and the internal part of the grasp wrenches is the chosen one."""
+    """The object accelerates as asked, and the internal part of the grasp wrenches is the chosen one."""
     chain, state = two_pandas(*kinds)
     state = moving(chain, state)
     chosen = internal_wrenches(chain, state)
@@ -83,7 +83,7 @@ def test_only_the_internal_part_counts():
 
 
 def test_short_legs_and_fingers():
-    """Arms of fewer than six joints: the object does what it is told, the fingers squeeze."""
+    """Arms of fewer than six joints: the object accelerates as asked, the fingers squeeze."""
     for chain, state in ((ClosedChain(*stewart_platform()), LEVEL), assemble(*three_finger_hand())):
         state = moving(chain, state)
         found = forward_dynamics(chain, state, holding_torques(chain, state, ACCELERATION, 5.0))

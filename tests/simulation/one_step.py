@@ -10,7 +10,7 @@ from holdfast.spatial.scalar import Array
 
 
 def one_step(
-    derivative: Callable[[Any, Array], Array], t: Any, y: Array, step: Any, tableau: Tableau, first: Array | None = None
+    derivative: Callable[[Any, Array], Array], t: Any, y: Array, step: Any, tableau: Tableau
 ) -> tuple[Array, list[Array]]:
     """Return y(t + step) for y' = derivative(t, y), and the estimates of its error.
 
@@ -20,10 +20,10 @@ def one_step(
         y: (m,) at time t.
         step: h.
         tableau: the scheme.
-        first: derivative(t, y), where it is known already.
     """
-    first = derivative(t, y) if first is None else first
-    asked = runge_kutta_step(first, step, tableau, lambda i, grown: (t + float(tableau.c[i]) * step, y + grown))
+    asked = runge_kutta_step(
+        derivative(t, y), step, tableau, lambda i, grown: (t + float(tableau.c[i]) * step, y + grown)
+    )
     reply: Any = None
     while True:
         try:

@@ -13,15 +13,14 @@ from typing import Any
 import numpy as np
 
 from holdfast import ClosedChain, State, closure, kinetic_energy, potential_energy
-from holdfast.simulation.adaptive import first_proposal, next_step
+from holdfast.simulation.adaptive import Tolerance, first_proposal, next_step
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.runge_kutta import RK4, Tableau
 from holdfast.simulation.stepper import ReferenceStepper, Stepper
-from holdfast.simulation.tolerance import Tolerance
-from holdfast.simulation.world import World
 from holdfast.spatial import rotation
 
-# (world, controller, generic rank, scheme, tolerance) -> stepper
+# (environment, controller, generic rank, scheme, tolerance) -> stepper
 MakeStepper = Callable[..., Stepper]
 
 
@@ -39,9 +38,9 @@ def stepper_of(
     controller: Any = limp,
 ) -> tuple[Stepper, Instant]:
     """Return a stepper of the chain and where it starts, at t = 0."""
-    world = World(chain)
-    generic = evaluate(world, controller, 0.0, state, None, check=True).result.rank
-    stepper = make(world, controller, generic, scheme, Tolerance(rtol))
+    environment = Environment(chain)
+    generic = evaluate(environment, controller, 0.0, state, None, check=True).result.rank
+    stepper = make(environment, controller, generic, scheme, Tolerance(rtol))
     return stepper, stepper.start(0.0, state, None)[0]
 
 

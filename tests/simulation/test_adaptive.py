@@ -1,4 +1,4 @@
-"""Step-size control: what is accepted, how steps grow and shrink, what is hit and what is refused."""
+"""Step-size control: what error is allowed, how steps grow and shrink, what is hit and what is refused."""
 
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holdfast import ClosureError, HoldfastError, ModelError, SingularChainError, StateError
-from holdfast.simulation.adaptive import Proposal, controlled, first_proposal, next_step, smallest_step
+from holdfast import ClosureError, HoldfastError, ModelError, SingularChainError, State, StateError
+from holdfast.simulation.adaptive import Proposal, Tolerance, controlled, first_proposal, next_step, smallest_step
 from holdfast.simulation.runge_kutta import RK4, Tableau, dop853
 from holdfast.simulation.stepper import NO_GAPS, Advance
 from tests.simulation.runs import adaptive, stepper_of
@@ -137,13 +137,6 @@ def test_underflow(fitting, error):
         next_step(stepper, at(0.5), Proposal(0.1), 2.0)
 
 
-def test_smallest_step():
-    """Steps end where float64 can no longer tell the times apart."""
-    assert smallest_step(0.0) == 1e-12
-    assert 1e6 + smallest_step(1e6) > 1e6
-    assert smallest_step(1e6) == 16 * np.spacing(1e6)
-
-
 @pytest.mark.parametrize(
     ("stepper", "latest", "message"),
     [
@@ -159,7 +152,7 @@ def test_refused(stepper, latest, message):
         next_step(stepper, at(0.0), Proposal(0.1), latest)
 
 
-def swing(rtol, controller, knots=(0.12,)):
+def swing(rtol, controller, knots=(0.08,)):
     """Return the instants of one arm that carries the object, through the knots."""
     p = as_chain(well_conditioned_system(3, arms=1, joints=3, grasps="rigid", moving_base=False, extras=False))
     stepper, now = stepper_of(p.chain, p.state, dop853(), rtol, controller=controller)
@@ -171,7 +164,7 @@ def swing(rtol, controller, knots=(0.12,)):
 
 def test_tolerance_is_met():
     """A thousandth of the tolerance: a thousandth of the error, about, for few more steps."""
-    runs = [swing(rtol, lambda t, s, m: (np.cos(9 * t) * np.ones(3), m)) for rtol in (1e-6, 1e-9, 1e-12)]
+    runs = [swing(rtol, lambda t, s, m: (np.cos(9 * t) * np.ones(3), m), (0.12,)) for rtol in (1e-6, 1e-9, 1e-12)]
     exact = runs[-1][-1].state
     errors = [np.abs(r[-1].state.q - exact.q).max() for r in runs[:-1]]
     assert errors[0] < 1e-5 and errors[1] < 1e-8
@@ -185,7 +178,7 @@ def test_jumps():
     def jumping(t, state, memory):
         return np.full(3, 8.0 if t > 0.0534 else -8.0), memory
 
-    blind, warned = swing(1e-8, jumping), swing(1e-8, jumping, (0.0534, np.nextafter(0.0534, 1), 0.12))
+    blind, warned = swing(1e-8, jumping), swing(1e-8, jumping, (0.0534, np.nextafter(0.0534, 1), 0.08))
     np.testing.assert_allclose(blind[-1].state.q, warned[-1].state.q, atol=1e-7)
     assert len(warned) < 0.6 * len(blind)
     assert min(b.t - a.t for a, b in pairwise(blind)) < 1e-3
@@ -202,3 +195,52 @@ def test_first_proposal():
         result=SimpleNamespace(qdd=np.zeros(2), object_acceleration=np.zeros(6)),
     )
     assert first_proposal(still).step == 1.0
+
+
+BEFORE = State(np.array([0.0, 2.0]), np.array([0.0, -40.0]), np.array([1.0, 0, 0, 0, 0, 3.0, 0]), np.arange(6.0))
+AFTER = State(np.array([0.0, -4.0]), np.array([0.5, 30.0]), np.array([1.0, 0, 0, 0, 5.0, 0, 0]), np.zeros(6))
+
+
+def estimates(seed=0):
+    """Return two estimates of the size of 1e-9."""
+    return list(1e-9 * np.random.default_rng(seed).normal(size=(2, 20)))
+
+
+def test_sizes_are_those_of_groups():
+    """A joint at rest is allowed what the fastest is; an attitude counts as 1 rad; the larger end counts."""
+    allowed = Tolerance(1e-6, 1e-8).allowed(BEFORE, AFTER)
+    sizes = [4, 4, 40, 40, 1, 1, 1, 5, 5, 5, 2, 2, 2, 5, 5, 5]
+    np.testing.assert_allclose(allowed, 1e-8 + 1e-6 * np.array(sizes), rtol=1e-15)
+    np.testing.assert_allclose(Tolerance(1e-6).allowed(BEFORE, AFTER), 1e-6 * (1 + np.array(sizes)), rtol=1e-15)
+
+
+def test_ratio_scales():
+    """Twice the error or half the tolerance is twice the ratio; a ratio of one is an error as allowed."""
+    given = estimates()
+    ratio = Tolerance(1e-8).ratio(given, BEFORE, AFTER)
+    assert ratio > 0
+    assert Tolerance(1e-8).ratio([2 * e for e in given], BEFORE, AFTER) == pytest.approx(2 * ratio)
+    assert Tolerance(0.5e-8).ratio(given, BEFORE, AFTER) == pytest.approx(2 * ratio)
+    allowed = np.concatenate([Tolerance(1e-8).allowed(BEFORE, AFTER), np.zeros(4)])
+    assert Tolerance(1e-8).ratio([allowed, 0 * allowed], BEFORE, AFTER) == pytest.approx(1.0)
+    # the fifth-order estimate is squared and divided by the third's tenth part: order 7
+    assert Tolerance(1e-8).ratio([1e-3 * allowed, allowed], BEFORE, AFTER) == pytest.approx(1e-5, rel=1e-3)
+
+
+def test_work_is_not_controlled():
+    """The last four, the work done, do not count; and a scheme without estimates has no error."""
+    given = estimates()
+    other = [np.concatenate([e[:16], np.full(4, 1e9)]) for e in given]
+    tolerance = Tolerance()
+    assert tolerance.ratio(given, BEFORE, AFTER) == tolerance.ratio(other, BEFORE, AFTER)
+    assert tolerance.ratio([], BEFORE, AFTER) == 0.0
+    assert tolerance.ratio([np.zeros(20), np.ones(20)], BEFORE, AFTER) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("what", "given"), [("rtol", (0.0,)), ("rtol", (1e-16,)), ("rtol", (np.nan,)), ("atol", (1e-8, -1.0))]
+)
+def test_tolerance_refused(what, given):
+    """A tolerance that is not positive, or finer than floats, is refused by name."""
+    with pytest.raises(ModelError, match=f"tolerance: {what}: expected"):
+        Tolerance(*given)

@@ -1,4 +1,4 @@
-"""The books of a run: integrals over samples, energy and momentum of a chain that is pushed about."""
+"""The balances of a run: integrals over samples, energy and momentum of a chain that is pushed about."""
 
 from dataclasses import replace
 from types import SimpleNamespace

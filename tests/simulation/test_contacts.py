@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from holdfast import Friction, ModelError
+from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.dynamics.margins import grasp_margins
 from holdfast.model.grasp import WrenchLimits
-from holdfast.simulation.limits import giving_way
-from holdfast.simulation.schedule import TorqueSchedule
+from holdfast.simulation.margins import giving_way
 from holdfast.simulation.simulate import simulate
 from tests.simulation.gantries import BLOCK, LINK, WRIST_INERTIA, block, contact_frame, squeezed
 

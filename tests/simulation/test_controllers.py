@@ -7,11 +7,11 @@ import pytest
 
 from holdfast import ControlLaw, HoldfastError, ModelError, StateError, TorqueSchedule, simulate
 from holdfast.control.gravity_compensation import GravityCompensation
-from holdfast.simulation.rollout.choice import WORTH_COMPILING
+from holdfast.simulation.rollout.compiled_steppers import WORTH_COMPILING
 from tests.simulation.rollout.problems import problem
 
 N = 6
-STEPS = {"few": 2, "many": 3 * WORTH_COMPILING}  # the readable texts, and machine code
+STEPS = {"few": 2, "many": 3 * WORTH_COMPILING}  # the reference, and machine code
 
 
 def run(controller, steps: int, **options):
@@ -39,12 +39,12 @@ def run(controller, steps: int, **options):
         (
             ControlLaw(lambda t, x, m, given: (-given["gain"] * x.qd, m), parameters={"gain": ()}),
             StateError,
-            "controller: the law is told gain, which only a rollout can do; try holdfast.compile_rollout",
+            "controller: the law takes gain, which only a rollout can give; try holdfast.compile_rollout",
         ),
     ],
 )
 def test_no_controllers(controller, error, message, steps):
-    """By the texts or by machine code, at the first call or before it."""
+    """By the reference or by machine code, at the first call or before it."""
     with pytest.raises(error, match=message):
         run(controller, steps)
 

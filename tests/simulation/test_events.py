@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from holdfast import Grasp, ModelError, Pose, StateError
+from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.simulation.events import Attach, Release
-from holdfast.simulation.schedule import TorqueSchedule
 from holdfast.simulation.simulate import simulate
 from tests.simulation.gantries import BLOCK, LINK, contact_frame, squeezed
 
@@ -108,11 +108,11 @@ def test_released_object_is_free():
     assert np.abs(run.momentum_imbalance).max() <= 1e-12
 
 
-def test_controllers_are_told():
+def test_controllers_hear_of_other_grasps():
     """A controller that offers `for_chain` is asked for one whenever a grasp closes or opens."""
-    told = []
+    seen = []
 
-    class Told:
+    class Listening:
         def __init__(self, chain):
             self.chain = chain
 
@@ -120,13 +120,13 @@ def test_controllers_are_told():
             return np.zeros(len(state.q)), memory
 
         def for_chain(self, chain):
-            told.append(tuple(chain.grasps))
-            return Told(chain)
+            seen.append(tuple(chain.grasps))
+            return Listening(chain)
 
     chain, state = carried()
     events = [Attach(0.01, "right", right_grasp(), here=True), Release(0.02, "left")]
-    simulate(chain, state, Told(chain), 0.05, STEP, events=events)
-    assert told == [("left", "right"), ("right",)]
+    simulate(chain, state, Listening(chain), 0.05, STEP, events=events)
+    assert seen == [("left", "right"), ("right",)]
 
 
 @pytest.mark.parametrize(

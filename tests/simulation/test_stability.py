@@ -22,18 +22,14 @@ from holdfast import (
     simulate,
     state_from_joints,
 )
-from holdfast.simulation.friction import SMOOTHING_RATE, friction_slope, friction_torque
-from holdfast.simulation.instant import evaluate
+from holdfast.simulation.environment import Environment
+from holdfast.simulation.instant import SMOOTHING_RATE, evaluate, friction_slope, friction_torque
 from holdfast.simulation.runge_kutta import RK4, SCHEMES, scheme
 from holdfast.simulation.stability import (
-    Decay,
     fastest_decay,
     feedback_resistance,
-    followed,
     passive_resistance,
-    step_for,
 )
-from holdfast.simulation.world import World
 from tests.simulation.gantries import squeezed
 from tests.simulation.one_step import one_step
 from tests.simulation.problems import PROBLEMS
@@ -77,7 +73,7 @@ def test_decay_on_paper():
     assert fastest_decay(free, at, passive_resistance(free, at.qd)).rate == pytest.approx(DAMPING, rel=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_decay_of_forward_dynamics(seed):
     """The fastest rate is the largest eigenvalue of d(qdd)/d(tau) damping, as forward dynamics has it."""
     p = as_chain(well_conditioned_system(seed, arms=2, moving_base=False))
@@ -90,7 +86,7 @@ def test_decay_of_forward_dynamics(seed):
     found = fastest_decay(chain, still, passive_resistance(chain, still.qd))
     assert found.rate == pytest.approx(expected, rel=1e-7)
     gains = np.random.default_rng(seed).uniform(0.0, 5.0, n)
-    now = evaluate(World(chain), lambda t, x, m: (5.0 - gains * x.qd, m), 0.0, still, None)
+    now = evaluate(Environment(chain), lambda t, x, m: (5.0 - gains * x.qd, m), 0.0, still, None)
     both = passive_resistance(chain, still.qd) + feedback_resistance(lambda t, x, m: (5.0 - gains * x.qd, m), now)
     expected = np.linalg.eigvals((qdd[1:] - qdd[0]).T * (damping + gains)).real.max()
     assert fastest_decay(chain, still, both).rate == pytest.approx(expected, rel=1e-6)
@@ -172,12 +168,6 @@ def test_friction_about_standstill_counts():
         simulate(chain, state, lifting, 0.1, 0.1)
     moving = State(state.q, np.array([0.0, 0.0, 1.0] * 2), state.object_pose, [0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     assert fastest_decay(chain, moving, passive_resistance(chain, moving.qd)).rate < 121.0
-
-
-def test_steps_that_follow():
-    """Two digits, within the interval."""
-    assert followed(Decay(2.0, "a/b"), 1.0, RK4) and not followed(Decay(3.0, "a/b"), 1.0, RK4)
-    assert step_for(Decay(2.7852935634, "a/b"), RK4) == 0.5
 
 
 def test_error_survives_a_pickle():

@@ -7,6 +7,14 @@ from holdfast import ModelError
 from holdfast.simulation.stops import step_times, stops
 
 
+def test_times_end_exactly():
+    """The last time is the duration, whether or not the step divides it."""
+    assert step_times(2.0, 0.001)[-1] == 2.0
+    assert len(step_times(2.0, 0.001)) == 2001
+    assert step_times(0.1, 0.03) == pytest.approx([0, 0.03, 0.06, 0.09, 0.1])
+    assert len(step_times(0.3, 0.1)) == 4
+
+
 def test_jumps_have_two_sides():
     """A breakpoint is reached from below and jumped onto; grid times too near to it give way."""
     found = stops(step_times(1.0, 0.25), [0.3, 0.5 + 1e-12, 0.75], [1.0], 1e-9)

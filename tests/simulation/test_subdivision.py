@@ -5,7 +5,7 @@ import pytest
 
 from holdfast import ClosureError, ModelError, simulate
 from holdfast.simulation.runge_kutta import MIDPOINT, RK4
-from holdfast.simulation.subdivision import MOST_PARTS, SubdividingStepper
+from holdfast.simulation.stepper import MOST_PARTS, SubdividingStepper
 from tests.simulation.problems import PROBLEMS
 from tests.simulation.runs import differences, limp, numbers, stepper_of
 
@@ -52,8 +52,8 @@ def test_long_steps_are_parted(scheme, step):
     assert found.gaps.position[0] == pytest.approx(drift, abs=1e-15)
     assert drift < 3 * LIMIT
     exact = stepper_of(*PROBLEMS["balls"]())[0]
-    for k in range(40):
-        now = exact.advance(now, [(k + 1) / 40 * step])[0].instant
+    for k in range(20):
+        now = exact.advance(now, [(k + 1) / 20 * step])[0].instant
     before, after = (differences(one.instant.state, now.state).max() for one in (alone, found))
     assert after < 0.1 * before
 
@@ -79,7 +79,7 @@ def test_what_cannot_be_closed_whole():
 
 
 def test_in_a_run():
-    """`simulate` parts steps where it is told to."""
+    """`simulate` takes steps in parts where `largest_drift` asks for it."""
     chain, state = PROBLEMS["balls"]()
     ways = ({}, {"largest_drift": LIMIT}, {"largest_drift": 1e-12})
     drifts = [simulate(chain, state, limp, 0.02, 0.02, **way).position_gap[-1, 0] for way in ways]

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from holdfast import StateError
-from holdfast.simulation.schedule import TorqueSchedule
+from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.simulation.simulate import simulate
 from holdfast.simulation.stepper import NO_GAPS, Advance
-from holdfast.simulation.verification import Course, look_times, verify
+from holdfast.simulation.verification import MarginCurves, look_times, verify
 from tests.simulation.dips import Dips, found_dips
 from tests.simulation.gantries import PUSHED, pressed
 
@@ -17,7 +17,7 @@ H = 0.01
 
 
 def course_of(*margins, known=(0.0,), broken=np.inf):
-    """Return a course whose margins are functions of time; no step leads beyond `broken`."""
+    """Return a curves whose margins are functions of time; no step leads beyond `broken`."""
 
     def reach(times):
         asked.extend(times)
@@ -33,14 +33,14 @@ def course_of(*margins, known=(0.0,), broken=np.inf):
     asked = []
     start = SimpleNamespace(t=0.0)
     here = Advance(0.0, start, NO_GAPS, np.zeros(4))
-    return Course(reach, of, {t: of(SimpleNamespace(t=t)) for t in known}, {0.0: here}), asked
+    return MarginCurves(reach, of, {t: of(SimpleNamespace(t=t)) for t in known}, {0.0: here}), asked
 
 
-def step(course, acting=(), signals=1, lowest=np.inf, nodes=(0.0, 0.5, 0.5, 1.0)):
+def step(curves, acting=(), signals=1, lowest=np.inf, nodes=(0.0, 0.5, 0.5, 1.0)):
     """Return what is found in the step from 0 to H."""
     every = np.arange(signals)
     return verify(
-        course, 0.0, look_times(0.0, H, nodes), every, np.array(acting, dtype=int), np.full(signals, float(lowest))
+        curves, 0.0, look_times(0.0, H, nodes), every, np.array(acting, dtype=int), np.full(signals, float(lowest))
     )
 
 
@@ -51,23 +51,23 @@ def test_looks():
     assert times[-1] == 0.3 + H
     assert 0.3 + 0.2 * H in times
     assert np.diff([0.3, *times]).max() <= H / 8 * (1 + 1e-9)
-    course, asked = course_of(lambda t: 1.0)
-    step(course)
+    curves, asked = course_of(lambda t: 1.0)
+    step(curves)
     assert asked == look_times(0.0, H, (0.0, 0.5, 1.0))
 
 
 def test_minimum_is_refined():
     """The lowest margin is found to rounding, not to the spacing of the looks."""
     for place in np.linspace(0.07, 0.93, 23) * H:
-        course, _ = course_of(lambda t, place=place: 1.0 + ((t - place) / H) ** 2)
-        assert step(course).margins.min() == pytest.approx(1.0, abs=1e-13)
+        curves, _ = course_of(lambda t, place=place: 1.0 + ((t - place) / H) ** 2)
+        assert step(curves).margins.min() == pytest.approx(1.0, abs=1e-13)
 
 
 def test_minimum_at_a_step_boundary_is_refined():
     """A minimum between the last look of one step and the first of the next is found by the next."""
     place = -0.3 * H / 8
-    course, asked = course_of(lambda t: 1.0 + ((t - place) / H) ** 2, known=(-H / 8, 0.0))
-    found = step(course)
+    curves, asked = course_of(lambda t: 1.0 + ((t - place) / H) ** 2, known=(-H / 8, 0.0))
+    found = step(curves)
     assert found.times[0] == -H / 8
     assert found.start > 1
     assert found.margins.min() == pytest.approx(1.0, abs=1e-13)
@@ -76,16 +76,16 @@ def test_minimum_at_a_step_boundary_is_refined():
 
 def test_what_was_lower_before_is_not_refined():
     """A minimum that is neither negative nor the lowest of the run costs nothing."""
-    course, asked = course_of(lambda t: 1.0 + ((t - 0.4 * H) / H) ** 2)
-    step(course, lowest=0.5)
+    curves, asked = course_of(lambda t: 1.0 + ((t - 0.4 * H) / H) ** 2)
+    step(curves, lowest=0.5)
     assert len(asked) == 8
 
 
 def test_rounding_is_not_refined():
     """A margin that is constant but for its last digits costs nothing."""
     rng = np.random.default_rng(0)
-    course, asked = course_of(lambda t: 3.0 * (1 + 1e-15 * rng.normal()))
-    step(course)
+    curves, asked = course_of(lambda t: 3.0 * (1 + 1e-15 * rng.normal()))
+    step(curves)
     assert len(asked) == 8
 
 
@@ -94,8 +94,8 @@ def test_narrow_smooth_dips(width):
     """A parabola that dips below zero between two looks, wherever that is, ends the step where it crosses."""
     for place in np.random.default_rng(3).uniform(width, 1 - width, 20) * H:
         half = 0.5 * width * H
-        course, _ = course_of(lambda t, place=place, half=half: ((t - place) / half) ** 2 - 1.0)
-        found = step(course, acting=[0])
+        curves, _ = course_of(lambda t, place=place, half=half: ((t - place) / half) ** 2 - 1.0)
+        found = step(curves, acting=[0])
         assert found.acting == 0
         assert found.end.t == pytest.approx(place - half, abs=1.1e-13)
         assert found.times[-1] == found.end.t
@@ -104,21 +104,21 @@ def test_narrow_smooth_dips(width):
 
 def test_first_of_several():
     """The earliest zero ends the step; of two in one interval too."""
-    course, _ = course_of(lambda t: 0.0060001 - t, lambda t: 0.006 - t, lambda t: 0.0059999 - t)
-    assert step(course, acting=[0, 1, 2], signals=3).acting == 2
-    course, _ = course_of(lambda t: 0.0060001 - t, lambda t: 0.006 - t, lambda t: 0.0059999 - t)
-    found = step(course, acting=[0, 1], signals=3)
+    curves, _ = course_of(lambda t: 0.0060001 - t, lambda t: 0.006 - t, lambda t: 0.0059999 - t)
+    assert step(curves, acting=[0, 1, 2], signals=3).acting == 2
+    curves, _ = course_of(lambda t: 0.0060001 - t, lambda t: 0.006 - t, lambda t: 0.0059999 - t)
+    found = step(curves, acting=[0, 1], signals=3)
     assert (found.acting, found.end.t) == (1, pytest.approx(0.006, abs=1.1e-13))
 
 
 def test_refused_points():
     """A point that cannot be reached ends the step with its refusal, unless a margin was negative before."""
-    course, _ = course_of(lambda t: 1.0, broken=0.6 * H)
-    end = step(course, acting=[0]).end
+    curves, _ = course_of(lambda t: 1.0, broken=0.6 * H)
+    end = step(curves, acting=[0]).end
     assert end.instant is None
     assert "no further" in str(end.failure)
-    course, _ = course_of(lambda t: 0.3 * H - t, broken=0.6 * H)
-    assert step(course, acting=[0]).end.t == pytest.approx(0.3 * H, abs=1.1e-13)
+    curves, _ = course_of(lambda t: 0.3 * H - t, broken=0.6 * H)
+    assert step(curves, acting=[0]).end.t == pytest.approx(0.3 * H, abs=1.1e-13)
 
 
 def test_dips_of_a_chain():

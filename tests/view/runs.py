@@ -9,11 +9,11 @@ import numpy as np
 
 from holdfast import ClosedChain, Friction, Grasp, State, close
 from holdfast.control.gravity_compensation import GravityCompensation
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
 from holdfast.simulation.sample import Sums, sample
 from holdfast.simulation.stepper import NO_GAPS
 from holdfast.simulation.trajectory import Trajectory, stacked
-from holdfast.simulation.world import World
 from tests.control.two_pandas import two_pandas
 
 FRICTION = {
@@ -35,7 +35,7 @@ def lifted(left: str = "softfinger", right: str = "ball", samples: int = 6) -> t
     for t in np.linspace(0.0, 1.0, samples):
         pose = state.object_pose + 0.1 * t * np.eye(7)[6]
         here = close(chain, State(state.q, np.zeros(14), pose), hold_object=True)
-        now = evaluate(World(chain), GravityCompensation(chain, 40.0 - 30.0 * t), float(t), here, None)
+        now = evaluate(Environment(chain), GravityCompensation(chain, 40.0 - 30.0 * t), float(t), here, None)
         margins = np.full((1, 2 + 3 * 14), np.inf)
         found.append(sample(now, NO_GAPS, Sums(np.zeros(4), 0.0, np.zeros(6)), np.array([t]), margins))
     return chain, stacked(found)

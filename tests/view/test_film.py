@@ -7,8 +7,8 @@ import pytest
 
 from holdfast import ModelError, Pose
 from holdfast.control.gravity_compensation import GravityCompensation
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
-from holdfast.simulation.world import World
 from holdfast.view import film as film_module
 from holdfast.view.film import film_of_instant, film_of_run, samples_at
 from tests.control.two_pandas import two_pandas
@@ -75,7 +75,7 @@ def test_moving_bases():
 def test_film_of_instant():
     """One moment, with margins of one-sided grasps only."""
     chain, state = two_pandas("hinge", "ball")
-    film = film_of_instant(evaluate(World(chain), GravityCompensation(chain, 20.0), 0.0, state, None), "start")
+    film = film_of_instant(evaluate(Environment(chain), GravityCompensation(chain, 20.0), 0.0, state, None), "start")
     assert len(film) == 1
     assert np.isinf(film.margin).all()
     assert np.linalg.norm(film.internal[0, :, 3:], axis=1) == pytest.approx([20.0, 20.0])

@@ -12,8 +12,8 @@ from holdfast.errors import ModelError, ResultError, SingularChainError, StateEr
 from holdfast.io.typed import refusal
 from holdfast.robots.urdf import urdf_visuals
 from holdfast.scenario.build import Scenario
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
-from holdfast.simulation.world import World
 from holdfast.state import Inputs
 from holdfast.view.film import Film, Looks, film_of_instant, film_of_run
 from holdfast.view.live import watch
@@ -75,7 +75,9 @@ def _film(target: Path, rate: float, trust_xacro: bool) -> Film:
 
 def _film_of_scene(scenario: Scenario, source: Path) -> Film:
     """Return the one moment in which the scene begins, under its controller's torques."""
-    world = World(scenario.chain, scenario.options.get("base_motion", {}), scenario.options.get("inputs") or Inputs())
+    world = Environment(
+        scenario.chain, scenario.options.get("base_motion", {}), scenario.options.get("inputs") or Inputs()
+    )
     try:
         return film_of_instant(
             evaluate(world, scenario.controller, 0.0, scenario.state, None), scenario.name, _looks(scenario)

@@ -33,7 +33,7 @@ class GravityCompensation(Frozen):
     chain: ClosedChain
     squeeze: float = 0.0
     joint_damping: float = 0.0
-    traceable: ClassVar[bool] = True  # its text becomes machine code
+    traceable: ClassVar[bool] = True  # becomes machine code
 
     def __post_init__(self) -> None:
         checks.instance(self.chain, ClosedChain, "gravity compensation: chain")

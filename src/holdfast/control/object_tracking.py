@@ -41,7 +41,7 @@ class ObjectTracking(Frozen):
     stiffness: float = 100.0
     damping: float = 20.0
     joint_damping: float = 10.0
-    traceable: ClassVar[bool] = True  # its text becomes machine code, where the path is traceable too
+    traceable: ClassVar[bool] = True  # becomes machine code, where the path is traceable too
 
     def __post_init__(self) -> None:
         checks.instance(self.chain, ClosedChain, "object tracking: chain")

@@ -12,8 +12,8 @@ from holdfast.errors import MissingExtra
 from holdfast.io.files import file_path, write_atomically
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.trajectory import Trajectory, require_run_of
-from holdfast.simulation.world import BaseMotion, World
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
@@ -78,7 +78,7 @@ def write_mcap(
     except ImportError as cause:
         raise MissingExtra("MCAP files need mcap-ros2-support; try pip install 'holdfast[ros]'") from cause
     require_run_of(chain, run)
-    place, world = file_path(path, "path"), World(chain, base_motion or {})
+    place, world = file_path(path, "path"), Environment(chain, base_motion or {})
 
     def write(file: IO[bytes]) -> None:
         writer = Writer(file)

@@ -9,9 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.io.result_meta import ResultMeta
-from holdfast.simulation.limits import JOINT_QUANTITIES
-from holdfast.simulation.occurrence import Occurrence
-from holdfast.simulation.trajectory import Trajectory, array_names
+from holdfast.simulation.margins import JOINT_QUANTITIES
+from holdfast.simulation.trajectory import Occurrence, Trajectory, array_names
 from holdfast.spatial.scalar import Array
 
 NO_UNIT = "1"

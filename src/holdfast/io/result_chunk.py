@@ -14,8 +14,7 @@ import msgspec
 import numpy as np
 
 from holdfast.io.files import write_atomically
-from holdfast.simulation.occurrence import Occurrence
-from holdfast.simulation.trajectory import Trajectory, array_names, stacked
+from holdfast.simulation.trajectory import Occurrence, Trajectory, array_names, stacked
 from holdfast.spatial.scalar import Array
 
 _UNREADABLE = (OSError, ValueError, KeyError, EOFError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error)

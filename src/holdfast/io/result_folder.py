@@ -45,9 +45,8 @@ from holdfast.model.fingerprint import fingerprint
 from holdfast.robots.urdf.source import Source
 from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.checkpoint import Checkpoint
-from holdfast.simulation.occurrence import Occurrence
 from holdfast.simulation.summary import Summary
-from holdfast.simulation.trajectory import UNITS, Trajectory, array_names
+from holdfast.simulation.trajectory import UNITS, Occurrence, Trajectory, array_names
 
 CHUNK = 1000  # samples that wait until they are flushed
 PATIENCE = 5.0  # seconds after which fewer are

@@ -14,7 +14,7 @@ import msgspec
 from holdfast.errors import ResultError
 from holdfast.io.files import LONGEST_NAME, one_line, read_bounded, reason_of
 from holdfast.robots.urdf.source import Source
-from holdfast.simulation.occurrence import Occurrence
+from holdfast.simulation.trajectory import Occurrence
 
 FORMAT = "holdfast-result"
 FORMAT_VERSION = 2

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.assembly.assemble import assemble
+from holdfast.control.controller import Controller
 from holdfast.dynamics.closing import close
 from holdfast.errors import ClosureError, SceneError
 from holdfast.io import typed
@@ -24,10 +25,9 @@ from holdfast.scenario import parts
 from holdfast.scenario.parts import Robot, RobotFiles
 from holdfast.scenario.scene import ReleaseData, SceneData
 from holdfast.scenario.surroundings import pushes, swaying_base
+from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.events import Attach, Event, Release, holding_after
-from holdfast.simulation.instant import Controller
 from holdfast.simulation.stops import step_times
-from holdfast.simulation.tolerance import Tolerance
 from holdfast.state import State
 
 LARGEST = 1e9

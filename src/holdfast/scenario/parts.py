@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.assembly.starts import preferred_posture
+from holdfast.control.controller import Controller
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest
+from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.errors import HoldfastError
 from holdfast.io.typed import Location
 from holdfast.model import checks
@@ -34,8 +36,6 @@ from holdfast.scenario.scene import (
     TorqueScheduleData,
     UrdfData,
 )
-from holdfast.simulation.instant import Controller
-from holdfast.simulation.schedule import TorqueSchedule
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array

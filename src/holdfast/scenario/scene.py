@@ -8,8 +8,8 @@ import msgspec
 
 from holdfast.model.closed_chain import STANDARD_GRAVITY
 from holdfast.model.grasp import GraspName
-from holdfast.simulation.policy import OnLimit, OnSlip
-from holdfast.simulation.tolerance import RTOL
+from holdfast.simulation.adaptive import RTOL
+from holdfast.simulation.margins import OnLimit, OnSlip
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]

@@ -11,38 +11,41 @@ the step like the integrator's error.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from holdfast.dynamics.energy import Power, power
-from holdfast.dynamics.result import ForwardResult
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.dynamics.energy import Power
 from holdfast.simulation.stops import MOMENT
 from holdfast.spatial.scalar import Array, array
-from holdfast.state import Inputs, State
 
 # Columns of every work and power array.
 WORK_TERMS = ("drives", "damping", "base", "external")
 GAUSS = (-1.0 / np.sqrt(3.0), 1.0 / np.sqrt(3.0))  # on -1 .. 1
 
 
-def power_terms(
-    chain: ClosedChain, state: State, tau: Array, friction: Array, result: ForwardResult, inputs: Inputs
-) -> Array:
-    """Return the power of drives, damping and friction, bases, external wrenches, (4,) [W].
+class Sums(NamedTuple):
+    """What has gone into the chain since the start.
 
-    Args:
-        chain: the chain.
-        state: positions and velocities.
-        tau: (n,) torques of the drives.
-        friction: (n,) what friction takes from them.
-        result: forward dynamics under tau - friction.
-        inputs: external wrenches and base motion.
+    Attributes:
+        work: (4,) see `WORK_TERMS` [J].
+        impact: energy, by impulses [J].
+        base_impulse: (6,) by impulses of the bases, about the world's origin [N m s, N s].
     """
-    return work_rates(power(chain, state, tau, result, inputs), friction, state.qd)
+
+    work: Array
+    impact: float
+    base_impulse: Array
 
 
 def work_rates(p: Power, friction: Array, qd: Array) -> Array:
-    """Return power in the order of `WORK_TERMS`, friction's with the damping's, (4,) [W]."""
+    """Return power in the order of `WORK_TERMS`, (4,) [W].
+
+    Args:
+        p: power under the drives' torques.
+        friction: (n,) what friction takes from them.
+        qd: (n,) joint rates; friction's power goes with the damping's.
+    """
     return array([p.drives, p.damping - friction @ qd, p.base, p.external])
 
 

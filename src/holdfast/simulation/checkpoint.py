@@ -12,7 +12,7 @@ On disk a checkpoint is two flat things: arrays by name, for an .npz, and plain 
     arrays, data = checkpoint.to_data()
     checkpoint = Checkpoint.from_data(arrays, data)
 
-What happened on the way (grasps closed, opened, slipped; limits passed) is told twice: each sample
+What happened on the way (grasps closed, opened, slipped; limits passed) is kept twice: each sample
 carries its own `occurrences` beside its arrays, and `stacked` joins them; a checkpoint has all of them
 since the start, so that the log of a run that was killed is whole too.
 
@@ -21,6 +21,9 @@ arms attach and release during a run. A controller's memory may hold None, truth
 floats, texts, NumPy arrays of these, and tuples, lists and dicts (with text keys) of all that;
 anything else is refused by name when a checkpoint is written, not when it is made, so a run that
 is not saved may remember what it likes.
+
+
+Plain memories (numbers, arrays, and tuples, lists, dicts of them) as arrays and JSON-able data.
 """
 
 from __future__ import annotations
@@ -36,12 +39,14 @@ from holdfast.errors import ResultError
 from holdfast.model import checks
 from holdfast.model.grasp import Friction, Grasp, WrenchLimits
 from holdfast.simulation.adaptive import Proposal
-from holdfast.simulation.ledger import Ledger
-from holdfast.simulation.memory import packed, unpacked
-from holdfast.simulation.occurrence import Occurrence
+from holdfast.simulation.balance import Sums
+from holdfast.simulation.margins import ViolationTracker
+from holdfast.simulation.trajectory import Occurrence
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
+
+TRACKER = "ledger"  # what result folders call it
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,12 +78,10 @@ class Checkpoint:
         event: how many events have happened.
         grasps: the grasps that are on the chain.
         generic_rank: of the chain with these grasps.
-        work: (4,) done since the start, see `balance.WORK_TERMS` [J].
-        impact: energy that impulses have added [J].
-        base_impulse: (6,) of all impulses of the bases, about the world's origin [N m s, N s].
+        sums: what has gone into the chain since the start.
         occurrences: what has happened so far.
         proposal: what the step size control goes on with; None for steps of fixed size.
-        ledger: margins so far.
+        tracker: margins so far.
     """
 
     now: Origin
@@ -89,12 +92,10 @@ class Checkpoint:
     event: int
     grasps: Mapping[str, Grasp]
     generic_rank: int
-    work: Array
-    impact: float
-    base_impulse: Array
+    sums: Sums
     occurrences: tuple[Occurrence, ...]
     proposal: Proposal | None
-    ledger: Ledger = field(repr=False)
+    tracker: ViolationTracker = field(repr=False)
 
     def to_data(self) -> tuple[dict[str, Array], dict[str, Any]]:
         """Return arrays by name, and plain data that JSON can hold.
@@ -105,11 +106,9 @@ class Checkpoint:
         arrays = {
             "tail_time": np.array(self.tail_time),
             "tail": self.tail,
-            "work": self.work,
-            "impact": np.array(self.impact),
-            "base_impulse": self.base_impulse,
+            **{name: np.array(x) for name, x in self.sums._asdict().items()},
             "proposal": np.array([] if self.proposal is None else [self.proposal.step, self.proposal.last_error]),
-            **{f"ledger.{f.name}": getattr(self.ledger, f.name) for f in fields(Ledger)},
+            **{f"{TRACKER}.{f.name}": getattr(self.tracker, f.name) for f in fields(ViolationTracker)},
         }
         data: dict[str, Any] = {
             "stop": self.stop,
@@ -140,12 +139,10 @@ class Checkpoint:
                 event=int(data["event"]),
                 grasps=dict(_grasp(given, arrays) for given in data["grasps"]),
                 generic_rank=int(data["generic_rank"]),
-                work=np.array(arrays["work"]),
-                impact=float(arrays["impact"]),
-                base_impulse=np.array(arrays["base_impulse"]),
+                sums=Sums(np.array(arrays["work"]), float(arrays["impact"]), np.array(arrays["base_impulse"])),
                 occurrences=msgspec.convert(data["occurrences"], tuple[Occurrence, ...]),
                 proposal=Proposal(*arrays["proposal"].tolist()) if len(arrays["proposal"]) else None,
-                ledger=Ledger(*(np.array(arrays[f"ledger.{f.name}"]) for f in fields(Ledger))),
+                tracker=ViolationTracker(*(np.array(arrays[f"{TRACKER}.{f.name}"]) for f in fields(ViolationTracker))),
             )
         except (KeyError, TypeError, ValueError, AttributeError, msgspec.ValidationError) as cause:
             raise ResultError(f"checkpoint: cannot be read: {cause!r}; try starting the run anew") from cause
@@ -191,3 +188,51 @@ def _grasp(given: Mapping[str, Any], arrays: Mapping[str, Array]) -> tuple[str, 
         None if contact is None else Friction(**contact),
         None if limits is None else WrenchLimits(**limits),
     )
+
+
+_NUMBERS = {bool: "bool", int: "int", float: "float"}
+
+
+def packed(value: Any, name: str, arrays: dict[str, Array]) -> Any:
+    """Return what a value consists of, as plain data; its numbers go into the arrays.
+
+    Args:
+        value: None, a truth value, a number, a text, an array, or a tuple, list or dict of these.
+        name: for messages, and part of the names of the arrays.
+        arrays: where the numbers go.
+
+    Raises:
+        ResultError: naming what cannot be written, and where it is.
+    """
+    kind = type(value)
+    if value is None or kind is str:
+        return {"text": value}
+    if kind in (tuple, list):
+        return {kind.__name__: [packed(item, f"{name}[{i}]", arrays) for i, item in enumerate(value)]}
+    if kind is dict and all(type(key) is str for key in value):
+        return {"dict": {key: packed(item, f"{name}.{key}", arrays) for key, item in value.items()}}
+    place = f"{name}:{len(arrays)}"  # numbered: keys may hold any letters
+    if isinstance(value, np.ndarray | np.generic) and np.asarray(value).dtype.kind in "biufcU":
+        arrays[place] = np.array(value)
+        return {"array" if isinstance(value, np.ndarray) else "scalar": place}
+    if type(value) in (bool, float) or (type(value) is int and abs(value) < 2**63):
+        arrays[place] = np.array(value)
+        return {_NUMBERS[kind]: place}
+    raise ResultError(
+        f"{name}: expected None, numbers (of 64 bits), texts, arrays, or tuples, lists and dicts (with text keys) of"
+        f" them, got {kind.__name__}; try to remember these instead, or to simulate without saving"
+    )
+
+
+def unpacked(data: Mapping[str, Any], arrays: Mapping[str, Array]) -> Any:
+    """Return the value that `packed` took apart; the numbers are the same to the last bit."""
+    ((kind, value),) = data.items()
+    if kind == "text":
+        return value
+    if kind in ("tuple", "list"):
+        items = [unpacked(item, arrays) for item in value]
+        return tuple(items) if kind == "tuple" else items
+    if kind == "dict":
+        return {key: unpacked(item, arrays) for key, item in value.items()}
+    numbers = np.array(arrays[value])
+    return numbers if kind == "array" else numbers[()] if kind == "scalar" else numbers[()].item()

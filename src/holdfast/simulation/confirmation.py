@@ -20,8 +20,8 @@ from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.errors import HoldfastError, SingularChainError, StepTooLongError
 from holdfast.simulation.instant import Instant
-from holdfast.simulation.ledger import Ledger
-from holdfast.simulation.leg import Leg
+from holdfast.simulation.margins import ViolationTracker
+from holdfast.simulation.segment import Segment
 from holdfast.simulation.stability import (
     Decay,
     fastest_decay,
@@ -30,9 +30,8 @@ from holdfast.simulation.stability import (
     passive_resistance,
     step_for,
 )
-from holdfast.simulation.stepper import Advance
-from holdfast.simulation.subdivision import in_parts
-from holdfast.simulation.verification import Found
+from holdfast.simulation.stepper import Advance, in_parts
+from holdfast.simulation.verification import StepMargins
 from holdfast.spatial.scalar import Array
 
 PARTS = (2, 4)
@@ -46,44 +45,44 @@ HALVINGS = 8
 class Window:
     """The step that shows something, and the one before it, to be taken again in parts."""
 
-    def __init__(self, leg: Leg, previous: Instant | None, now: Instant) -> None:
+    def __init__(self, segment: Segment, previous: Instant | None, now: Instant) -> None:
         """Take the chain, the instant before (None where `now` begins a smooth stretch) and the step's start."""
-        self.leg, self.previous, self.now = leg, previous, now
+        self.segment, self.previous, self.now = segment, previous, now
 
     @property
     def begin(self) -> Instant:
         """Where the window begins."""
         return self.now if self.previous is None else self.previous
 
-    def taken(self, t: float, parts: int) -> Advance:
+    def in_parts(self, t: float, parts: int) -> Advance:
         """Return where parts of both steps lead, to a time within the window."""
-        stepper, begin = self.leg.stepper, self.begin
+        stepper, begin = self.segment.stepper, self.begin
         if t <= self.now.t or self.previous is None:
             return in_parts(stepper, begin, t, parts)
         first = in_parts(stepper, begin, self.now.t, parts)
         return first if first.instant is None else in_parts(stepper, first.instant, t, parts)
 
 
-def require_shown(window: Window, found: Found, ledger: Ledger) -> None:
+def require_shown(window: Window, found: StepMargins, tracker: ViolationTracker) -> None:
     """Refuse violations that begin in a step and that shorter steps do not show.
 
     Args:
         window: the step and the one before.
         found: the margins along it.
-        ledger: margins before it.
+        tracker: margins before it.
 
     Raises:
         StepTooLongError: shorter steps disagree.
     """
-    signals = window.leg.signals
-    fresh = [int(i) for i in signals.limited if np.isinf(ledger.since[i]) and found.margins[:, i].min() < 0.0]
+    signals = window.segment.signals
+    fresh = [int(i) for i in signals.limited if np.isinf(tracker.since[i]) and found.margins[:, i].min() < 0.0]
     for k, together in _by_time(found, fresh):
         t, margins = float(found.times[k]), found.margins[: k + 1, together]
         if t <= window.begin.t:  # nothing leads there: it is so where a stretch begins
             continue
         allowed = SHARE * np.ptp(margins, axis=0) + ROUNDING * np.maximum(1.0, np.abs(margins[-1]))
         for parts in PARTS:
-            again = window.taken(t, parts)
+            again = window.in_parts(t, parts)
             if again.instant is not None:
                 off = np.abs(signals.of(again.instant)[together] - margins[-1])
                 if (off <= allowed).all():
@@ -102,12 +101,12 @@ def explained(window: Window, until: float, failure: HoldfastError) -> HoldfastE
         failure: what the step failed with.
     """
     decay = _decay(window)
-    if decay is not None and not followed(decay, window.leg.plan.longest_step, window.leg.plan.scheme):
+    if decay is not None and not followed(decay, window.segment.settings.longest_step, window.segment.settings.scheme):
         return too_long(window, until, f"a step fails ({failure})")
     most = PARTS[0] if isinstance(failure, SingularChainError) else MOST_PARTS
-    parts, fewer = 2, window.taken(until, 2)
+    parts, fewer = 2, window.in_parts(until, 2)
     while parts <= most:
-        more = window.taken(until, 2 * parts)
+        more = window.in_parts(until, 2 * parts)
         if _agree(window.begin, fewer, more):
             return too_long(window, until, f"it fails, and steps of 1/{parts} of it do not ({failure})")
         parts, fewer = 2 * parts, more
@@ -125,11 +124,11 @@ def too_long(window: Window, until: float, why: str) -> StepTooLongError:
         until: the time to which they do [s].
         why: what gives it away.
     """
-    plan, decay = window.leg.plan, _decay(window)
-    step = plan.longest_step
-    if decay is not None and not followed(decay, step, plan.scheme):
+    settings, decay = window.segment.settings, _decay(window)
+    step = settings.longest_step
+    if decay is not None and not followed(decay, step, settings.scheme):
         joint, reason = decay.joint, f"slowed down at {decay.rate:.3g} 1/s by damping, friction or its controller"
-        limit = step_for(decay, plan.scheme)
+        limit = step_for(decay, settings.scheme)
     else:
         joint, reason, limit = _most_different(window, until), "which moves otherwise then", 0.5 * step
     fitting = _working(window, until, limit)
@@ -139,7 +138,7 @@ def too_long(window: Window, until: float, why: str) -> StepTooLongError:
     )
 
 
-def _by_time(found: Found, signals: Sequence[int]) -> Iterator[tuple[int, list[int]]]:
+def _by_time(found: StepMargins, signals: Sequence[int]) -> Iterator[tuple[int, list[int]]]:
     """Yield looks and the signals that are lowest there."""
     lowest = {i: int(np.argmin(found.margins[:, i])) for i in signals}
     for k in sorted(set(lowest.values())):
@@ -148,7 +147,7 @@ def _by_time(found: Found, signals: Sequence[int]) -> Iterator[tuple[int, list[i
 
 def _decay(window: Window) -> Decay | None:
     """Return the fastest decay where a window begins, feedback included; None where it cannot be found."""
-    at, controller = window.begin, window.leg.controller
+    at, controller = window.begin, window.segment.controller
     try:
         resistance = passive_resistance(at.chain, at.state.qd) + feedback_resistance(controller, at)
         return fastest_decay(at.chain, at.state, resistance)
@@ -161,7 +160,7 @@ def _working(window: Window, until: float, step: float) -> float:
 
     Tried on the window, or its beginning where that would be many steps.
     """
-    stepper, begin = window.leg.stepper, window.begin
+    stepper, begin = window.segment.stepper, window.begin
     for tried in step * 0.5 ** np.arange(HALVINGS):
         count = min(math.ceil((until - begin.t) / tried), MOST_TRIED)
         end = min(begin.t + count * tried, until)
@@ -172,7 +171,7 @@ def _working(window: Window, until: float, step: float) -> float:
 
 def _most_different(window: Window, until: float) -> str:
     """Return the joint that steps and halves of them move most differently."""
-    whole, halves = (window.taken(until, parts).instant for parts in (1, 2))
+    whole, halves = (window.in_parts(until, parts).instant for parts in (1, 2))
     now = window.now
     rates = now.state.qd if whole is None or halves is None else whole.state.qd - halves.state.qd
     motion = chain_motion(now.chain, now.state, now.tau, now.inputs.shaped(now.chain))

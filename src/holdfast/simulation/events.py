@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from holdfast.dynamics.impulse import Attachment, attach
+from holdfast.dynamics.impulse import attach
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
-from holdfast.simulation.occurrence import Occurrence
+from holdfast.simulation.trajectory import Occurrence
 from holdfast.spatial.frozen import Frozen
 from holdfast.state import Inputs, State
 
@@ -109,23 +109,19 @@ def happen(event: Event, chain: ClosedChain, state: State, inputs: Inputs) -> tu
     """
     if isinstance(event, Attach):
         made = attach(chain, state, event.arm, event.grasp, here=event.here, inputs=inputs)
-        return made.chain, made.state, _attached(event, made)
+        text = f"'{event.arm}' grips ({event.grasp.kind}); kinetic energy changes by {made.energy_change:.3g} J"
+        impulses, base_impulses = (tuple(map(tuple, x.tolist())) for x in (made.impulses, made.base_impulses))
+        occurrence = Occurrence(
+            event.t,
+            "attach",
+            event.arm,
+            text,
+            impulses=impulses,
+            base_impulses=base_impulses,
+            energy_change=made.energy_change,
+        )
+        return made.chain, made.state, occurrence
     if event.arm not in chain.grasps:
         return chain, state, Occurrence(event.t, "release", event.arm, f"'{event.arm}' had let go before")
-    return (
-        chain.without_grasp(event.arm),
-        state,
-        Occurrence(event.t, "release", event.arm, f"'{event.arm}' lets go"),
-    )
-
-
-def _attached(event: Attach, made: Attachment) -> Occurrence:
-    return Occurrence(
-        event.t,
-        "attach",
-        event.arm,
-        f"'{event.arm}' grips ({event.grasp.kind}); kinetic energy changes by {made.energy_change:.3g} J",
-        impulses=tuple(map(tuple, made.impulses.tolist())),
-        base_impulses=tuple(map(tuple, made.base_impulses.tolist())),
-        energy_change=made.energy_change,
-    )
+    lets_go = Occurrence(event.t, "release", event.arm, f"'{event.arm}' lets go")
+    return chain.without_grasp(event.arm), state, lets_go

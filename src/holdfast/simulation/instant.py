@@ -1,28 +1,44 @@
-"""One evaluation of the simulated chain: control, forward dynamics, power."""
+"""One evaluation of the simulated chain: control, joint friction, forward dynamics, power."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from holdfast.control.controller import Controller, torques_and_memory
+from holdfast.dynamics.energy import power
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.result import ForwardResult
-from holdfast.errors import ModelError, SingularChainError, StateError
+from holdfast.errors import SingularChainError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.balance import power_terms
-from holdfast.simulation.friction import friction_torque, joint_friction
+from holdfast.simulation.balance import work_rates
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.runge_kutta import rotation_vector_rate
-from holdfast.simulation.world import World
-from holdfast.spatial.scalar import Array, concatenate
+from holdfast.spatial.scalar import Array, array, concatenate, sqrt
 from holdfast.state import Inputs, State
 
-# (t, state, memory) -> (torques (n,), memory): a pure function, memory None at the start
-Controller = Callable[[float, State, Any], tuple[ArrayLike, Any]]
+# Rate at which friction has reached 71 % of its size. A sign function has no slope that a
+# fixed step could follow, and none of its solutions sticks exactly either way.
+SMOOTHING_RATE = 0.05  # rad/s or m/s
+
+
+def joint_friction(chain: ClosedChain) -> Array:
+    """Return the joints' Coulomb friction F_c, (n,) [N m or N]."""
+    return np.array([joint.friction for arm in chain.arms.values() for joint in arm.joints])
+
+
+def friction_torque(size: Array, qd: Array) -> Array:
+    """Return what friction takes from the drives' torques, F_c qd / sqrt(qd^2 + 0.05^2), (n,) [N m or N]."""
+    return array([F * v / sqrt(v * v + SMOOTHING_RATE**2) for F, v in zip(size, qd, strict=True)])
+
+
+def friction_slope(size: Array, qd: Array) -> Array:
+    """Return d(friction torque)/d(qd), (n,) [N m s/rad or N s/m]; at standstill F_c / 0.05."""
+    return size * SMOOTHING_RATE**2 / (qd**2 + SMOOTHING_RATE**2) ** 1.5
+
 
 WORST_CONDITION = 1e12  # beyond it no digit of the grasp forces is left
 
@@ -75,34 +91,8 @@ def rates(state: State, qdd: Array, acceleration: Array, power: Array, turn: Arr
     return concatenate([state.qd, qdd, rotation_vector_rate(turn, w), v, acceleration, power])
 
 
-def require_controller(controller: Any) -> None:
-    """Refuse what cannot be asked for torques.
-
-    Raises:
-        ModelError: it is no function.
-    """
-    if not callable(controller):
-        raise ModelError(
-            "controller: expected a function (t, state, memory) -> (torques, memory), got"
-            f" {type(controller).__name__}; try lambda t, state, memory: (tau, memory), or a TorqueSchedule"
-        )
-
-
-def answer(found: Any) -> tuple[Any, Any]:
-    """Return the torques and the memory that a controller returned.
-
-    Raises:
-        StateError: it returned something else.
-    """
-    if not isinstance(found, tuple) or len(found) != 2:
-        got = f"an array of shape {found.shape}" if isinstance(found, np.ndarray) else f"a {type(found).__name__}"
-        got = f"{len(found)} things" if isinstance(found, tuple) else got
-        raise StateError(f"controller: expected it to return torques and memory, got {got}; try `return tau, memory`")
-    return found
-
-
 def evaluate(
-    world: World,
+    environment: Environment,
     controller: Controller,
     t: float,
     state: State,
@@ -114,7 +104,7 @@ def evaluate(
     """Return the chain at one time and state.
 
     Args:
-        world: the chain and what acts on it.
+        environment: the chain and what acts on it.
         controller: torques.
         t: time [s].
         state: positions and velocities.
@@ -126,8 +116,8 @@ def evaluate(
         SingularChainError: the constraint's rank drops, or its condition passes 1e12.
         StateError: torques of a wrong shape, or not finite.
     """
-    chain, inputs = world.at(t)
-    tau, memory = answer(controller(t, state, memory))
+    chain, inputs = environment.at(t)
+    tau, memory = torques_and_memory(controller(t, state, memory))
     tau = checks.numbers(tau, (chain.joint_count,), "controller: torques", StateError)
     friction = friction_torque(joint_friction(chain), state.qd)
     found = forward_dynamics(chain, state, tau - friction, inputs=inputs, check=check, generic_rank=generic_rank)
@@ -136,5 +126,5 @@ def evaluate(
             f"the grasp constraint is nearly singular: condition {found.condition:.3g}, expected <="
             f" {WORST_CONDITION:g}; try another posture or another grasp"
         )
-    power = power_terms(chain, state, tau, friction, found, inputs)
-    return Instant(t, state, chain, inputs, tau, memory, found, power)
+    powers = work_rates(power(chain, state, tau, found, inputs), friction, state.qd)
+    return Instant(t, state, chain, inputs, tau, memory, found, powers)

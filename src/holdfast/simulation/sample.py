@@ -1,9 +1,8 @@
-"""One sample of a run: the books that are kept at an instant."""
+"""One sample of a run: everything that is recorded at an instant."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,30 +13,16 @@ from holdfast.dynamics.margins import grasp_margins
 from holdfast.dynamics.split import split
 from holdfast.dynamics.wrist import wrist_wrenches
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.balance import Sums
 from holdfast.simulation.instant import Instant
-from holdfast.simulation.limits import JOINT_QUANTITIES
-from holdfast.simulation.occurrence import Occurrence
+from holdfast.simulation.margins import JOINT_QUANTITIES, by_arm
 from holdfast.simulation.step import Gaps
-from holdfast.simulation.trajectory import Trajectory
+from holdfast.simulation.trajectory import Occurrence, Trajectory
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.spatial.vector import cross
 from holdfast.state import State
-
-
-class Sums(NamedTuple):
-    """What has gone into the chain since the start.
-
-    Attributes:
-        work: (4,) see `balance.WORK_TERMS` [J].
-        impact: energy, by impulses [J].
-        base_impulse: (6,) by impulses of the bases, about the world's origin [N m s, N s].
-    """
-
-    work: Array
-    impact: float
-    base_impulse: Array
 
 
 def sample(
@@ -55,14 +40,14 @@ def sample(
         gaps: what projection found and left.
         sums: since the run's start.
         times: (looks,) at which margins were looked at since the sample before, this one's last.
-        margins: (looks, signals) then, see `limits.Signals`.
+        margins: (looks, signals) then, see `margins.Signals`.
         occurrences: what happened since the sample before.
     """
     chain, state, found = at.chain, at.state, at.result
     parts = split(chain, state, found.grasp_wrench)
     allowed = margin_range(chain, state, found)
     given = grasp_margins(chain, state, found.grasp_wrench)
-    now, best, worst = (_by_arm(chain, m) for m in (given, allowed.best, allowed.worst))
+    now, best, worst = (by_arm(chain, m) for m in (given, allowed.best, allowed.worst))
     lowest, when = _lowest(times, margins)
     every = list(bodies(chain, state, at.inputs))
     l = len(chain.arms)
@@ -137,12 +122,6 @@ def _wrenches(at: Instant, every: list[Body]) -> Array:
             total = total + shift_wrench(body.origin, f)
     mass, com = sum(body.inertia.m for body in every), np.sum([body.com for body in every], axis=0)
     return total + np.concatenate([cross(com, chain.gravity), mass * chain.gravity])
-
-
-def _by_arm(chain: ClosedChain, margins: Array) -> Array:
-    found = np.full(len(chain.arms), np.inf)
-    found[[chain.names.index(name) for name in chain.grasps]] = margins
-    return found
 
 
 def _lowest(times: Array, margins: Array) -> tuple[Array, Array]:

@@ -8,24 +8,24 @@ from functools import partial
 
 import numpy as np
 
+from holdfast.control.controller import ControlLaw, Controller, require_controller
+from holdfast.dynamics.near_singular import NEAR, nearly_lost
 from holdfast.errors import HoldfastError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.adaptive import RTOL, Tolerance
 from holdfast.simulation.checkpoint import Checkpoint
+from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.events import Event, in_order
-from holdfast.simulation.failure import reason
-from holdfast.simulation.instant import Controller, require_controller
-from holdfast.simulation.leg import MakeStepper, Plan
-from holdfast.simulation.policy import OnLimit, OnSlip, Policy
-from holdfast.simulation.progress import Progress, begun, following, resumed
-from holdfast.simulation.rollout.choice import stepper_for
-from holdfast.simulation.rollout.law import ControlLaw
+from holdfast.simulation.instant import Instant
+from holdfast.simulation.margins import OnLimit, OnSlip, Policy
+from holdfast.simulation.rollout.compiled_steppers import stepper_for
+from holdfast.simulation.run_state import RunState, next_state, resumed_run, start_of_run
 from holdfast.simulation.runge_kutta import scheme as scheme_named
 from holdfast.simulation.sample import sample
+from holdfast.simulation.segment import MakeStepper, RunSettings
 from holdfast.simulation.stops import ALIKE, MOST_STEPS, step_times, stops
-from holdfast.simulation.tolerance import RTOL, Tolerance
 from holdfast.simulation.trajectory import Trajectory, array_names, stacked
-from holdfast.simulation.world import BaseMotion, World
 from holdfast.state import Inputs, State
 
 
@@ -65,7 +65,7 @@ def simulate(
         chain: arms, object and grasps.
         state: where to start; must satisfy the grasps.
         controller: (t, state, memory) -> (torques (n,), memory), memory None at first. Its attribute
-            `breakpoints`, if it has one, tells at which times its torques jump; its method `for_chain(chain)`,
+            `breakpoints`, if it has one, says at which times its torques jump; its method `for_chain(chain)`,
             if it has one, is asked for a controller whenever a grasp closes or opens.
         duration: [s].
         step: h [s]; the last step is shorter where h does not divide the duration. An adaptive scheme
@@ -78,7 +78,7 @@ def simulate(
             "release" (it opens; velocities go on).
         on_limit: what is done about a joint beyond a limit: "record" or "stop".
         scheme: "rk4", "midpoint" or "dop853" (adaptive, order 8).
-        rtol: relative tolerance of an adaptive scheme, see `tolerance.Tolerance`.
+        rtol: relative tolerance of an adaptive scheme, see `adaptive.Tolerance`.
         atol: absolute tolerance.
         largest_drift: a fixed step that leaves the grasps open by more than this before projection, 1e-10 say, is
             too long for the motion and taken in equal parts [m or rad]; None: every step is taken whole.
@@ -93,7 +93,7 @@ def simulate(
         ModelError: a duration or step that is not positive, too many steps, an unknown policy or scheme, an
             impossible event, or a controller that is no function.
         StateError: the initial state breaks a grasp, the controller returns no torques and memory that fit, or it is a
-            law that is told parameters.
+            law that takes parameters.
         SingularChainError: the initial configuration is singular.
     """
     checks.instance(chain, ClosedChain, "simulation: chain")
@@ -107,43 +107,67 @@ def simulate(
     ordered = in_order(events, chain, float(grid[-1]))
     jumps = [*breakpoints, *getattr(controller, "breakpoints", ())]
     ends = stops(grid, jumps, [one.t for one in ordered], ALIKE * step)
-    world = World(chain, {} if base_motion is None else base_motion, Inputs() if inputs is None else inputs)
+    environment = Environment(chain, {} if base_motion is None else base_motion, Inputs() if inputs is None else inputs)
     policy, tolerance = Policy(on_slip, on_limit), Tolerance(rtol, atol)
     make = make_stepper or partial(stepper_for, steps=len(grid) - 1)
     limit = None if largest_drift is None else checks.number(largest_drift, "simulation: largest_drift", above=0.0)
-    plan = Plan(world, controller, make, named, tolerance, limit, policy, ordered, ends)
+    settings = RunSettings(environment, controller, make, named, tolerance, limit, policy, ordered, ends)
 
     samples: list[Trajectory] = []
-    at = begun(plan, state) if start is None else resumed(plan, start)
-    first = told = 0 if start is None else len(at.occurrences)
+    at = start_of_run(settings, state) if start is None else resumed_run(settings, start)
+    first = reported = 0 if start is None else len(start.occurrences)
 
-    def keep(at: Progress) -> None:
-        samples.append(sample(at.now, at.gaps, at.sums, at.times, at.margins, at.occurrences[told:]))
+    def keep(at: RunState) -> None:
+        nonlocal reported
+        happened = at.checkpoint.occurrences
+        samples.append(sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins, happened[reported:]))
+        reported = len(happened)
         if on_sample is not None:
             on_sample(samples[-1])
         if on_checkpoint is not None:
-            on_checkpoint(at.checkpoint())
+            on_checkpoint(at.checkpoint)
 
     if start is None:
         keep(at)
-        told = len(at.occurrences)
     while True:
         try:
-            later = following(at)
+            later = next_state(at)
         except HoldfastError as cause:
             later = f"stopped after t = {at.now.t:.6g} s: {reason(cause, at.now)}"
-        if not isinstance(later, Progress):
+        if not isinstance(later, RunState):
             break
         if len(samples) > MOST_STEPS + len(ends.times):  # of its own an adaptive scheme would go on for ever
             later = f"stopped after t = {at.now.t:.6g} s: more than {MOST_STEPS} steps; try a larger rtol"
             break
         if later.now.t > at.now.t:
             keep(later)
-            told = len(later.occurrences)
             if progress is not None:
                 progress(later.now.t)
         at = later
     if not samples:  # a run that went on from its end
-        none = stacked([sample(at.now, at.gaps, at.sums, at.times, at.margins)], later)
+        none = stacked([sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins)], later)
         return replace(none, **{name: getattr(none, name)[:0] for name in array_names()})
-    return replace(stacked(samples, later), occurrences=at.occurrences[first:])
+    return replace(stacked(samples, later), occurrences=at.checkpoint.occurrences[first:])
+
+
+SINGULAR = (
+    0.01  # strength of a direction: below it a singular configuration counts as the cause, above it as a possible one
+)
+
+
+def reason(cause: HoldfastError, last: Instant) -> str:
+    """Return why a step failed, with the directions that are nearly lost at the last sample.
+
+    Args:
+        cause: what the step raised.
+        last: the chain at the last accepted instant.
+    """
+    lost = nearly_lost(last.chain, last.state, SINGULAR)
+    if lost:
+        what = str(cause).partition("; try ")[0]
+        return (
+            f"{what}. The last configuration is nearly singular, where joint rates and forces grow without bound:"
+            f" {'; '.join(lost)}. Try a motion that keeps away from it"
+        )
+    near = nearly_lost(last.chain, last.state, NEAR)
+    return f"{cause}. The last configuration is also near a singular one: {'; '.join(near)}" if near else str(cause)

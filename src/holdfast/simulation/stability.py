@@ -16,14 +16,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from holdfast.control.controller import Controller
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.object_level import motion_basis
 from holdfast.errors import StateError, StepTooLongError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.friction import friction_slope, joint_friction
-from holdfast.simulation.instant import Controller, Instant
+from holdfast.simulation.instant import Instant, friction_slope, joint_friction
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.spatial.scalar import Array
 from holdfast.state import State

@@ -10,9 +10,9 @@ import numpy as np
 
 from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, STEP_ROUNDS, after_step, largest_gaps, moved
 from holdfast.errors import ClosureError, StateError
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.runge_kutta import Tableau, runge_kutta_step
-from holdfast.simulation.world import World
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.state import State
 
@@ -87,14 +87,14 @@ class Step(NamedTuple):
     estimates: list[Array]
 
 
-Course = Generator[Question, Any, Step]
+StepCourse = Generator[Question, Any, Step]
 
 
-def take_step(start: State, first: Array, h: Scalar, times: Sequence[Scalar], scheme: Tableau) -> Course:
+def take_step(start: State, first: Array, h: Scalar, times: Sequence[Scalar], scheme: Tableau) -> StepCourse:
     """Return the chain one step later, closed again.
 
-    A generator, which asks how the chain is found at a state: by the readable texts (`stepper`), for several ends side
-    by side by machine code (`rollout.stagewise`), or traced (`rollout.advance`).
+    A generator, which asks how the chain is found at a state: on floats (`stepper`), for several ends side
+    by side by machine code (`rollout.compiled_steppers`), or traced (`rollout.traced_step`).
 
     Args:
         start: on the constraint; the first of the scheme's stages.
@@ -117,20 +117,20 @@ def take_step(start: State, first: Array, h: Scalar, times: Sequence[Scalar], sc
     return Step(later, gaps, y[2 * n + 12 :], estimates)
 
 
-def course_of(now: Instant, until: float, scheme: Tableau) -> Course:
+def course_of(now: Instant, until: float, scheme: Tableau) -> StepCourse:
     """Return a step from an instant to a time [s]."""
     h = until - now.t
     times = [*(now.t + c * h for c in scheme.c[1:].tolist()), until]
     return take_step(now.state, now.rates(np.zeros(3)), h, times, scheme)
 
 
-def answered(course: Course, answer: Callable[[Question], Any]) -> Step:
+def answered(course: StepCourse, answer: Callable[[Question], Any]) -> Step:
     """Return what a step leads to."""
     (step,) = answered_together([course], lambda questions: [answer(questions[0])])
     return step
 
 
-def answered_together(courses: Sequence[Course], answer: Callable[[list[Question]], Sequence[Any]]) -> list[Step]:
+def answered_together(courses: Sequence[StepCourse], answer: Callable[[list[Question]], Sequence[Any]]) -> list[Step]:
     """Return what steps of one scheme lead to, the same question of all of them answered at once."""
     replies: Sequence[Any] = [None] * len(courses)
     while True:
@@ -153,13 +153,13 @@ def displaced(state: State, y: Array) -> State:
     return State(there.q, state.qd + y[n : 2 * n], there.object_pose, state.object_twist + y[2 * n + 6 : 2 * n + 12])
 
 
-def back_on_constraint(world: World, t: float, state: State) -> tuple[State, Gaps]:
+def back_on_constraint(environment: Environment, t: float, state: State) -> tuple[State, Gaps]:
     """Return the state projected onto the grasps, and the gaps.
 
     Raises:
         ClosureError: they are open by more than a step may leave them, or stay so.
     """
-    chain, inputs = world.at(t)
+    chain, inputs = environment.at(t)
     given = inputs.shaped(chain)
     before = largest_gaps(chain, state, given)
     if not before.position <= FARTHEST:

@@ -8,9 +8,8 @@ import numpy as np
 
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import energy_moved
-from holdfast.simulation.limits import JOINT_QUANTITIES
-from holdfast.simulation.occurrence import Occurrence
-from holdfast.simulation.trajectory import Trajectory
+from holdfast.simulation.margins import JOINT_QUANTITIES
+from holdfast.simulation.trajectory import Occurrence, Trajectory
 from holdfast.spatial.scalar import Array
 
 

@@ -1,59 +1,137 @@
-"""A simulated run: what every sample holds, and all samples stacked."""
+"""A simulated run: what every sample holds, what happened between samples, and the state at any time."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 
 import numpy as np
 
 from holdfast.errors import ModelError, StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import imbalance, momentum_imbalance
-from holdfast.simulation.interpolation import Knot, interpolant
-from holdfast.simulation.occurrence import Occurrence
 from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.rotation import quaternion_product
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-UNITS = {
-    "t": "s",
-    "q": "rad or m",
-    "qd": "rad/s or m/s",
-    "qdd": "rad/s^2 or m/s^2",
-    "tau": "N m or N",
-    "object_pose": "unit quaternion wxyz, then m; world axes",
-    "object_twist": "[omega; v of C], rad/s and m/s, world axes",
-    "object_acceleration": "[omega_dot; v_dot of C], rad/s^2 and m/s^2, world axes",
-    "grasp_wrench": "[moment; force] of each arm on the object about the contact point, N m and N, world axes",
-    "internal_wrench": "the part of grasp_wrench that does not move the object",
-    "load_share": "part of the net force that each arm carries, 1; all 0 where there is no net force",
-    "wrist_wrench": "[moment; force] of each arm across its tip frame, about the tip's origin, N m and N, tip axes",
-    "base_wrench": "[moment; force] of the base on each arm about the base origin, N m and N, world axes",
-    "holding": "whether each arm has a grasp",
-    "spin": "turn of each soft finger's contact about its normal, rad; 0 for other grasps",
-    "margin": "how far each grasp is from giving way, N; infinite where nothing limits",
-    "best_margin": "the largest margin that internal forces of no effect on the motion allow, N",
-    "worst_margin": "the smallest, N; minus infinity where they have no bound",
-    "lowest_margin": "the lowest margin of each grasp since the sample before, N",
-    "lowest_margin_time": "when that was, s",
-    "lowest_joint_margin": "the lowest margin of any joint since the sample before: position in rad or m, rate in"
-    " rad/s or m/s, effort in N m or N; infinite where nothing limits",
-    "lowest_joint_margin_time": "when that was, s",
-    "lowest_joint": "which joint that was, by place in q",
-    "position_gap": "worst grasp before and after projection, m or rad",
-    "velocity_gap": "worst grasp before and after projection, m/s or rad/s",
-    "kinetic": "J",
-    "potential": "J",
-    "work": "work since the start of drives, damping and friction, bases, external wrenches, J",
-    "impact": "energy that impulses have added since the start, J",
-    "momentum": "[angular; linear] of links and object about the world's origin, N m s and N s, world axes",
-    "momentum_rate": "[moment; force] of bases, weights and external wrenches about the world's origin, N m and N",
-    "base_impulse": "[angular; linear] impulses of the bases in impacts since the start, about the world's origin,"
-    " N m s and N s",
-    "condition": "1",
-}
+Kind = Literal["attach", "release", "violation", "recovery"]
+
+
+@dataclass(frozen=True)
+class Occurrence:
+    """One line of a run's log; plain data.
+
+    Attributes:
+        t: when [s].
+        kind: "attach" and "release" of a grasp; "violation", a margin that becomes negative, and
+            "recovery", where it no longer is.
+        name: the arm, or 'arm/joint'.
+        text: what happened.
+        quantity: of a violation or recovery, what was passed: "grasp", "position", "rate", "effort".
+        lowest: of a recovery, the lowest margin since the violation [N; rad or m; rad/s or m/s; N m or N].
+        lowest_time: when that was [s].
+        impulses: of an attach, (arms, 6) [moment; force] impulse of each arm on the object about its contact
+            point, world axes [N m s, N s].
+        base_impulses: of an attach, (arms, 6) of the base on each arm about the base origin.
+        energy_change: of an attach, of the kinetic energy [J].
+    """
+
+    t: float
+    kind: Kind
+    name: str
+    text: str
+    quantity: str | None = None
+    lowest: float | None = None
+    lowest_time: float | None = None
+    impulses: tuple[tuple[float, ...], ...] = ()
+    base_impulses: tuple[tuple[float, ...], ...] = ()
+    energy_change: float = 0.0
+
+
+class Knot(NamedTuple):
+    """What a quintic goes through.
+
+    Attributes:
+        t: time [s].
+        state: positions and velocities.
+        qdd: (n,) joint accelerations [rad/s^2 or m/s^2].
+        object_acceleration: (6,) [omega_dot; v_dot of C], world axes.
+    """
+
+    t: float
+    state: State
+    qdd: Array
+    object_acceleration: Array
+
+
+def interpolant(now: Knot, later: Knot) -> Callable[[float], State]:
+    """Return the state as a function of time between two knots.
+
+    Joint positions, the object's position and the four numbers of its quaternion follow
+    quintics; velocities are their slopes. Over a step h positions are good to O(h^6),
+    velocities to O(h^5), and both are exact at the ends. A state between is not projected:
+    its grasps are open by the same O(h^6) and O(h^5). Where torques jump at `later` (a
+    controller that holds them for a step) the accelerations do not belong to the step and
+    the orders are 2 and 1.
+
+    Args:
+        now: the earlier knot.
+        later: the one after it.
+
+    Raises:
+        StateError: from the returned function, at a time not between the two.
+    """
+    step = later.t - now.t
+    ends = _motion(now, np.zeros(4)), _motion(later, now.state.object_pose[:4])
+    n = len(now.state.q)
+
+    def state(t: float) -> State:
+        if not now.t <= t <= later.t:
+            raise StateError(f"interpolation: t: expected {now.t:.9g} to {later.t:.9g} s, got {t:.9g} s")
+        x, rate = _quintic(*ends[0], *ends[1], step, (t - now.t) / step)
+        quaternion, turning = x[n : n + 4], rate[n : n + 4]
+        length = np.sqrt(quaternion @ quaternion)
+        inverse = np.array([1.0, -1.0, -1.0, -1.0]) * quaternion / length**2
+        omega = 2.0 * quaternion_product(turning, inverse)[1:]  # the scalar part only changes the length
+        pose = np.concatenate([quaternion / length, x[n + 4 :]])
+        return State(x[:n], rate[:n], pose, np.concatenate([omega, rate[n + 4 :]]))
+
+    return state
+
+
+def _motion(at: Knot, near: Array) -> tuple[Array, Array, Array]:
+    """Return (q, quaternion, p) of a knot, its rates and accelerations, (n + 7,) each.
+
+    With W = [0; omega] the quaternion's rate is W o quaternion / 2. Of the two quaternions of an
+    attitude the one nearest to `near` is taken.
+    """
+    state, acceleration = at.state, at.object_acceleration
+    quaternion = state.object_pose[:4] if state.object_pose[:4] @ near >= 0.0 else -state.object_pose[:4]
+    spin, spinning_up = (np.concatenate([[0.0], x[:3]]) for x in (state.object_twist, acceleration))
+    turning = 0.5 * quaternion_product(spin, quaternion)
+    turning_up = 0.5 * (quaternion_product(spinning_up, quaternion) + quaternion_product(spin, turning))
+    return (
+        np.concatenate([state.q, quaternion, state.object_pose[4:]]),
+        np.concatenate([state.qd, turning, state.object_twist[3:]]),
+        np.concatenate([at.qdd, turning_up, acceleration[3:]]),
+    )
+
+
+def _quintic(
+    x0: Array, v0: Array, a0: Array, x1: Array, v1: Array, a1: Array, step: float, s: float
+) -> tuple[Array, Array]:
+    """Return value and rate at the part s of the step, 0 at its start and 1 at its end."""
+    gap = x1 - x0 - step * v0 - 0.5 * step**2 * a0  # what is left to the powers 3, 4 and 5 of s
+    gap_rate = step * (v1 - v0 - step * a0)
+    gap_acceleration = step**2 * (a1 - a0)
+    c3 = 10.0 * gap - 4.0 * gap_rate + 0.5 * gap_acceleration
+    c4 = -15.0 * gap + 7.0 * gap_rate - gap_acceleration
+    c5 = 6.0 * gap - 3.0 * gap_rate + 0.5 * gap_acceleration
+    t = s * step
+    x = x0 + t * v0 + 0.5 * t**2 * a0 + s**3 * (c3 + s * (c4 + s * c5))
+    return x, v0 + t * a0 + s**2 * (3.0 * c3 + s * (4.0 * c4 + 5.0 * s * c5)) / step
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +151,7 @@ class Trajectory(Frozen):
         load_share, holding, spin: (samples, arms).
         margin, best_margin, worst_margin, lowest_margin, lowest_margin_time: (samples, arms).
         lowest_joint_margin, lowest_joint_margin_time, lowest_joint: (samples, 3), see
-            `limits.JOINT_QUANTITIES`.
+            `margins.JOINT_QUANTITIES`.
         position_gap, velocity_gap: (samples, 2) before and after projection.
         kinetic, potential, impact: (samples,) [J].
         work: (samples, 4) since the start, see `balance.WORK_TERMS` [J].
@@ -83,39 +161,56 @@ class Trajectory(Frozen):
         occurrences: grasps that closed and opened, limits that were passed, in order of time.
     """
 
-    t: Array
-    q: Array
-    qd: Array
-    qdd: Array
-    tau: Array
-    object_pose: Array
-    object_twist: Array
-    object_acceleration: Array
-    grasp_wrench: Array
-    internal_wrench: Array
-    load_share: Array
-    wrist_wrench: Array
-    base_wrench: Array
-    holding: Array
-    spin: Array
-    margin: Array
-    best_margin: Array
-    worst_margin: Array
-    lowest_margin: Array
-    lowest_margin_time: Array
-    lowest_joint_margin: Array
-    lowest_joint_margin_time: Array
-    lowest_joint: Array
-    position_gap: Array
-    velocity_gap: Array
-    kinetic: Array
-    potential: Array
-    work: Array
-    impact: Array
-    momentum: Array
-    momentum_rate: Array
-    base_impulse: Array
-    condition: Array
+    t: Annotated[Array, "s"]
+    q: Annotated[Array, "rad or m"]
+    qd: Annotated[Array, "rad/s or m/s"]
+    qdd: Annotated[Array, "rad/s^2 or m/s^2"]
+    tau: Annotated[Array, "N m or N"]
+    object_pose: Annotated[Array, "unit quaternion wxyz, then m; world axes"]
+    object_twist: Annotated[Array, "[omega; v of C], rad/s and m/s, world axes"]
+    object_acceleration: Annotated[Array, "[omega_dot; v_dot of C], rad/s^2 and m/s^2, world axes"]
+    grasp_wrench: Annotated[
+        Array, "[moment; force] of each arm on the object about the contact point, N m and N, world axes"
+    ]
+    internal_wrench: Annotated[Array, "the part of grasp_wrench that does not move the object"]
+    load_share: Annotated[Array, "part of the net force that each arm carries, 1; all 0 where there is no net force"]
+    wrist_wrench: Annotated[
+        Array, "[moment; force] of each arm across its tip frame, about the tip's origin, N m and N, tip axes"
+    ]
+    base_wrench: Annotated[
+        Array, "[moment; force] of the base on each arm about the base origin, N m and N, world axes"
+    ]
+    holding: Annotated[Array, "whether each arm has a grasp"]
+    spin: Annotated[Array, "turn of each soft finger's contact about its normal, rad; 0 for other grasps"]
+    margin: Annotated[Array, "how far each grasp is from giving way, N; infinite where nothing limits"]
+    best_margin: Annotated[Array, "the largest margin that internal forces of no effect on the motion allow, N"]
+    worst_margin: Annotated[Array, "the smallest, N; minus infinity where they have no bound"]
+    lowest_margin: Annotated[Array, "the lowest margin of each grasp since the sample before, N"]
+    lowest_margin_time: Annotated[Array, "when that was, s"]
+    lowest_joint_margin: Annotated[
+        Array,
+        "the lowest margin of any joint since the sample before: position in rad or m, rate in rad/s or m/s, effort in"
+        " N m or N; infinite where nothing limits",
+    ]
+    lowest_joint_margin_time: Annotated[Array, "when that was, s"]
+    lowest_joint: Annotated[Array, "which joint that was, by place in q"]
+    position_gap: Annotated[Array, "worst grasp before and after projection, m or rad"]
+    velocity_gap: Annotated[Array, "worst grasp before and after projection, m/s or rad/s"]
+    kinetic: Annotated[Array, "J"]
+    potential: Annotated[Array, "J"]
+    work: Annotated[Array, "work since the start of drives, damping and friction, bases, external wrenches, J"]
+    impact: Annotated[Array, "energy that impulses have added since the start, J"]
+    momentum: Annotated[
+        Array, "[angular; linear] of links and object about the world's origin, N m s and N s, world axes"
+    ]
+    momentum_rate: Annotated[
+        Array, "[moment; force] of bases, weights and external wrenches about the world's origin, N m and N"
+    ]
+    base_impulse: Annotated[
+        Array,
+        "[angular; linear] impulses of the bases in impacts since the start, about the world's origin, N m s and N s",
+    ]
+    condition: Annotated[Array, "1"]
     stopped: str | None = None
     occurrences: tuple[Occurrence, ...] = ()
 
@@ -127,7 +222,7 @@ class Trajectory(Frozen):
         return State(self.q[k], self.qd[k], self.object_pose[k], self.object_twist[k])
 
     def state_at(self, t: float) -> State:
-        """Return the state at any time of the run; between samples by quintics, see `interpolation.interpolant`.
+        """Return the state at any time of the run; between samples by quintics, see `interpolant`.
 
         Where the grasps or velocities jump, the state after the jump.
 
@@ -183,6 +278,14 @@ def require_run_of(chain: Any, run: Any) -> None:
         )
 
 
+# of every array of a trajectory, in order: its unit and axes
+UNITS: dict[str, str] = {
+    name: hint.__metadata__[0]
+    for name, hint in get_type_hints(Trajectory, include_extras=True).items()
+    if hasattr(hint, "__metadata__")
+}
+
+
 def array_names() -> list[str]:
     """Return the names of a trajectory's arrays."""
-    return [f.name for f in fields(Trajectory) if f.name not in ("stopped", "occurrences")]
+    return list(UNITS)

@@ -1,7 +1,7 @@
 """Margins inside a step: every dip below zero is found, its beginning to 1e-12 s, its depth to rounding.
 
 The margins are known at the step's start. They are looked at after every eighth of the step and at the
-scheme's stage times, each point reached by one shorter step from the start, in parts where `subdivision` asks
+scheme's stage times, each point reached by one shorter step from the start, in parts where `SubdividingStepper` asks
 for them (never an interpolant).
 
 What is found for certain: *every dip below zero that lasts a quarter of a step*. Looks are at most h/8
@@ -47,8 +47,8 @@ Reach = Callable[[Sequence[float]], list[Advance]]
 REFUSALS = (SingularChainError, ClosureError, StateError)
 
 
-class Found(NamedTuple):
-    """What a step's looks tell.
+class StepMargins(NamedTuple):
+    """What the looks of a step show.
 
     Attributes:
         times: (looks,) in order; the first is the last look of the step before, if there is one.
@@ -66,7 +66,7 @@ class Found(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class MarginCurves:
     """Margins as a function of time, about an accepted instant; what was looked at is remembered.
 
     Attributes:
@@ -120,11 +120,13 @@ def look_times(begin: float, end: float, nodes: Sequence[float]) -> list[float]:
     return [*sorted(t for t in inside if begin < t < end), end]
 
 
-def verify(course: Course, begin: float, times: list[float], watched: Array, acting: Array, lowest: Array) -> Found:
+def verify(
+    curves: MarginCurves, begin: float, times: list[float], watched: Array, acting: Array, lowest: Array
+) -> StepMargins:
     """Return the margins of a step, refined, and where it has to end.
 
     Args:
-        course: with the margins at the step's start, and those of the last look before it if the margins
+        curves: with the margins at the step's start, and those of the last look before it if the margins
             are smooth there.
         begin: the step's start [s].
         times: from `look_times`.
@@ -132,27 +134,27 @@ def verify(course: Course, begin: float, times: list[float], watched: Array, act
         acting: those of them that end the step where they become negative.
         lowest: (signals,) the lowest margins of the run so far.
     """
-    failure = course.look(times)
+    failure = curves.look(times)
     try:
         if failure is None:
-            _look_closer(course, begin, watched)
-            _refine_minima(course, watched, lowest, PLACE * (times[-1] - begin))
-        zero = _first_zero(course, begin, acting)
+            _look_closer(curves, begin, watched)
+            _refine_minima(curves, watched, lowest, PLACE * (times[-1] - begin))
+        zero = _first_zero(curves, begin, acting)
     except REFUSALS as cause:
         failure, zero = cause, None
     end, signal = times[-1], None
     if zero is not None:
         end, signal = zero
     elif failure is not None:
-        course.advances[end] = Advance(end, None, NO_GAPS, np.zeros(4), failure=failure)
-    found, margins = course.table()
+        curves.advances[end] = Advance(end, None, NO_GAPS, np.zeros(4), failure=failure)
+    found, margins = curves.table()
     kept = found <= end
-    return Found(found[kept], margins[kept], int(np.searchsorted(found, begin)), course.advances[end], signal)
+    return StepMargins(found[kept], margins[kept], int(np.searchsorted(found, begin)), curves.advances[end], signal)
 
 
-def _look_closer(course: Course, begin: float, watched: Array) -> None:
+def _look_closer(curves: MarginCurves, begin: float, watched: Array) -> None:
     """Look at the eighths of a step's first and last eighth where a margin may be negative in between."""
-    times, margins = course.table()
+    times, margins = curves.table()
     first = int(np.searchsorted(times, begin))
     m = margins[first:, watched]
     if len(m) < 3:
@@ -163,14 +165,14 @@ def _look_closer(course: Course, begin: float, watched: Array) -> None:
         steepest = np.maximum(drop, m[c] - m[b])
         if ((drop > 0.0) & (m[a] >= 0.0) & (m[a] < DROPS * steepest)).any():
             more += [times[s] + k / LOOKS * (times[t] - times[s]) for k in range(1, LOOKS)]
-    failure = course.look(sorted({float(t) for t in more} - {float(t) for t in times})) if more else None
+    failure = curves.look(sorted({float(t) for t in more} - {float(t) for t in times})) if more else None
     if failure is not None:
         raise failure
 
 
-def _refine_minima(course: Course, watched: Array, lowest: Array, precision: float) -> None:
+def _refine_minima(curves: MarginCurves, watched: Array, lowest: Array, precision: float) -> None:
     """Search every bracketed minimum that may be negative, or lower than any before, all of them side by side."""
-    times, margins = course.table()
+    times, margins = curves.table()
     m = margins[:, watched]
     drop = np.maximum(m[:-2], m[2:]) - m[1:-1]
     sizes = np.maximum(1.0, np.abs(m[1:-1]))
@@ -182,20 +184,20 @@ def _refine_minima(course: Course, watched: Array, lowest: Array, precision: flo
     found = [(times[k : k + 3].tolist(), int(watched[i])) for k, i in np.argwhere(bracket & worthwhile)]
 
     def margins_at(asked: Mapping[int, float]) -> list[float]:
-        failure = course.look(sorted(set(asked.values())))
+        failure = curves.look(sorted(set(asked.values())))
         if failure is not None:
             raise failure
-        return [float(course.margins[t][found[k][1]]) for k, t in asked.items()]
+        return [float(curves.margins[t][found[k][1]]) for k, t in asked.items()]
 
     together([search_lowest(a, b, c, precision) for (a, b, c), _ in found], margins_at)
 
 
-def _first_zero(course: Course, begin: float, acting: Array) -> tuple[float, int] | None:
+def _first_zero(curves: MarginCurves, begin: float, acting: Array) -> tuple[float, int] | None:
     """Return when the first acting margin becomes negative, and which; it is negative then.
 
     A dip before the step's start, found only now, counts at the start.
     """
-    times, margins = course.table()
+    times, margins = curves.table()
     if not len(acting) or not (margins[:, acting] < 0.0).any():
         return None
     rows = (margins[:, acting] < 0.0).any(axis=1)
@@ -205,6 +207,6 @@ def _first_zero(course: Course, begin: float, acting: Array) -> tuple[float, int
         return begin, below[0]
     t, b = float(times[k - 1]), float(times[k])
     zeros = [
-        (crossing(course.signal(i), t, float(margins[k - 1, i]), b, float(margins[k, i]), CROSSING), i) for i in below
+        (crossing(curves.signal(i), t, float(margins[k - 1, i]), b, float(margins[k, i]), CROSSING), i) for i in below
     ]
     return min(zeros)

@@ -14,9 +14,9 @@ from holdfast.dynamics.split import split
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.trajectory import Trajectory, require_run_of
-from holdfast.simulation.world import BaseMotion, World
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
 from holdfast.view.pieces import Piece
@@ -113,7 +113,7 @@ def film_of_run(
     k = samples_at(run.t, checks.number(rate, "rate", above=0.0))
     if len(k) > MOST_MOMENTS:
         raise ModelError(f"rate: expected at most {MOST_MOMENTS} moments, got {len(k)}; try a lower rate")
-    world = World(chain, base_motion or {})
+    world = Environment(chain, base_motion or {})
     arms = [world.at(float(t))[0].arms for t in run.t[k]]
     bases = np.array([[arm.base.wxyz_xyz for arm in at.values()] for at in arms])
     postures = [

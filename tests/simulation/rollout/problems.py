@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from holdfast import ClosedChain, ControlLaw, Inputs, Rollout, RolloutSystems, State, compile_rollout
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant, evaluate
-from holdfast.simulation.world import World
 from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain
 
@@ -57,7 +57,7 @@ def swinging(name: str, scheme: str = "rk4") -> Rollout:
 
 
 @cache
-def told_torques(name: str) -> Rollout:
+def given_torques(name: str) -> Rollout:
     """Return the rollout of a chain under given torques."""
     return compile_rollout(problem(name)[0])
 
@@ -87,7 +87,7 @@ def state_of(systems: RolloutSystems, row: int) -> State:
 
 
 def numbers(at: Instant) -> dict[str, np.ndarray]:
-    """Return everything that an instant tells, by name."""
+    """Return all numbers of an instant, by name."""
     found = at.result
     return arrays(at.state) | {
         "t": np.array(at.t),
@@ -117,9 +117,9 @@ def difference(found: Mapping[str, np.ndarray], expected: Mapping[str, np.ndarra
 
 def generic_rank(chain: ClosedChain, state: State) -> int:
     """Return the rank at a regular state."""
-    return evaluate(World(chain), lambda t, x, m: (np.zeros(len(x.q)), m), 0.0, state, None).result.rank
+    return evaluate(Environment(chain), lambda t, x, m: (np.zeros(len(x.q)), m), 0.0, state, None).result.rank
 
 
-def pushed(chain: ClosedChain) -> World:
+def pushed(chain: ClosedChain) -> Environment:
     """Return the chain with a constant wrench on its object."""
-    return World(chain, inputs=Inputs(object_wrench=np.array([0.3, -0.2, 0.1, 1.0, 2.0, -1.5])))
+    return Environment(chain, inputs=Inputs(object_wrench=np.array([0.3, -0.2, 0.1, 1.0, 2.0, -1.5])))

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 
-from holdfast import ControlLaw, HoldfastError, ModelError, Rollout, RolloutSystems, StateError, compile_rollout
+from holdfast import ControlLaw, ModelError, Rollout, RolloutSystems, StateError, compile_rollout
 from holdfast.compiler.errors import CompileError
 from tests.compiler.programs import same_bits
-from tests.simulation.rollout.problems import arrays, problem, started, told_torques
+from tests.simulation.rollout.problems import arrays, given_torques, problem, started
 
 NONE = np.zeros(6)
 
 
 def one(count: int = 2) -> tuple[Rollout, RolloutSystems]:
     """Return systems of a chain of one arm under given torques."""
-    rollout, (_, state) = told_torques("one"), problem("one")
+    rollout, (_, state) = given_torques("one"), problem("one")
     return rollout, started(rollout, state, count, tau=NONE)
 
 
@@ -34,8 +33,6 @@ def one(count: int = 2) -> tuple[Rollout, RolloutSystems]:
         ({"tau": np.zeros((3, 6))}, r"tau: expected shape \(6,\) or \(1, \*\(6,\)\), got \(3, 6\)"),
         ({"memory": np.zeros(2)}, r"memory: expected shape \(0,\)"),
         ({"t": np.nan}, "t: expected a finite number, got nan"),
-        ({"t": "noon"}, "t: expected a finite number, got 'noon'"),
-        ({"threads": 0}, "threads: expected an integer >= 1, got 0"),
         ({"threads": 1.5}, "threads: expected an integer >= 1, got 1.5"),
         ({"torque": NONE}, "no parameter 'torque'"),
         ({"tau": None}, "the control law's parameter 'tau' is missing: expected shape"),
@@ -54,13 +51,9 @@ def test_start(change, message):
     ("change", "message"),
     [
         ({"step": 0.0}, "step: expected one positive number of seconds, or one for each system, got 0.0"),
-        ({"step": -1e-3}, "step: expected one positive"),
-        ({"step": np.nan}, "step: expected one positive"),
         ({"step": "short"}, "step: expected one positive"),
         ({"step": [1e-3] * 3}, "step: expected one positive"),
-        ({"steps": 0}, "steps: expected an integer >= 1, got 0"),
         ({"steps": 1.0}, "steps: expected an integer >= 1, got 1.0"),
-        ({"least_margin": np.nan}, "least_margin: expected a number, got nan"),
         ({"least_margin": "some"}, "least_margin: expected a number, got 'some'"),
         ({"object_mas": 1.0}, "no parameter 'object_mas'. Did you mean 'object_mass'?"),
         ({"begin": 1.0}, "no parameter 'begin'"),
@@ -98,13 +91,10 @@ def test_step(change, message):
     ("change", "message"),
     [
         ({"duration": 0.0105}, r"duration: expected a whole number of steps of 0.001 s, got 0.0105 s"),
-        ({"duration": 0.0}, "duration: expected a whole number of steps"),
         ({"duration": -0.01}, "duration: expected a whole number of steps"),
         ({"duration": "long"}, "duration: expected a finite number, got 'long'"),
         ({"duration": np.inf}, "duration: expected a finite number, got inf"),
-        ({"step": 0.0}, "step: expected one positive number"),
         ({"every": 0}, "every: expected an integer >= 1, got 0"),
-        ({"every": 1.0}, "every: expected an integer >= 1"),
         ({"record": ("grasp_wrenches",)}, "record: no array 'grasp_wrenches'. Did you mean 'grasp_wrench'?"),
         ({"record": ("copy",)}, "record: no array 'copy'"),
     ],
@@ -130,7 +120,7 @@ def test_record_by_name():
 def test_systems_of_others():
     """Systems of another chain, of another law, cut, or converted are refused before their addresses are used."""
     rollout, systems = one()
-    other = told_torques("nobody holds").start(**arrays(problem("nobody holds")[1]), tau=np.zeros(5))
+    other = given_torques("nobody holds").start(**arrays(problem("nobody holds")[1]), tau=np.zeros(5))
     with pytest.raises(StateError, match=r"systems: q: expected shape \(1, 6\), got shape \(1, 5\)"):
         rollout.step(other, 1e-3, tau=NONE)
     for name, x, message in (
@@ -184,24 +174,9 @@ def test_laws_that_cannot_be_traced(torque, message):
         compile_rollout(chain, ControlLaw(torque)).start(**arrays(state))
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (partial(ControlLaw, branching, memory=[np.nan]), "control law: memory: expected finite numbers"),
-        (partial(ControlLaw, branching, memory="none"), "control law: memory"),
-        (partial(ControlLaw, branching, parameters={"gain": 3}), r"parameter 'gain': expected a shape such as"),
-        (partial(ControlLaw, branching, parameters={"gain": (-1,)}), "parameter 'gain': expected a shape"),
-    ],
-)
-def test_laws_that_cannot_be(make, message):
-    """Memory and parameters."""
-    with pytest.raises(ModelError, match=message):
-        make()
-
-
-@pytest.mark.parametrize("name", ["gravity", "steps", "object_mass", "q", "threads", "base_pose"])
+@pytest.mark.parametrize("name", ["gravity", "steps", "object_mass"])
 def test_taken_names(name):
-    """A law's parameter may not be called what a rollout's call is told already."""
+    """A law's parameter may not be called what a rollout's call has an argument for."""
     law = ControlLaw(branching, parameters={name: ()})
     with pytest.raises(ModelError, match=f"control law: parameter '{name}': expected a name of its own"):
         compile_rollout(problem("one")[0], law)
@@ -211,22 +186,18 @@ def test_taken_names(name):
     ("make", "message"),
     [
         (lambda chain: compile_rollout(chain, branching), "law: expected a ControlLaw or None, got function; try"),
-        (lambda chain: compile_rollout(chain, np.zeros(6)), "law: expected a ControlLaw or None, got ndarray"),
         (lambda chain: compile_rollout("chain"), "chain: expected a ClosedChain, got str"),
+        (lambda chain: compile_rollout(chain, scheme="rk5"), "Did you mean 'rk4'"),
+        (lambda chain: compile_rollout(chain, scheme="dop853"), "expected 'rk4' or 'midpoint', got 'dop853'"),
         (lambda chain: ControlLaw(np.zeros(6)), "control law: torque: expected a function .*, got ndarray"),
+        (lambda chain: ControlLaw(branching, memory=[np.nan]), "control law: memory: expected finite numbers"),
+        (lambda chain: ControlLaw(branching, memory="none"), "control law: memory"),
         (lambda chain: ControlLaw(branching, parameters=["gain"]), "control law: parameters: expected a mapping"),
+        (lambda chain: ControlLaw(branching, parameters={"gain": 3}), r"parameter 'gain': expected a shape such as"),
+        (lambda chain: ControlLaw(branching, parameters={"gain": (-1,)}), "parameter 'gain': expected a shape"),
     ],
 )
-def test_no_laws(make, message):
-    """Functions, arrays and lists in the place of a law, a function or a mapping."""
+def test_what_cannot_be_made(make, message):
+    """No law, chain, scheme, function, memory or shape."""
     with pytest.raises(ModelError, match=message):
         make(problem("one")[0])
-
-
-def test_schemes():
-    """Only those of fixed steps; a misspelt one is named."""
-    chain, _ = problem("one")
-    with pytest.raises(ModelError, match="Did you mean 'rk4'"):
-        compile_rollout(chain, scheme="rk5")
-    with pytest.raises(HoldfastError, match="expected 'rk4' or 'midpoint', got 'dop853'"):
-        compile_rollout(chain, scheme="dop853")

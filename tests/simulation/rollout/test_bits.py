@@ -8,7 +8,7 @@ import pytest
 from holdfast import Rollout, RolloutSystems
 from holdfast.compiler.targets import cpu
 from tests.compiler.programs import same_bits
-from tests.simulation.rollout.problems import elsewhere, problem, started, state_of, swinging, told_torques
+from tests.simulation.rollout.problems import elsewhere, given_torques, problem, started, swinging
 
 LANES = cpu.lanes()
 COUNT = 2 * LANES + 3
@@ -25,10 +25,9 @@ def after(rollout: Rollout, systems: RolloutSystems, steps: int, **options) -> R
     return rollout.step(systems.copy(), STEP, steps=steps, **options)
 
 
-@pytest.mark.parametrize("name", ["five", "legs"])
-def test_place_in_the_batch(name):
+def test_place_in_the_batch():
     """Alone, in tails of every length, turned round, in one thread or more than there are blocks."""
-    rollout, (_, state) = swinging(name), problem(name)
+    rollout, (_, state) = swinging("five"), problem("five")
     systems = started(rollout, state, COUNT)
     whole = after(rollout, systems, 5)
     assert whole.running.all()
@@ -53,35 +52,15 @@ def test_how_steps_are_asked_for():
     for _ in range(30):
         rollout.step(one, STEP)
     for steps in (1, 7, 2, 19, 1):
-        odd = rollout.step(odd, STEP, steps=steps).copy(np.arange(LANES + 1))  # forgets what it was told
+        odd = rollout.step(odd, STEP, steps=steps).copy(np.arange(LANES + 1))  # a copy in every portion
     assert same(one, whole) and same(odd, whole)
     assert same_bits(whole.t, np.full(LANES + 1, 0.7 + 30 * STEP))
     assert np.array_equal(rollout.step(systems.copy(), np.full(LANES + 1, STEP), steps=30).q, whole.q)
 
 
-def test_torques_told_again():
-    """The same torques told again, changed at each step or not, shared or by system: the steps they belong to."""
-    rollout, (chain, state) = told_torques("one"), problem("one")
-    random = np.random.default_rng(0)
-    torques = random.normal(size=(6, LANES + 2, chain.joint_count))
-    systems = started(rollout, state, LANES + 2, tau=torques[0])
-    whole = systems.copy()
-    for tau in torques:
-        rollout.step(whole, STEP, steps=2, tau=tau)
-    again = systems.copy()
-    for tau in torques:
-        for _ in range(2):
-            rollout.step(again, STEP, tau=tau.copy())
-    assert same(whole, again)
-    row = systems.copy([3])
-    for tau in torques:
-        rollout.step(row, STEP, steps=2, tau=tau[3])
-    assert same(row, whole.copy([3]))
-
-
 def test_parameters_by_system():
     """Gravity, payload, bases, grasps and wrenches of each system: as if each ran alone with its own."""
-    rollout, (chain, state) = told_torques("one"), problem("one")
+    rollout, (chain, state) = given_torques("one"), problem("one")
     random, count = np.random.default_rng(0), LANES + 1
     body, (arm,), (grasp,) = chain.held_object, chain.arms.values(), chain.grasps.values()
     given = {
@@ -106,33 +85,22 @@ def test_parameters_by_system():
         assert same(alone, systems.copy([row]))
 
 
-@pytest.mark.parametrize("every", [1, 3, 10, 25])
+@pytest.mark.parametrize("every", [1, 3, 25])
 def test_records(every):
     """What is recorded does not depend on how often it is, the last portion may be shorter."""
     rollout, (_, state) = swinging("five"), problem("five")
     systems = started(rollout, state, 3, t=0.1)
     before = systems.copy()
-    fine = rollout.run(systems, 20 * STEP, STEP, record=("q", "grasp_wrench", "work", "fate", "t"))
-    coarse = rollout.run(systems, 20 * STEP, STEP, every=every, record=("q", "grasp_wrench", "work", "fate", "t"))
+    fine = rollout.run(systems, 20 * STEP, STEP, record=("q", "grasp_wrench", "work", "status", "t"))
+    coarse = rollout.run(systems, 20 * STEP, STEP, every=every, record=("q", "grasp_wrench", "work", "status", "t"))
     assert same(systems, before) and same(fine.systems, coarse.systems)
     rows = [*range(0, 20, every), 20]
     assert same_bits(coarse.t, fine.t[rows]) and np.array_equal(fine.t, 0.1 + STEP * np.arange(21))
     for name in ("q", "grasp_wrench", "work", "t"):
         assert same_bits(coarse[name], fine[name][rows])
     assert np.array_equal(fine["t"], np.tile(fine.t[:, None], 3))
-    assert coarse["fate"].shape == (len(rows), 3) and np.isinf(coarse.stopped).all()
+    assert coarse["status"].shape == (len(rows), 3) and np.isinf(coarse.stopped).all()
     assert same_bits(fine["q"][-1], fine.systems.q)
     further = rollout.run(fine.systems, 5 * STEP, STEP)
     assert same(further.systems, after(rollout, systems, 25))
     assert further.t[0] == fine.t[-1]
-
-
-def test_copies_are_apart():
-    """Stepping a copy leaves the original; states read from it are the reference's."""
-    rollout, (_, state) = swinging("legs"), problem("legs")
-    systems = started(rollout, state, 4)
-    q = systems.q.copy()
-    some = systems.copy(np.array([True, False, True, False]))
-    rollout.step(some, STEP)
-    assert same_bits(systems.q, q) and len(some) == 2
-    assert np.array_equal(state_of(some, 1).q, some.q[1])

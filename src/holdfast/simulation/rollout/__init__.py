@@ -1,1 +1,1 @@
-"""Many steps of many systems in machine code: the texts of the simulation, traced."""
+"""Many steps of many systems in machine code: the functions of the simulation, traced."""

@@ -1,4 +1,4 @@
-"""What a call of a rollout is told besides its systems: the law's parameters and the chain's, checked."""
+"""The arguments of a rollout's calls: the law's parameters, the chain's, step lengths and counts, checked."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def require_free_names(parameters: Mapping[str, Any]) -> None:
             )
 
 
-def told(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dict[str, Array]:
-    """Return what a call says of the machine code's inputs and parameters, by its names, (1 or systems, *shape) each.
+def call_inputs(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dict[str, Array]:
+    """Return a call's inputs and parameters of the machine code, by its names, (1 or systems, *shape) each.
 
     Args:
         kernel: a step under a law.
@@ -69,27 +69,27 @@ def told(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dict[str, 
     return found
 
 
-def acting(kernel: StepKernel, said: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return inputs and parameters of the machine code from all that systems have been told so far.
+def kernel_arguments(kernel: StepKernel, given: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return inputs and parameters of the machine code from all that calls have given so far.
 
     Args:
         kernel: a step under a law.
-        said: as `told` returns it; what was said to another law is not used.
+        given: as `call_inputs` returns it; what another law takes is not used.
 
     Raises:
-        StateError: the law was never told one of its parameters, or the systems are of another chain.
+        StateError: the law was never given one of its parameters, or the systems are of another chain.
     """
     wrenches = [name for name in ("object_wrench", "link_wrench") if name in kernel.externals]
     inputs = {name: np.zeros(kernel.externals[name].shape) for name in wrenches}
     parameters: dict[str, Array] = {}
-    for name, x in said.items():
+    for name, x in given.items():
         external = kernel.externals.get(name)
         if external is not None and x.shape[1:] == external.shape:
             (parameters if external.role == "parameter" else inputs)[name] = x[0] if len(x) == 1 else x
         elif not name.startswith("control."):
             raise StateError(
-                f"systems: {name} was told in shape {x.shape[1:]}, which this rollout's chain has not; try systems that"
-                " `start` of this rollout returned"
+                f"systems: {name} was given in shape {x.shape[1:]}, which this rollout's chain has not; try systems"
+                " that `start` of this rollout returned"
             )
     for name, shape in kernel.law.parameters.items():
         if f"control.{name}" not in inputs:
@@ -139,7 +139,7 @@ def whole_number(name: str, value: Any) -> int:
     return int(value)
 
 
-def paces(step: Any, count: int) -> Array:
+def step_lengths(step: Any, count: int) -> Array:
     """Return the length of each system's step, (count,) [s].
 
     Raises:

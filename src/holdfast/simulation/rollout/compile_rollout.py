@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from holdfast.compiled.structure import optional_parameters
+from holdfast.control.controller import ControlLaw, held_torques
 from holdfast.errors import ModelError
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.rollout.arguments import require_free_names
-from holdfast.simulation.rollout.law import ControlLaw, held_torques
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.runge_kutta import scheme as scheme_of
-from holdfast.simulation.world import BaseMotion, World
 
 
 def compile_rollout(
@@ -34,13 +34,13 @@ def compile_rollout(
         scheme: `rk4`, or `midpoint`: half the evaluations, second order.
         generic_rank: rank of the grasp constraint away from singular configurations; found from the
             first systems if not given.
-        base_motion: t -> (pose, twist, acceleration) of moving bases, by arm name, as for `simulate`; in the words of
-            a control law, as it becomes part of the machine code.
-        parameters: what else systems may be told, as for `compile`: `link_inertia` (link_mass, link_com,
+        base_motion: t -> (pose, twist, acceleration) of moving bases, by arm name, as for `simulate`;
+            written as a control law is, as it becomes part of the machine code.
+        parameters: what else may be given, as for `compile`: `link_inertia` (link_mass, link_com,
             link_inertia), `link_wrench` (external wrenches on the links).
 
     Raises:
-        ModelError: no such scheme, or one that estimates errors; a parameter of the law has a taken name; a base
+        ModelError: no such scheme, or one that estimates errors; a parameter of the law is named as an argument; a base
             motion of no arm.
         StateError: no such optional parameter.
         CompileError: (when first started) the law or a base motion does what cannot be traced; the line is named.
@@ -55,6 +55,6 @@ def compile_rollout(
         raise ModelError(f"rollout: chain: expected a ClosedChain, got {type(chain).__name__}")
     if law is not None:
         require_free_names(law.parameters)
-    motions = World(chain, base_motion or {}).base_motion
+    motions = Environment(chain, base_motion or {}).base_motion
     options = optional_parameters(parameters, "rollout")
     return Rollout(chain, law or held_torques(chain.joint_count), scheme, generic_rank, motions, options)

@@ -1,27 +1,75 @@
-"""One step of many systems as machine code, and what a system is between two steps."""
+"""One step of many systems as machine code: the arrays it takes, and what a system is between two steps."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 
+from holdfast.compiled.externals import BASE_MOTION, LINKS, externals, shapes
 from holdfast.compiled.kernels import key_of
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.structure import Options, Structure
+from holdfast.compiled.traced_chain import traced
 from holdfast.compiler.kernel import BatchKernel
+from holdfast.compiler.program import Shape
+from holdfast.compiler.schedule import External, Schedule
+from holdfast.control.controller import ControlLaw
 from holdfast.dynamics.margins import joint_limits
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.model.grasp import WrenchLimits
-from holdfast.simulation.friction import joint_friction
-from holdfast.simulation.rollout.law import ControlLaw
-from holdfast.simulation.rollout.schedule import carried_shapes, evaluation_schedule, step_externals, step_schedule
-from holdfast.simulation.rollout.traced_motion import Motions
+from holdfast.simulation.instant import joint_friction
+from holdfast.simulation.rollout import traced_step
+from holdfast.simulation.rollout.user_functions import Motions
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.spatial.scalar import Array
+
+STEP_INPUTS = ("begin", "step", "held", "least_margin", "least_joint_margin")
+PARAMETERS = ("gravity", "generic_rank", "object_mass", "object_com", "object_inertia", "base_R", "base_p")
+
+
+def carried_shapes(chain: ClosedChain, law: ControlLaw) -> dict[str, Shape]:
+    """Return what a system is between two steps, by name; arrays without numbers are left out."""
+    n, grasps, memory = chain.joint_count, (len(chain.grasps),), (len(law.memory),)
+    own: dict[str, Shape] = {"slope": (2 * n + 16,), "drive": (n,), "memory": memory}
+    own |= {"rank": (), "condition": (), "margin": grasps}
+    found = {name: (shapes(chain) | own)[name] for name in traced_step.STEP_RESULTS}
+    found |= {"work": (4,), "gaps": (4,), "code": (), "count": (), "before": memory}
+    found |= {"worst_margin": grasps, "worst_time": grasps}
+    return {name: shape for name, shape in found.items() if math.prod(shape)}
+
+
+def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]:
+    """Return the arrays of a step: inputs, parameters, and what is carried on."""
+    chain, options = structure.chain, structure.options
+    own: dict[str, Shape] = dict.fromkeys((*STEP_INPUTS, "generic_rank"), ())
+    own |= {"contact": (len(chain.grasps), 6), "limits": (4, chain.joint_count)}
+    of_law = {f"control.{name}": tuple(shape) for name, shape in law.parameters.items()}
+    inputs = [*STEP_INPUTS, "object_wrench", *of_law]
+    inputs += ["link_wrench"] if options.link_wrenches else []
+    parameters = [
+        *PARAMETERS,
+        *(LINKS if options.link_inertia else ()),
+        *(BASE_MOTION if options.base_motion else ()),
+        "grasp_R",
+        "grasp_p",
+        "contact",
+        "limits",
+    ]
+    carried = {f"last.{name}": External(shape, "carried") for name, shape in carried_shapes(chain, law).items()}
+    return externals(inputs, parameters, (), shapes(chain) | own | of_law) | carried
+
+
+def step_schedule(structure: Structure, law: ControlLaw, motions: Motions, tableau: Tableau) -> Schedule:
+    """Return the schedule of one step."""
+    step = partial(traced_step.step, structure, law, motions, tableau)
+    return traced(step_externals(structure, law), step)
+
 
 Systems = dict[str, Array]  # carried arrays by name, (systems, *shape) each
 
@@ -57,26 +105,21 @@ class StepKernel:
         moving = exact_fingerprint(self.motions)
         what = f"{law.key}/{list(law.parameters.items())}/{len(law.memory)}/{friction}/{moving}"
 
-        def key(of: str) -> str:
+        def compiled(of: str, schedule: Callable[[], Schedule]) -> BatchKernel:
             known = law.key and moving is not None
-            return key_of(f"{of}/{what}", structure, "simulation", "control", "scenario") if known else ""
+            key = key_of(f"{of}/{what}", structure, "simulation", "control", "scenario") if known else ""
+            return BatchKernel(externals, schedule, key, quick=quick)
 
-        self._step = BatchKernel(
-            externals,
-            lambda: step_schedule(structure, law, self.motions, tableau),
-            key(f"step/{tableau.name}"),
-            quick=quick,
-        )
-        self._evaluation = BatchKernel(
-            externals, lambda: evaluation_schedule(structure, law, self.motions), key("evaluation"), quick=quick
-        )
+        system = structure, law, self.motions
+        slopes = partial(traced_step.evaluation, *system)
+        self._step = compiled(f"step/{tableau.name}", lambda: step_schedule(*system, tableau))
+        self._slopes = compiled("evaluation", lambda: traced(externals, slopes))
         self.carried = carried_shapes(chain, law)
         self.externals = externals
         own = parameters_of(chain, generic_rank) | {"contact": _contact(chain), "limits": np.array(joint_limits(chain))}
         self.parameters = {name: own[name] for name, e in externals.items() if e.role == "parameter"}
         self._margins = dict.fromkeys(("least_margin", "least_joint_margin"), np.array(-np.inf))
-        self._sizes = {name: e.size for name, e in externals.items()}
-        self._ranks = {name: len(e.shape) for name, e in externals.items()}
+        self._layout = [(name, e.size, len(e.shape)) for name, e in externals.items()]
 
     def systems(self, state: Mapping[str, Array], memory: Array | None = None, count: int | None = None) -> Systems:
         """Return systems that have only their states; a step of length zero closes them and finds everything else.
@@ -97,7 +140,14 @@ class StepKernel:
         return found
 
     def run(
-        self, systems: Systems, inputs: Mapping[str, Array], parameters: Mapping[str, Array], repeats: int, threads: int
+        self,
+        systems: Systems,
+        inputs: Mapping[str, Array],
+        parameters: Mapping[str, Array],
+        repeats: int = 1,
+        threads: int = 1,
+        *,
+        slopes_only: bool = False,
     ) -> None:
         """Take so many steps in place; a system that cannot stays at its last good state and says why.
 
@@ -108,36 +158,15 @@ class StepKernel:
             parameters: likewise, where they differ from the chain's own.
             repeats: steps.
             threads: how many share the systems.
+            slopes_only: take no step, but find the slopes where the systems are anew, under other inputs.
         """
-        self._run(self._step, systems, inputs, parameters, repeats, threads)
-
-    def renew(
-        self, systems: Systems, inputs: Mapping[str, Array], parameters: Mapping[str, Array], threads: int
-    ) -> None:
-        """Find the slopes where the systems are anew, in place, under other inputs; arguments as for `run`."""
-        self._run(self._evaluation, systems, inputs, parameters, 1, threads)
-
-    def _run(
-        self,
-        code: BatchKernel,
-        systems: Systems,
-        inputs: Mapping[str, Array],
-        parameters: Mapping[str, Array],
-        repeats: int,
-        threads: int,
-    ) -> None:
-        given = (
-            self.parameters
-            | self._margins
-            | dict(parameters)
-            | dict(inputs)
-            | {f"last.{name}": x for name, x in systems.items()}
-        )
-        arrays = {name: np.asarray(given[name], dtype=float, order="C") for name in self._sizes}
+        carried = {f"last.{name}": x for name, x in systems.items()}
+        given = {**self.parameters, **self._margins, **parameters, **inputs, **carried}
+        arrays = [np.asarray(given[name], dtype=float, order="C") for name, _, _ in self._layout]
         table = np.zeros((len(arrays), 2), dtype=np.int64)
-        for row, (name, x) in zip(table, arrays.items(), strict=True):
-            row[:] = x.ctypes.data, self._sizes[name] if x.ndim > self._ranks[name] else 0
-        code.run_batch(table, len(systems["q"]), threads, repeats)
+        for row, x, (_, size, rank) in zip(table, arrays, self._layout, strict=True):
+            row[:] = x.ctypes.data, size if x.ndim > rank else 0
+        (self._slopes if slopes_only else self._step).run_batch(table, len(systems["q"]), threads, repeats)
 
     def require_own(self, systems: Systems) -> None:
         """Refuse arrays that the machine code would read or write beyond their ends, or not at all.
@@ -159,7 +188,7 @@ class StepKernel:
 
 
 def _contact(chain: ClosedChain) -> Array:
-    """Return what the grasps' margins are made of, (grasps, 6); see `advance.contact_margin`."""
+    """Return what the grasps' margins are made of, (grasps, 6); see `traced_step.contact_margin`."""
     rows: list[list[float]] = []
     for grasp in chain.grasps.values():
         contact, limits = grasp.contact, grasp.wrench_limits or WrenchLimits()

@@ -13,35 +13,32 @@ from holdfast.compiled.faults import faulty, largest_positions
 from holdfast.compiled.statuses import generic_rank, system
 from holdfast.compiled.structure import Options
 from holdfast.compiler.schedule import External
+from holdfast.control.controller import ControlLaw
 from holdfast.dynamics.consistency import POSITION_TOLERANCE
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.rollout.advance import BROKEN, LIMITED, OPEN, SINGULAR, SLIPPED, TOO_LONG
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.arguments import (
-    acting,
+    call_inputs,
     fitting,
+    kernel_arguments,
     number,
-    paces,
-    told,
+    step_lengths,
     whole_number,
     whole_steps,
 )
-from holdfast.simulation.rollout.confirmation import contradicted
 from holdfast.simulation.rollout.kernel import StepKernel
-from holdfast.simulation.rollout.law import ControlLaw
-from holdfast.simulation.rollout.record import RolloutRecord
-from holdfast.simulation.rollout.subdivision import subdivided
-from holdfast.simulation.rollout.systems import RolloutSystems
-from holdfast.simulation.rollout.traced_motion import Motions
-from holdfast.simulation.rollout.travelling import travelling_law, travelling_motion
+from holdfast.simulation.rollout.parts import contradicted, subdivided
+from holdfast.simulation.rollout.systems import RolloutRecord, RolloutSystems
+from holdfast.simulation.rollout.traced_step import BROKEN, LIMITED, OPEN, SINGULAR, SLIPPED, TOO_LONG
+from holdfast.simulation.rollout.user_functions import Motions, travelling_law, travelling_motion
 from holdfast.simulation.runge_kutta import scheme as scheme_of
-from holdfast.simulation.world import World
 from holdfast.spatial.scalar import Array
 
 HALVINGS = 50  # of a step, when the instant of a slip or limit is sought
-Least = Mapping[int, float]  # margins below which a system stops, by the code that it gets
-ANY: Least = {SLIPPED: -np.inf, LIMITED: -np.inf}
+StopMargins = Mapping[int, float]  # margins below which a system stops, by the code that it gets
+NO_STOPS: StopMargins = {SLIPPED: -np.inf, LIMITED: -np.inf}
 RECORDED = ("q", "qd", "object_pose", "object_twist", "grasp_wrench")
 
 
@@ -104,17 +101,17 @@ class Rollout:
         Raises:
             StateError: wrong shapes, or no system at all.
         """
-        systems = self._given(q, qd, object_pose, object_twist, memory, number("t", t))
-        systems.tell(told(self._kernel, given, len(systems)), self.law)
-        return self._begun(systems, whole_number("threads", threads))
+        systems = self._systems_at(q, qd, object_pose, object_twist, memory, number("t", t))
+        systems.keep_inputs(call_inputs(self._kernel, given, len(systems)), self.law)
+        return self._started(systems, whole_number("threads", threads))
 
     def take_over(self, systems: RolloutSystems, *, threads: int = 1, **given: Any) -> RolloutSystems:
         """Return systems of another rollout of the same arms and object under this one's grasps and law.
 
         Grasps that close do so with the impulse that brings all grasps to rest in themselves, as `Attach` in
         `simulate`; a system in which one is open by more than 1e-6 m or rad stands still. Those that open let go.
-        Time, work and what stands still stay; the law's memory too where it has as many numbers, and what systems
-        were told where it still means something. The worst margins begin anew.
+        Time, work and what stands still stay; the law's memory too where it has as many numbers, and the
+        arguments of earlier calls where they still mean something. The worst margins begin anew.
 
         Args:
             systems: what another rollout's `start` or `step` returned; left as they are.
@@ -132,7 +129,8 @@ class Rollout:
         begun = systems.copy()
         stale = [] if list(systems.chain.grasps) == list(self.chain.grasps) else ["grasp_R", "grasp_p"]
         stale += ["base_R", "base_p"] if self.base_motion else []
-        kept = {name: x for name, x in begun.told.items() if self._takes(name, x) and name not in stale}
+        takes = {name: external.shape for name, external in self._kernel.externals.items() if name not in stale}
+        kept = {name: x for name, x in begun.call_inputs.items() if takes.get(name) == x.shape[1:]}
         memory = begun.arrays.get("memory", np.zeros((len(systems), 0)))
         found = self._kernel.systems(
             {name: begun.arrays[name] for name in STATE}, memory if memory.shape[1] == len(self.law.memory) else None
@@ -141,8 +139,8 @@ class Rollout:
             if x is not None and x.shape == array.shape:
                 array[~begun.running] = x[~begun.running]
         made = RolloutSystems(self.chain, found, begun.t, np.zeros(len(systems)))
-        made.tell(kept | told(self._kernel, given, len(systems)), self.law)
-        made = self._begun(made, whole_number("threads", threads))
+        made.keep_inputs(kept | call_inputs(self._kernel, given, len(systems)), self.law)
+        made = self._started(made, whole_number("threads", threads))
         made.arrays["work"][...] = begun.arrays["work"]
         apart = made.running & (made.drift[:, 0] > POSITION_TOLERANCE)
         for name in STATE:
@@ -165,7 +163,7 @@ class Rollout:
         """Advance systems in place by a number of steps, and return them.
 
         A system that cannot, because the constraint is singular, a margin would fall below
-        `least_margin`, a joint would pass a limit, or the step is too long, stands still from then on; see `fate`. A
+        `least_margin`, a joint would pass a limit, or the step is too long, stands still from then on; see `status`. A
         slip, limit or singularity that the step does not show in halves and quarters, at the cost of a few steps, is
         a step too long.
 
@@ -182,18 +180,24 @@ class Rollout:
             **given: the law's parameters, shared or (systems, ...); object_wrench (6,), gravity,
                 object_mass, object_com, object_inertia, base_pose, grasp_pose, and those asked for of link_wrench,
                 link_mass, link_com, link_inertia, as in `CompiledChain.forward_dynamics`. What is not given stays as
-                the systems were told last, in `start` or in a step; before that it is the chain's.
+                given last, in `start` or in a step; before that it is the chain's.
 
         Raises:
             StateError: wrong shapes, unknown names, a step that is not positive.
         """
         steps, threads = whole_number("steps", steps), whole_number("threads", threads)
-        least = _least(least_margin, stop_at_limits)
+        least = _stop_margins(least_margin, stop_at_limits)
         limit = None if largest_drift is None else checks.number(largest_drift, "largest_drift", above=0.0)
-        self._tell(systems, paces(step, len(systems)), given, threads)
+        lengths, new = step_lengths(step, len(systems)), call_inputs(self._kernel, given, len(systems))
+        inputs, parameters = kernel_arguments(self._kernel, systems.call_inputs | new)
+        self._kernel.require_own(systems.arrays)  # nothing is changed before the last refusal
+        systems.set_step_length(lengths)
+        if systems.keep_inputs(new, self.law):  # the slope where the step begins was found under other torques
+            inputs |= _step_inputs(systems, NO_STOPS)
+            self._kernel.run(systems.arrays, inputs, parameters, 1, threads, slopes_only=True)
         going = systems.running
         if limit is None:
-            self._advance(systems, systems.pace, steps, least, threads)
+            self._advance(systems, systems.step_length, steps, least, threads)
         else:
             order = scheme_of(self.scheme).order
             for _ in range(steps):
@@ -202,9 +206,9 @@ class Rollout:
         if stopped.any():
             wrong = contradicted(
                 systems.copy(stopped),
-                _free(systems, stopped),
+                _freed(systems, stopped),
                 least,
-                lambda some, h: self._advance(some, h, 1, ANY),
+                lambda some, h: self._advance(some, h, 1, NO_STOPS),
             )
             systems.arrays["code"][np.flatnonzero(stopped)[wrong]] = TOO_LONG
         return systems
@@ -241,7 +245,7 @@ class Rollout:
             StateError: wrong shapes or names, a duration that is no whole number of steps, or systems
                 that are not all at one time.
         """
-        step = float(paces(step, 1)[0])
+        step = float(step_lengths(step, 1)[0])
         steps = whole_steps(number("duration", duration), step)
         every = whole_number("every", every)
         for name in record:
@@ -259,10 +263,12 @@ class Rollout:
         stopped = np.where(at.running, np.inf, at.t)
         violated = systems.running & np.isin(at.arrays["code"], (SLIPPED, LIMITED))
         if violated.any():
-            stopped[violated] = self._refined(at, violated, step, _least(**stops))
+            stopped[violated] = self._refined(at, violated, step, _stop_margins(**stops))
         return RolloutRecord(begin + done * step, {name: np.array(rows) for name, rows in kept.items()}, at, stopped)
 
-    def _given(self, q: Any, qd: Any, object_pose: Any, object_twist: Any, memory: Any, t: float) -> RolloutSystems:
+    def _systems_at(
+        self, q: Any, qd: Any, object_pose: Any, object_twist: Any, memory: Any, t: float
+    ) -> RolloutSystems:
         """Return systems at users' states as they are, faulty ones marked as such."""
         shapes = {name: self._kernel.carried[name] for name in STATE}
         state = {
@@ -282,12 +288,12 @@ class Rollout:
         found["code"][bad] = BROKEN
         return RolloutSystems(self.chain, found, np.full(count, t), np.zeros(count))
 
-    def _refined(self, at: RolloutSystems, rows: Array, step: float, least: Least) -> Array:
+    def _refined(self, at: RolloutSystems, rows: Array, step: float, least: StopMargins) -> Array:
         """Return when systems slip or pass a limit, by halving the step that would go too far.
 
-        Which of both a system does first becomes its fate.
+        Which of both a system does first becomes its status.
         """
-        begin = _free(at, rows)
+        begin = _freed(at, rows)
         low, high, code = np.zeros(len(begin)), np.full(len(begin), step), at.arrays["code"][rows]
         for _ in range(HALVINGS):
             middle, trial = 0.5 * (low + high), begin.copy()
@@ -298,36 +304,24 @@ class Rollout:
         at.arrays["code"][rows] = code
         return begin.t + low
 
-    def _takes(self, name: str, x: Array) -> bool:
-        """Return whether the machine code takes what systems were told under a name."""
-        external = self._kernel.externals.get(name)
-        return external is not None and x.shape[1:] == external.shape
-
-    def _begun(self, systems: RolloutSystems, threads: int) -> RolloutSystems:
+    def _started(self, systems: RolloutSystems, threads: int) -> RolloutSystems:
         """Return systems at states as they are brought onto the grasps, and all that is known there."""
         first = systems.copy()
-        self._advance(systems, systems.pace, 1, ANY, threads)
+        self._advance(systems, systems.step_length, 1, NO_STOPS, threads)
         if self.generic_rank is None and self._know_rank(systems):
             systems = first
-            self._advance(systems, systems.pace, 1, ANY, threads)
+            self._advance(systems, systems.step_length, 1, NO_STOPS, threads)
         for name in ("work", "count"):
             systems.arrays[name][...] = 0.0
         return systems
 
-    def _tell(self, systems: RolloutSystems, pace: Array, given: Mapping[str, Any], threads: int) -> None:
-        """Tell systems what a call says; whatever is refused is refused before anything is changed."""
-        said = told(self._kernel, given, len(systems))
-        inputs, parameters = acting(self._kernel, systems.told | said)
-        self._kernel.require_own(systems.arrays)
-        systems.at_pace(pace)
-        if systems.tell(said, self.law):  # where the step begins to lead was found under other torques
-            self._kernel.renew(systems.arrays, inputs | _moment(systems, ANY), parameters, threads)
-
-    def _advance(self, systems: RolloutSystems, pace: Array, steps: int, least: Least, threads: int = 1) -> None:
-        """Take steps in place under what systems were told, and believe what they show."""
-        inputs, parameters = acting(self._kernel, systems.told)
-        systems.at_pace(pace)
-        self._kernel.run(systems.arrays, inputs | _moment(systems, least), parameters, steps, threads)
+    def _advance(
+        self, systems: RolloutSystems, step_length: Array, steps: int, least: StopMargins, threads: int = 1
+    ) -> None:
+        """Take steps in place under the arguments of calls so far, and believe what they show."""
+        inputs, parameters = kernel_arguments(self._kernel, systems.call_inputs)
+        systems.set_step_length(step_length)
+        self._kernel.run(systems.arrays, inputs | _step_inputs(systems, least), parameters, steps, threads)
 
     def _know_rank(self, systems: RolloutSystems) -> bool:
         """Find the generic rank, near a system whose rank is low if all are; return whether one's is lower."""
@@ -336,28 +330,28 @@ class Rollout:
         found = np.where(systems.running, systems.arrays["rank"], -1.0)
         row, most = int(np.argmax(found)), int(found.max())
         if most < self.chain.constraint_row_count:
-            _, parameters = acting(self._kernel, systems.told)
+            _, parameters = kernel_arguments(self._kernel, systems.call_inputs)
             at = {name: systems.arrays[name] for name in STATE} | self._kernel.parameters | parameters
             chain, state = system(self.chain, at, row)
-            chain, _ = World(chain, self.base_motion).at(float(systems.t[row]))
+            chain, _ = Environment(chain, self.base_motion).at(float(systems.t[row]))
             most = generic_rank(chain, state, most)
         self.generic_rank = most
         self._kernel.parameters["generic_rank"] = np.array(float(most))
         return bool((found[systems.running] < most).any())
 
 
-def _moment(systems: RolloutSystems, least: Least) -> dict[str, Array]:
-    """Return what the machine code is told besides torques and wrenches: when it is, and what stops a system."""
+def _step_inputs(systems: RolloutSystems, least: StopMargins) -> dict[str, Array]:
+    """Return the inputs of the machine code besides torques and wrenches: the time, and what stops a system."""
     return {
         "begin": systems.begin,
-        "step": systems.pace,
+        "step": systems.step_length,
         "held": np.array(0.0),
         "least_margin": np.array(least[SLIPPED]),
         "least_joint_margin": np.array(least[LIMITED]),
     }
 
 
-def _least(least_margin: float, stop_at_limits: bool) -> Least:
+def _stop_margins(least_margin: float, stop_at_limits: bool) -> StopMargins:
     """Return the margins below which systems stop."""
     if not isinstance(stop_at_limits, bool | np.bool_):
         raise StateError(f"stop_at_limits: expected True or False, got {stop_at_limits!r}")
@@ -367,7 +361,7 @@ def _least(least_margin: float, stop_at_limits: bool) -> Least:
     }
 
 
-def _free(systems: RolloutSystems, rows: Array) -> RolloutSystems:
+def _freed(systems: RolloutSystems, rows: Array) -> RolloutSystems:
     """Return copies of some systems that go on from where they stand."""
     found = systems.copy(rows)
     found.arrays["code"][...] = 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,13 +14,31 @@ from holdfast.dynamics.projection import FARTHEST
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.errors import ClosureError, HoldfastError, SingularChainError, StateError
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.friction import friction_torque, joint_friction
-from holdfast.simulation.instant import WORST_CONDITION, Instant
-from holdfast.simulation.rollout.advance import BROKEN, OPEN, SINGULAR
+from holdfast.simulation.instant import WORST_CONDITION, Instant, friction_torque, joint_friction
 from holdfast.simulation.rollout.kernel import Systems
+from holdfast.simulation.rollout.traced_step import BROKEN, OPEN, SINGULAR
 from holdfast.simulation.step import Gaps
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """What a system is given from outside at one time.
+
+    Attributes:
+        t: time [s].
+        chain: its bases where they are.
+        inputs: shaped.
+        tau: (n,) torques of the controller; None where they are machine code's.
+        memory: what the controller carries on.
+    """
+
+    t: float
+    chain: ClosedChain
+    inputs: Inputs
+    tau: Array | None
+    memory: Any
 
 
 def state_rows(states: Sequence[State]) -> dict[str, Array]:
@@ -36,29 +55,23 @@ def state_of(systems: Systems, row: int) -> State:
     return state
 
 
-def instant_of(
-    systems: Systems, row: int, t: float, chain: ClosedChain, inputs: Inputs, tau: Array, memory: Any, generic_rank: int
-) -> Instant:
+def instant_of(systems: Systems, row: int, at: Moment, generic_rank: int) -> Instant:
     """Return one system as an instant.
 
     Args:
         systems: after a step, or a step of length zero.
         row: which.
-        t: its time [s].
-        chain: the chain then.
-        inputs: what acts on it then.
-        tau: (n,) torques of the controller.
-        memory: the controller's.
+        at: what the system was given.
         generic_rank: of the grasp constraint.
     """
     x = {name: array[row].copy() for name, array in systems.items()}
-    state, rank = state_of(systems, row), int(x["rank"])
+    tau, memory = (x["drive"], x.get("memory", at.memory)) if at.tau is None else (at.tau, at.memory)
+    chain, state, rank = at.chain, state_of(systems, row), int(x["rank"])
     if rank < chain.constraint_row_count:
         # machine code gives one solution for the forces, the reference the smallest
         net = tau - friction_torque(joint_friction(chain), state.qd)
-        found = forward_dynamics(chain, state, net, inputs=inputs, check=False, generic_rank=generic_rank)
+        found = forward_dynamics(chain, state, net, inputs=at.inputs, check=False, generic_rank=generic_rank)
     else:
-        unknowns = chain.joint_count + 6 + chain.contact_freedom_count
         found = ForwardResult(
             chain,
             x["qdd"],
@@ -67,12 +80,12 @@ def instant_of(
             x.get("contact_acceleration", np.zeros(0)),
             x["base_wrench"],
             rank,
-            unknowns - rank,
+            chain.joint_count + 6 + chain.contact_freedom_count - rank,
             Status.OK,
             float(x["condition"]),
             "sequential",
         )
-    return Instant(t, state, chain, inputs, tau, memory, found, x["slope"][-4:])
+    return Instant(at.t, state, chain, at.inputs, tau, memory, found, x["slope"][-4:])
 
 
 def gaps_of(systems: Systems, row: int) -> Gaps:
@@ -96,3 +109,15 @@ def failure(code: float) -> HoldfastError | None:
     if code == BROKEN:
         return StateError("the step overflows float64, or its inputs are not finite; try a smaller time step")
     return None
+
+
+def refuse(systems: Systems) -> None:
+    """Refuse systems of which one stands still.
+
+    Raises:
+        SingularChainError, ClosureError, StateError: why the first of them does.
+    """
+    for code in systems["code"]:
+        fault = failure(code)
+        if fault is not None:
+            raise fault

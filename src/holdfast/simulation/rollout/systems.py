@@ -1,8 +1,9 @@
-"""Many systems between two steps, and what came of them."""
+"""Many systems between two steps, why each goes on or stands still, and the record of a rollout."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
@@ -13,11 +14,11 @@ from holdfast.errors import FrozenError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout.kernel import Systems
-from holdfast.spatial.frozen import read_only
+from holdfast.spatial.frozen import Frozen, read_only
 from holdfast.spatial.scalar import Array
 
 
-class Fate(Enum):
+class RolloutStatus(Enum):
     """Whether a system goes on, or why it stands still at its last good state."""
 
     RUNNING = "goes on"
@@ -29,8 +30,17 @@ class Fate(Enum):
     LIMITED = "a joint passes a limit of its position, rate or effort within the next step"
 
 
-_ATTRIBUTES = ("chain", "arrays", "begin", "pace", "told", "law")
-_FATES = np.array(list(Fate))
+_ATTRIBUTES = ("chain", "arrays", "begin", "step_length", "call_inputs", "law")
+_STATUSES = np.array(list(RolloutStatus))
+
+
+def _carried(key: str, meaning: str) -> Any:
+    """Return a property of systems: an array that the machine code carries on, without columns where it has none."""
+
+    def read(systems: RolloutSystems) -> Array:
+        return read_only(systems.arrays.get(key, np.zeros((len(systems), 0))))
+
+    return property(read, doc=meaning)
 
 
 class RolloutSystems:
@@ -38,21 +48,48 @@ class RolloutSystems:
 
     Every array has the systems along its first axis; it follows the steps and cannot be written, as what goes with
     a state is found by `Rollout.start`. A system that cannot go on keeps its last good
-    state; its `fate` says why.
+    state; its `status` says why.
 
     Attributes:
         chain: the chain.
         arrays: what the machine code carries on, by name.
         begin: (systems,) when the steps began that are counted now [s].
-        pace: (systems,) their length [s].
-        told: what they were told last, by the machine code's names, (1 or systems, ...) each; it acts until they are
-            told otherwise.
+        step_length: (systems,) their length [s].
+        call_inputs: the arguments of calls so far, by the machine code's names, (1 or systems, ...) each; each acts
+            until a call gives it anew.
         law: the law under which their slopes were found.
     """
 
-    def __init__(self, chain: ClosedChain, arrays: Systems, begin: Array, pace: Array) -> None:
-        self.chain, self.arrays, self.begin, self.pace = chain, arrays, begin, pace
-        self.told: dict[str, Array] = {}
+    q: Array = _carried("q", "(systems, n) joint positions [rad or m].")
+    qd: Array = _carried("qd", "(systems, n) joint rates.")
+    qdd: Array = _carried("qdd", "(systems, n) joint accelerations.")
+    tau: Array = _carried("drive", "(systems, n) torques of the drives [N m or N].")
+    object_pose: Array = _carried("object_pose", "(systems, 7) wxyz_xyz of the object frame.")
+    object_twist: Array = _carried("object_twist", "(systems, 6) [omega; v of C], world axes.")
+    object_acceleration: Array = _carried(
+        "object_acceleration", "(systems, 6) [omega_dot; v_dot of C], true, world axes."
+    )
+    grasp_wrench: Array = _carried(
+        "grasp_wrench",
+        "(systems, arms, 6) [moment; force] of each arm on the object about the contact, world axes; where the forces"
+        " are not unique, one solution.",
+    )
+    memory: Array = _carried("memory", "(systems, m) what the control law carries on.")
+    margin: Array = _carried(
+        "margin",
+        "(systems, grasps) margin of every grasp now [N], see `dynamics.margins`; infinite if nothing limits it.",
+    )
+    worst_margin: Array = _carried(
+        "worst_margin", "(systems, grasps) the least margin at the end of any step so far [N]."
+    )
+    worst_time: Array = _carried("worst_time", "(systems, grasps) when that was [s].")
+    work: Array = _carried(
+        "work", "(systems, 4) work so far of drives, damping and friction, bases, external wrenches [J]."
+    )
+
+    def __init__(self, chain: ClosedChain, arrays: Systems, begin: Array, step_length: Array) -> None:
+        self.chain, self.arrays, self.begin, self.step_length = chain, arrays, begin, step_length
+        self.call_inputs: dict[str, Array] = {}
         self.law: object = None
 
     def __len__(self) -> int:
@@ -73,90 +110,13 @@ class RolloutSystems:
     @property
     def t(self) -> Array:
         """(systems,) time of each [s]: a whole number of steps, so that it does not drift."""
-        return self.begin + self.arrays["count"] * self.pace
-
-    def at_pace(self, step: Array) -> None:
-        """Count steps of another length from now on; (systems,) [s]."""
-        changed = self.pace != step
-        if changed.any():
-            self.begin = np.where(changed, self.t, self.begin)
-            self.arrays["count"][changed] = 0.0
-            self.pace = step
-
-    @property
-    def q(self) -> Array:
-        """(systems, n) joint positions [rad or m]."""
-        return read_only(self.arrays["q"])
-
-    @property
-    def qd(self) -> Array:
-        """(systems, n) joint rates."""
-        return read_only(self.arrays["qd"])
-
-    @property
-    def qdd(self) -> Array:
-        """(systems, n) joint accelerations."""
-        return read_only(self.arrays["qdd"])
-
-    @property
-    def tau(self) -> Array:
-        """(systems, n) torques of the drives [N m or N]."""
-        return read_only(self.arrays["drive"])
-
-    @property
-    def object_pose(self) -> Array:
-        """(systems, 7) wxyz_xyz of the object frame."""
-        return read_only(self.arrays["object_pose"])
-
-    @property
-    def object_twist(self) -> Array:
-        """(systems, 6) [omega; v of C], world axes."""
-        return read_only(self.arrays["object_twist"])
-
-    @property
-    def object_acceleration(self) -> Array:
-        """(systems, 6) [omega_dot; v_dot of C], true, world axes."""
-        return read_only(self.arrays["object_acceleration"])
-
-    @property
-    def grasp_wrench(self) -> Array:
-        """(systems, arms, 6) [moment; force] of each arm on the object about the contact, world axes.
-
-        Where the forces are not unique, one solution.
-        """
-        return read_only(self.arrays["grasp_wrench"])
-
-    @property
-    def memory(self) -> Array:
-        """(systems, m) what the control law carries on."""
-        return self._or_none("memory")
-
-    @property
-    def margin(self) -> Array:
-        """(systems, grasps) margin of every grasp now [N], see `dynamics.margins`; infinite if nothing limits it."""
-        return self._or_none("margin")
+        return self.begin + self.arrays["count"] * self.step_length
 
     @property
     def joint_margin(self) -> Array:
         """(systems, 3, n) of every joint's position, rate and effort, see `joint_margins`; infinite without a limit."""
-        limits = joint_limits(self.chain)
-        found = margins_of_joints(limits, *(self.arrays[name] for name in ("q", "qd", "drive")))
+        found = margins_of_joints(joint_limits(self.chain), *(self.arrays[name] for name in ("q", "qd", "drive")))
         return read_only(np.stack(found, axis=1))
-
-    @property
-    def worst_margin(self) -> Array:
-        """(systems, grasps) the least margin at the end of any step so far [N]."""
-        return self._or_none("worst_margin")
-
-    @property
-    def worst_time(self) -> Array:
-        """(systems, grasps) when that was [s]."""
-        return self._or_none("worst_time")
-
-    @property
-    def work(self) -> Array:
-        """(systems, 4) work so far of drives, damping and friction, bases, external wrenches [J]."""
-        return read_only(self.arrays["work"])
 
     @property
     def gap(self) -> Array:
@@ -169,33 +129,41 @@ class RolloutSystems:
         return read_only(self.arrays["gaps"][:, :2])
 
     @property
-    def fate(self) -> Array:
-        """(systems,) of `Fate`."""
-        return _FATES[self.arrays["code"].astype(int)]
+    def status(self) -> Array:
+        """(systems,) of `RolloutStatus`."""
+        return _STATUSES[self.arrays["code"].astype(int)]
 
     @property
     def running(self) -> Array:
         """(systems,) whether each goes on."""
         return self.arrays["code"] == 0.0
 
-    def tell(self, said: Mapping[str, Array], law: object) -> bool:
-        """Keep what a call says until it is said otherwise; return whether anything may act that did not before.
+    def set_step_length(self, step: Array) -> None:
+        """Count steps of another length from now on; (systems,) [s]."""
+        changed = self.step_length != step
+        if changed.any():
+            self.begin = np.where(changed, self.t, self.begin)
+            self.arrays["count"][changed] = 0.0
+            self.step_length = step
+
+    def keep_inputs(self, given: Mapping[str, Array], law: object) -> bool:
+        """Keep the arguments of a call until they are given anew; return whether anything may act that did not before.
 
         Args:
-            said: arrays by the machine code's names, (1 or systems, ...) each.
+            given: arrays by the machine code's names, (1 or systems, ...) each.
             law: the law that acts.
         """
-        new = {name: np.array(x) for name, x in said.items() if not np.array_equal(x, self.told.get(name, ()))}
+        new = {name: np.array(x) for name, x in given.items() if not np.array_equal(x, self.call_inputs.get(name, ()))}
         changed = bool(new) or self.law is not law
-        self.told, self.law = self.told | new, law
+        self.call_inputs, self.law = self.call_inputs | new, law
         return changed
 
     def copy(self, rows: Any = None) -> RolloutSystems:
         """Return the systems, or some of them by number or truth value, apart from these."""
         which = slice(None) if rows is None else rows
         arrays = {name: x[which].copy() for name, x in self.arrays.items()}
-        made = RolloutSystems(self.chain, arrays, self.begin[which].copy(), self.pace[which].copy())
-        made.told = {name: x if len(x) == 1 else x[which] for name, x in self.told.items()}
+        made = RolloutSystems(self.chain, arrays, self.begin[which].copy(), self.step_length[which].copy())
+        made.call_inputs = {name: x if len(x) == 1 else x[which] for name, x in self.call_inputs.items()}
         made.law = self.law
         return made
 
@@ -203,11 +171,33 @@ class RolloutSystems:
         """Set some systems, by number, to others."""
         for name, x in other.arrays.items():
             self.arrays[name][rows] = x
-        self.begin[rows], self.pace[rows] = other.begin, other.pace
+        self.begin[rows], self.step_length[rows] = other.begin, other.step_length
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is pickled: a law may be a function without a name, and slopes can be found anew."""
         return vars(self) | {"law": None}
 
-    def _or_none(self, name: str) -> Array:
-        return read_only(self.arrays.get(name, np.zeros((len(self), 0))))
+
+@dataclass(frozen=True, eq=False)
+class RolloutRecord(Frozen):
+    """Systems at the recorded times; the first axis of every array is the time, the second the system.
+
+    Attributes:
+        t: (records,) [s].
+        arrays: what was asked for, by name, (records, systems, ...); of a system that stands still,
+            its last good state.
+        systems: at the end.
+        stopped: (systems,) when each stopped [s], infinite if it did not; the instant of a slip
+            is refined within its step.
+    """
+
+    t: Array
+    arrays: Mapping[str, Array]
+    systems: RolloutSystems
+    stopped: Array
+
+    def __getitem__(self, name: str) -> Array:
+        """Return a recorded array."""
+        if name not in self.arrays:
+            raise KeyError(f"'{name}' was not recorded.{checks.did_you_mean(name, self.arrays)}")
+        return self.arrays[name]

@@ -10,9 +10,9 @@ import pytest
 
 from holdfast import (
     ControlLaw,
-    Fate,
     Friction,
     Rollout,
+    RolloutStatus,
     RolloutSystems,
     SingularChainError,
     State,
@@ -20,9 +20,9 @@ from holdfast import (
     compile_rollout,
     grasp_margins,
 )
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.runge_kutta import RK4
 from holdfast.simulation.stepper import ReferenceStepper
-from holdfast.simulation.world import World
 from tests.compiler.programs import same_bits
 from tests.simulation.gantries import squeezed
 from tests.simulation.rollout.problems import arrays, elsewhere, problem, state_of, swinging
@@ -44,7 +44,7 @@ def gantries() -> tuple[Rollout, State]:
         up = given["rate"][()] * t
         return np.array([SQUEEZE, 0.0, up, -SQUEEZE, 0.0, up]), memory
 
-    return compile_rollout(chain, ControlLaw(torque, parameters={"rate": ()})), state
+    return compile_rollout(chain, ControlLaw(torque, parameters={"rate": ()}), scheme="midpoint"), state
 
 
 def slip_time(rate: np.ndarray) -> np.ndarray:
@@ -56,7 +56,7 @@ def slip_time(rate: np.ndarray) -> np.ndarray:
 
 
 def given(rate: np.ndarray) -> dict[str, np.ndarray]:
-    """Return what the gantries are told: how fast the force grows [N/s], and the twisting moment."""
+    """Return the parameters of the law: how fast the force grows [N/s], and the twisting moment."""
     return {"rate": rate, "object_wrench": np.array([TWIST, 0.0, 0.0, 0.0, 0.0, 0.0])}
 
 
@@ -65,11 +65,13 @@ def test_slip():
     rollout, state = gantries()
     rate = np.array([400.0, 0.0, 600.0, 20.0, 999.0, 100.0, 10.0, 0.0, 5.0, 700.0])
     systems = rollout.start(**{name: np.tile(x, (10, 1)) for name, x in arrays(state).items()}, **given(rate))
-    record = rollout.run(systems, 0.2, STEP, every=7, record=("q", "margin", "fate"), least_margin=0.0, **given(rate))
+    record = rollout.run(systems, 0.2, STEP, every=7, record=("q", "margin", "status"), least_margin=0.0, **given(rate))
     slips = rate >= 400.0
     with np.errstate(divide="ignore"):
         expected = np.where(slips, slip_time(rate), np.inf)
-    assert np.array_equal(record.systems.fate == Fate.SLIPPED, slips) and np.array_equal(record.systems.running, ~slips)
+    assert np.array_equal(record.systems.status == RolloutStatus.SLIPPED, slips) and np.array_equal(
+        record.systems.running, ~slips
+    )
     assert np.abs(record.stopped[slips] - expected[slips]).max() <= 1e-9
     assert np.isinf(record.stopped[~slips]).all()
     last = np.floor(expected[slips] / STEP)
@@ -91,7 +93,7 @@ def test_margins():
     limited = replace(rollout.chain.grasps["right"], wrench_limits=WrenchLimits(moment=2.0, force=45.0))
     chain = replace(rollout.chain, grasps=rollout.chain.grasps | {"right": limited})
     rate = np.array([400.0])
-    for each in (rollout, compile_rollout(chain, rollout.law)):
+    for each in (rollout, compile_rollout(chain, rollout.law, scheme="midpoint")):
         systems = each.start(**arrays(state), **given(rate))
         least = systems.margin[0].copy()
         for _ in range(5):
@@ -107,7 +109,7 @@ def test_margins():
     (name,) = free.chain.grasps
     weak = replace(free.chain.grasps[name], wrench_limits=WrenchLimits(force=50.0))
     chain = replace(free.chain, grasps={name: weak})
-    systems = compile_rollout(chain, free.law).start(**arrays(problem("one")[1]))
+    systems = compile_rollout(chain, free.law, scheme="midpoint").start(**arrays(problem("one")[1]))
     expected = grasp_margins(chain, state_of(systems, 0), systems.grasp_wrench[0])
     assert np.isfinite(expected).all() and np.abs(systems.margin[0] - expected).max() <= 1e-11
 
@@ -130,14 +132,14 @@ def test_singular_at_a_steps_end_or_inside():
     given = cranks(7 * 7e-3, 7.5 * 7e-3, 0.5)
     systems = rollout.start(**given, tau=tau)
     rollout.step(systems, 1e-2, steps=12, tau=tau)
-    assert list(systems.fate) == [Fate.SINGULAR, Fate.SINGULAR, Fate.RUNNING]
+    assert list(systems.status) == [RolloutStatus.SINGULAR, RolloutStatus.SINGULAR, RolloutStatus.RUNNING]
     assert np.allclose(systems.t, [0.06, 0.07, 0.12], atol=1e-12)
     assert np.allclose(systems.q[:2, 0], [7e-3, 3.5e-3], atol=1e-12)
     alone = rollout.step(rollout.start(**{k: x[2] for k, x in given.items()}, tau=tau), 1e-2, steps=12, tau=tau)
     assert all(same_bits(x[0], systems.arrays[name][2]) for name, x in alone.arrays.items())
     for row in (0, 1):
         at = state_of(systems, row)
-        reference = ReferenceStepper(World(rollout.chain), lambda t, x, m: (tau, m), 9, RK4)
+        reference = ReferenceStepper(Environment(rollout.chain), lambda t, x, m: (tau, m), 9, RK4)
         now, _ = reference.start(0.0, at, None)
         assert isinstance(reference.advance(now, [1e-2])[0].failure, SingularChainError)
 
@@ -150,9 +152,9 @@ def test_singular_at_the_start(first):
     systems = rollout.start(**cranks(*angles), tau=np.zeros(4))
     assert rollout.generic_rank == 9
     assert list(systems.running) == [angle > 0.0 for angle in angles]
-    assert systems.fate[angles.index(0.0)] is Fate.SINGULAR
+    assert systems.status[angles.index(0.0)] is RolloutStatus.SINGULAR
     alone = compile_rollout(parallelogram().chain).start(**cranks(0.0), tau=np.zeros(4))
-    assert list(alone.fate) == [Fate.SINGULAR]
+    assert list(alone.status) == [RolloutStatus.SINGULAR]
 
 
 def test_too_long_a_step():
@@ -161,14 +163,14 @@ def test_too_long_a_step():
     systems = rollout.start(**elsewhere(rollout.chain, state, 3))
     begun = systems.copy()
     rollout.step(systems, np.array([1e-3, 0.5, 1e-3]))
-    assert list(systems.fate) == [Fate.RUNNING, Fate.OPEN, Fate.RUNNING]
+    assert list(systems.status) == [RolloutStatus.RUNNING, RolloutStatus.OPEN, RolloutStatus.RUNNING]
     assert np.allclose(systems.t, [1e-3, 0.0, 1e-3], atol=0.0)
     assert same_bits(systems.q[1], begun.q[1]) and same_bits(systems.qdd[1], begun.qdd[1])
     short = rollout.step(begun.copy(), 1e-3)
     assert same_bits(systems.q[[0, 2]], short.q[[0, 2]])
     far = elsewhere(rollout.chain, state, 2)
     far["object_pose"][1, 4] += 0.5
-    assert list(rollout.start(**far).fate) == [Fate.RUNNING, Fate.OPEN]
+    assert list(rollout.start(**far).status) == [RolloutStatus.RUNNING, RolloutStatus.OPEN]
 
 
 def broken(rows: dict[str, tuple[int, int, float]]) -> tuple[RolloutSystems, RolloutSystems]:
@@ -189,7 +191,7 @@ def test_bad_numbers():
     ):
         dirty, clean = broken(rows)
         bad = np.isin(np.arange(12), [row for row, _, _ in rows.values()])
-        assert all((fate is Fate.BROKEN) == wrong for fate, wrong in zip(dirty.fate, bad, strict=True))
+        assert all((status is RolloutStatus.BROKEN) == wrong for status, wrong in zip(dirty.status, bad, strict=True))
         assert clean.running.all()
         assert not dirty.qdd[bad].any() and not dirty.t[bad].any()
         for name, x in clean.arrays.items():
@@ -201,7 +203,7 @@ def test_quaternion_of_no_length():
     rollout, (_, state) = swinging("legs"), problem("legs")
     given = elsewhere(rollout.chain, state, 2)
     given["object_pose"][0, :4] = 0.0
-    assert list(rollout.start(**given).fate) == [Fate.BROKEN, Fate.RUNNING]
+    assert list(rollout.start(**given).status) == [RolloutStatus.BROKEN, RolloutStatus.RUNNING]
 
 
 def test_torques_that_are_no_numbers():
@@ -210,10 +212,10 @@ def test_torques_that_are_no_numbers():
     systems = rollout.start(**cranks(0.3, 0.4), tau=np.zeros(4))
     begun = systems.copy()
     rollout.step(systems, STEP, tau=np.array([[np.nan, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]]))
-    assert list(systems.fate) == [Fate.BROKEN, Fate.RUNNING]
+    assert list(systems.status) == [RolloutStatus.BROKEN, RolloutStatus.RUNNING]
     assert same_bits(systems.q[0], begun.q[0]) and systems.t[0] == 0.0
     rollout.step(systems, STEP, tau=np.zeros(4))  # too late
-    assert list(systems.fate) == [Fate.BROKEN, Fate.RUNNING]
+    assert list(systems.status) == [RolloutStatus.BROKEN, RolloutStatus.RUNNING]
 
 
 @pytest.mark.parametrize("scheme", ["rk4", "midpoint"])
@@ -227,15 +229,15 @@ def test_feedback_that_blows_up_is_no_slip(scheme):
 
     rollout = compile_rollout(chain, ControlLaw(torque, parameters={"gain": (), "up": ()}), scheme=scheme)
     ratio = np.array([0.0, 1.0, 4.0, 10.7, 30.0, 1e3, 1e5, 0.0, 0.01])
-    told = {"gain": ratio * 2.0 / STEP, "up": np.array([40.0] * 7 + [1000.0] * 2)}
-    systems = rollout.start(**{name: np.tile(x, (9, 1)) for name, x in arrays(state).items()}, **told)
-    record = rollout.run(systems, 60 * STEP, STEP, least_margin=0.0, **told)
-    expected = [Fate.RUNNING] * 2 + [Fate.TOO_LONG] * 5
-    assert list(record.systems.fate[:7]) == expected
-    assert (record.systems.fate[7:] == Fate.SLIPPED).all()
+    gains = {"gain": ratio * 2.0 / STEP, "up": np.array([40.0] * 7 + [1000.0] * 2)}
+    systems = rollout.start(**{name: np.tile(x, (9, 1)) for name, x in arrays(state).items()}, **gains)
+    record = rollout.run(systems, 60 * STEP, STEP, least_margin=0.0, **gains)
+    expected = [RolloutStatus.RUNNING] * 2 + [RolloutStatus.TOO_LONG] * 5
+    assert list(record.systems.status[:7]) == expected
+    assert (record.systems.status[7:] == RolloutStatus.SLIPPED).all()
     expected_times = [0.03, -np.log(0.7) / 10.0]  # a' + gain/2 a = 500 m/s^3
     assert record.stopped[7:] == pytest.approx(expected_times, rel=1e-6 if scheme == "rk4" else 1e-4)
     assert np.array_equal(record.stopped[2:7], record.systems.t[2:7]) and np.isinf(record.stopped[:2]).all()
     assert np.isfinite(record.systems.qd).all() and (record.systems.margin >= 0.0).all()
-    again = rollout.step(record.systems.copy(), STEP, least_margin=0.0, **told)
-    assert list(again.fate[2:7]) == expected[2:] and same_bits(again.q[2:7], record.systems.q[2:7])
+    again = rollout.step(record.systems.copy(), STEP, least_margin=0.0, **gains)
+    assert list(again.status[2:7]) == expected[2:] and same_bits(again.q[2:7], record.systems.q[2:7])

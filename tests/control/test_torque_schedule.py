@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from holdfast import ModelError, State
-from holdfast.simulation.schedule import TorqueSchedule
+from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.simulation.simulate import simulate
 from tests.simulation.gantries import LINK, squeezed
 

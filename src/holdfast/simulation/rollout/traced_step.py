@@ -1,7 +1,7 @@
 """A time step of many systems, as the reference takes it, and whether it is accepted.
 
 state at each stage of the scheme -> control -> forward dynamics -> slope; the end of the step -> projection
--> control -> forward dynamics -> slope (the next step's first) -> margins -> verdict
+-> control -> forward dynamics -> slope (the next step's first) -> margins -> why a system stops, if it does
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from holdfast.compiled.forward_schedule import SolutionWithStatus, solve_with_st
 from holdfast.compiled.structure import Structure
 from holdfast.compiled.traced_chain import Given, framed, traced_chain, traced_inputs
 from holdfast.compiler.schedule import FIRST_BAD
+from holdfast.control.controller import ControlLaw
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.energy import power_of
 from holdfast.dynamics.margins import (
@@ -29,14 +30,11 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp_kinds import GRASP_KINDS
 from holdfast.model.wrench_condition import largest_force_and_moment
 from holdfast.simulation.balance import work_rates
-from holdfast.simulation.friction import friction_torque, joint_friction
-from holdfast.simulation.instant import WORST_CONDITION, rates
-from holdfast.simulation.rollout.law import ControlLaw
-from holdfast.simulation.rollout.law_text import asked
-from holdfast.simulation.rollout.traced_motion import Motions, sound
+from holdfast.simulation.environment import Environment
+from holdfast.simulation.instant import WORST_CONDITION, friction_torque, joint_friction, rates
+from holdfast.simulation.rollout.user_functions import Motions, checked_motion, law_outputs
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import Arrival, Question, Stage, answered, take_step
-from holdfast.simulation.world import World
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each, maximum, minimum, select, where
 from holdfast.spatial.spatial_vector import unrotate
 from holdfast.state import State
@@ -45,7 +43,7 @@ from holdfast.state import State
 RUNNING, SLIPPED, SINGULAR, OPEN, BROKEN, TOO_LONG, LIMITED = range(7)
 
 # What is known of a system at the end of a step.
-KEPT = (
+STEP_RESULTS = (
     "q",
     "qd",
     "object_pose",
@@ -93,7 +91,7 @@ class TracedSystem:
     Attributes:
         real: the chain as the caller has it.
         given: the caller's arrays.
-        world: its chain, parameters in place, and what acts on it.
+        environment: its chain, parameters in place, and what acts on it.
         law: its law.
         worst: (2,) the worst condition and status of any evaluation so far.
     """
@@ -101,8 +99,8 @@ class TracedSystem:
     def __init__(self, structure: Structure, law: ControlLaw, motions: Motions, given: Given) -> None:
         self.real, self.law, self.given = structure.chain, law, given
         chain = traced_chain(structure, given)
-        moving = {name: sound(name, motion) for name, motion in motions.items()}
-        self.world = World(chain, moving, traced_inputs(chain, given))
+        moving = {name: checked_motion(name, motion) for name, motion in motions.items()}
+        self.environment = Environment(chain, moving, traced_inputs(chain, given))
         self.route: Route = structure.options.route
         self.friction = joint_friction(structure.chain)
         self.worst = np.zeros(2)
@@ -123,9 +121,9 @@ class TracedSystem:
 
     def evaluate(self, t: Scalar, state: State, memory: Array) -> Evaluation:
         """Return torques, then forward dynamics and the power."""
-        drive, kept = asked(self.law, self.real, t, state, memory, self.given)
+        drive, kept = law_outputs(self.law, self.real, t, state, memory, self.given)
         lost = friction_torque(self.friction, state.qd)
-        chain, inputs = self.world.at(t)
+        chain, inputs = self.environment.at(t)
         found = solve_with_status(chain, framed(state), drive - lost, inputs, self.given["generic_rank"], self.route)
         power = work_rates(power_of(chain, state, drive, found.whole.base_wrench, inputs), lost, state.qd)
         self.worst = maximum(self.worst, array([found.condition, found.status]))
@@ -141,7 +139,7 @@ class TracedSystem:
         at = State(at.q, at.qd, select(held, self.last("object_pose"), at.object_pose), at.object_twist)
         if isinstance(question, Stage):
             return self.evaluate(t, at, self.last("memory")).slope(question.turn)
-        chain, inputs = self.world.at(t)
+        chain, inputs = self.environment.at(t)
         closed = after_step(chain, at, inputs)
         end = State(*(select(held, getattr(at, name), getattr(closed, name)) for name in STATE))
         return end, [largest_gaps(chain, one, inputs) for one in (at, end)]
@@ -156,14 +154,14 @@ def step(structure: Structure, law: ControlLaw, motions: Motions, tableau: Table
     end, found = now.state, now.found
     kept = {name: getattr(end, name) for name in STATE} | {
         "slope": now.slope(np.zeros(3)),
-        **{name: getattr(found.whole, name) for name in KEPT if hasattr(found.whole, name)},
+        **{name: getattr(found.whole, name) for name in STEP_RESULTS if hasattr(found.whole, name)},
         "drive": now.drive,
         "memory": now.memory,
         "rank": array(found.rank),
         "condition": array(found.condition),
         "margin": grasp_margins(system.real, given, end.object_frame.R, found.whole.grasp_wrench),
     }
-    code = status_of_rank(system, kept, system.worst, drift, gaps)
+    code = stop_code(system, kept, system.worst, drift, gaps)
     return carried(system, kept, code, work, times[-1], concatenate([drift, gaps]))
 
 
@@ -198,7 +196,7 @@ def contact_margin(kind: str, contact: Array, f: Array) -> Scalar:
     return minimum(strength, where(one_sided > 0.5, pressed, float("inf")))
 
 
-def status_of_rank(system: TracedSystem, kept: Mapping[str, Array], worst: Array, drift: Gap, gaps: Gap) -> Scalar:
+def stop_code(system: TracedSystem, kept: Mapping[str, Array], worst: Array, drift: Gap, gaps: Gap) -> Scalar:
     """Return why a system stands still after the step, as numbered above.
 
     Args:
@@ -209,7 +207,7 @@ def status_of_rank(system: TracedSystem, kept: Mapping[str, Array], worst: Array
         gaps: and left.
     """
     given, margins = system.given, list(kept["margin"])
-    # x - x, which tells as much, is folded to zero
+    # x - x, which would do as well, is folded to zero
     total = sum(sum(abs(entry) for entry in x.flat) for name, x in kept.items() if name != "margin")
     least = reduce(minimum, margins) if margins else float("inf")
     of_joints = margins_of_joints(JointLimits(*given["limits"]), kept["q"], kept["qd"], kept["drive"])

@@ -17,20 +17,49 @@ from holdfast.spatial.frozen import Frozen, FrozenDict
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.state import State
 
+# (t, state, memory) -> (torques (n,), memory): a pure function, memory None at the start
+Controller = Callable[[float, State, Any], tuple[ArrayLike, Any]]
+# (t, state, memory, parameters) -> (torques (n,), memory), traced
 Torque = Callable[[Scalar, State, Array, Mapping[str, Array]], tuple[ArrayLike, ArrayLike]]
+
+
+def require_controller(controller: Any) -> None:
+    """Refuse what cannot be asked for torques.
+
+    Raises:
+        ModelError: it is no function.
+    """
+    if not callable(controller):
+        raise ModelError(
+            "controller: expected a function (t, state, memory) -> (torques, memory), got"
+            f" {type(controller).__name__}; try lambda t, state, memory: (tau, memory), or a TorqueSchedule"
+        )
+
+
+def torques_and_memory(found: Any) -> tuple[Any, Any]:
+    """Return the torques and the memory that a controller returned.
+
+    Raises:
+        StateError: it returned something else.
+    """
+    if not isinstance(found, tuple) or len(found) != 2:
+        got = f"an array of shape {found.shape}" if isinstance(found, np.ndarray) else f"a {type(found).__name__}"
+        got = f"{len(found)} things" if isinstance(found, tuple) else got
+        raise StateError(f"controller: expected it to return torques and memory, got {got}; try `return tau, memory`")
+    return found
 
 
 @dataclass(frozen=True, eq=False)
 class ControlLaw(Frozen):
-    """A controller in the words of `spatial.scalar`: no `if` on a value, no writing into arrays.
+    """A controller that can be traced, written with `spatial.scalar`: no `if` on a value, no writing into arrays.
 
     Attributes:
         torque: (t, state, memory, parameters) -> (torques (n,), memory); called once, with traced
             numbers in all of them.
         memory: (m,) what it carries on, at the start; a step moves it on once, at the step's start.
-        parameters: shapes of what it is told from outside, per system or for all: gains, targets,
+        parameters: shapes of what it is given from outside, per system or for all: gains, targets,
             an action.
-        key: stands for the law's text on disk; the text of its machine code does if it is empty.
+        key: names the law in the cache on disk; if it is empty, the traced machine code does.
 
     Raises:
         ModelError: memory that is no array of numbers, or a parameter without a shape.
@@ -60,21 +89,21 @@ class ControlLaw(Frozen):
         """Return the torques on floats, as any controller does: (t, state, memory) -> (torques, memory).
 
         Raises:
-            StateError: the law has parameters, which a controller is not told.
+            StateError: the law has parameters, which a controller is not given.
         """
         self.require_no_parameters()
         tau, kept = self.torque(t, state, self.memory if memory is None else memory, {})
         return np.asarray(tau), kept
 
     def require_no_parameters(self) -> None:
-        """Refuse to be a controller, which is told nothing.
+        """Refuse to be a controller, which has no parameters.
 
         Raises:
             StateError: the law has parameters.
         """
         if self.parameters:
             raise StateError(
-                f"controller: the law is told {', '.join(self.parameters)}, which only a rollout can do; try"
+                f"controller: the law takes {', '.join(self.parameters)}, which only a rollout can give; try"
                 " holdfast.compile_rollout"
             )
 

@@ -21,7 +21,7 @@ BaseMotion = Callable[[Any], tuple[Any, ArrayLike, ArrayLike]]
 
 
 @dataclass(frozen=True, eq=False)
-class World:
+class Environment:
     """A chain with everything that acts on it from outside.
 
     Attributes:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from holdfast.control.controller import Controller, require_controller, torques_and_memory
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.instant import Controller, answer, require_controller
 from holdfast.spatial.converted import ArrayField, Converted
 from holdfast.spatial.frozen import Frozen, frozen_property, read_only
 from holdfast.spatial.scalar import Array
@@ -78,7 +78,7 @@ class TorqueSchedule(Frozen):
 
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
         """Return the torques (n,) [N m or N]; the memory is the other controller's."""
-        found, memory = (0.0, memory) if self.beside is None else answer(self.beside(t, state, memory))
+        found, memory = (0.0, memory) if self.beside is None else torques_and_memory(self.beside(t, state, memory))
         others = np.asarray(found)
         piece = int(np.searchsorted(self.knots, t, side="right")) - 1
         if piece < 0:

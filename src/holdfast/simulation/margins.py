@@ -1,0 +1,230 @@
+"""The margins of a run: what can be violated, what is done about it, and which margins are violated since when.
+
+All margins of an instant are one array of signals, whatever the grasps at the time: the grasps by
+arm [N], then by joint the margins of position [rad or m], rate [rad/s or m/s] and effort [N m or N].
+Where nothing limits, a margin is infinite; a negative margin is a violation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal, Self, get_args
+
+import numpy as np
+
+from holdfast.dynamics.margin_range import margin_range
+from holdfast.dynamics.margins import conditions, grasp_margins, joint_limits, joint_margins
+from holdfast.dynamics.result import Status
+from holdfast.errors import ModelError
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp import Grasp
+from holdfast.simulation.bracket import crossing
+from holdfast.simulation.instant import Instant
+from holdfast.simulation.trajectory import Occurrence
+from holdfast.simulation.verification import CROSSING, MarginCurves, StepMargins
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import unrotate
+
+Quantity = Literal["grasp", "position", "rate", "effort"]
+JOINT_QUANTITIES: tuple[Quantity, ...] = ("position", "rate", "effort")
+SAME = 1e-9  # of the wrench: margins nearer than this reach zero together
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """The margins of a chain, by place in the array.
+
+    Attributes:
+        chain: with the grasps of the time.
+    """
+
+    chain: ClosedChain
+
+    def __len__(self) -> int:
+        return len(self.chain.arms) + 3 * self.chain.joint_count
+
+    @cached_property
+    def names(self) -> list[str]:
+        """Arms, then three times the joints as 'arm/joint'."""
+        return [*self.chain.names, *3 * self.chain.joint_names()]
+
+    @cached_property
+    def quantities(self) -> list[Quantity]:
+        """What each margin is of."""
+        n = self.chain.joint_count
+        grasps: list[Quantity] = ["grasp"] * len(self.chain.arms)
+        return grasps + [quantity for quantity in JOINT_QUANTITIES for _ in range(n)]
+
+    @cached_property
+    def limited(self) -> Array:
+        """Which of them something limits, as indices: what has to be looked at."""
+        chain = self.chain
+        grasps = [name in chain.grasps and bool(conditions(chain.grasps[name])) for name in chain.names]
+        return np.flatnonzero(np.array([*grasps, *joint_limits(chain).limited.flat]))
+
+    def of(self, at: Instant) -> Array:
+        """Return all margins at an instant, (arms + 3 n,).
+
+        Where the grasp forces are not unique, one is a violation only if no internal force holds every
+        grasp: negative then, in place of what the smallest forces give (`margin_range`, a tenth of a second).
+        """
+        given = grasp_margins(at.chain, at.state, at.result.grasp_wrench)
+        if at.result.status is Status.INDETERMINATE_FORCES and (given < 0).any():
+            given = np.where(given < 0, margin_range(at.chain, at.state, at.result).together, given)
+        return np.concatenate([by_arm(self.chain, given), *joint_margins(at.chain, at.state, at.tau)])
+
+    def description(self, at: Instant, signal: int) -> str:
+        """Return what happens where a margin reaches zero."""
+        name, quantity = self.names[signal], self.quantities[signal]
+        if quantity != "grasp":
+            return f"joint '{name}' reaches its {quantity} limit"
+        grasp = self.chain.grasps[name]
+        wrench = unrotate(at.state.object_frame.R @ grasp.frame.R, at.result.grasp_wrench[signal])
+        return f"grasp '{name}' {giving_way(grasp, wrench)}"
+
+
+def by_arm(chain: ClosedChain, margins: Array) -> Array:
+    """Return the margins of the grasps by arm, (arms,); infinite where an arm holds nothing."""
+    found = np.full(len(chain.arms), np.inf)
+    found[[chain.names.index(name) for name in chain.grasps]] = margins
+    return found
+
+
+def giving_way(grasp: Grasp, wrench: Array) -> str:
+    """Return how a grasp gives way under a contact-axes wrench (6,) that it cannot hold."""
+    must = conditions(grasp)
+    margins = [condition.margin(wrench) for condition in must]
+    least = min(margins)
+    if grasp.contact is not None and margins[1] <= least + SAME * float(np.abs(wrench).max()):
+        return "lifts off"  # without a pressing force the others vanish with it
+    return must[margins.index(least)].broken
+
+
+OnSlip = Literal["stop", "record", "release"]
+OnLimit = Literal["record", "stop"]
+
+
+@dataclass(frozen=True)
+class Policy:
+    """What is done about violations.
+
+    Attributes:
+        on_slip: about a grasp that cannot hold: "stop" the run there; "record" it and go on as if it
+            held; "release" it: the grasp opens and the arm goes on free.
+        on_limit: about a joint beyond a limit: "record" or "stop".
+    """
+
+    on_slip: OnSlip = "stop"
+    on_limit: OnLimit = "record"
+
+    def __post_init__(self) -> None:
+        for name, known in (("on_slip", get_args(OnSlip)), ("on_limit", get_args(OnLimit))):
+            given = getattr(self, name)
+            if given not in known:
+                raise ModelError(
+                    f"simulation: {name}: expected one of {', '.join(known)}, got {given!r}."
+                    + checks.did_you_mean(str(given), known)
+                )
+
+    def acting(self, signals: Signals) -> Array:
+        """Return which limited signals end the step where they become negative, as indices."""
+        acts = {"grasp": self.on_slip != "record"}
+        return np.array(
+            [i for i in signals.limited if acts.get(signals.quantities[i], self.on_limit == "stop")], dtype=int
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ViolationTracker:
+    """Margins over a run so far; in every array the signals of `Signals`.
+
+    Attributes:
+        lowest: the lowest margin so far; infinite where nothing limits.
+        since: when the present violation began [s]; infinite where there is none.
+        depth: the lowest margin of the present violation; infinite where there is none.
+        depth_time: when that was [s].
+    """
+
+    lowest: Array
+    since: Array
+    depth: Array
+    depth_time: Array
+
+    @classmethod
+    def blank(cls, signals: int) -> Self:
+        """Return the tracker of a run that has not begun."""
+        return cls(*(np.full(signals, np.inf) for _ in range(4)))
+
+    def at(self, t: float, margins: Array, signals: Signals, now: Instant) -> tuple[Self, list[Occurrence]]:
+        """Return the tracker after an instant that no step led to, and what it reports.
+
+        Args:
+            t: time [s].
+            margins: (signals,) then.
+            signals: of the chain then.
+            now: the instant.
+        """
+        here = np.array([t]), margins[None]
+        return self._followed([(i, *here) for i in signals.limited], signals, lambda _, i: signals.description(now, i))
+
+    def after(self, found: StepMargins, curves: MarginCurves, signals: Signals) -> tuple[Self, list[Occurrence]]:
+        """Return the tracker after a step, and what happened in it, zeros refined."""
+        if not (found.margins < 0.0).any() and np.isinf(self.since).all():
+            return replace(self, lowest=np.minimum(self.lowest, found.margins.min(axis=0))), []
+        entries = []
+        for i in signals.limited:
+            entries.append((i, *self._with_zeros(int(i), found, curves)))
+        return self._followed(entries, signals, lambda t, i: _description(curves, signals, t, i))
+
+    def without(self, signal: int) -> Self:
+        """Return the tracker when nothing limits a signal any more."""
+        kept = {name: getattr(self, name).copy() for name in ("since", "depth", "depth_time")}
+        for array in kept.values():
+            array[signal] = np.inf
+        return replace(self, **kept)
+
+    def _with_zeros(self, i: int, found: StepMargins, curves: MarginCurves) -> tuple[Array, Array]:
+        """Return times and margins of a signal through a step, changes of sign narrowed down."""
+        m = found.margins[:, i]
+        # what lies before the start is of the last step, unless a dip shows there only now
+        first = found.start if (m[0] < 0.0) != (m[found.start] < 0.0) else 0
+        times, m = found.times[first:], m[first:]
+        for k in np.flatnonzero(np.diff(m < 0.0)):
+            ends = float(times[k]), float(m[k]), float(times[k + 1]), float(m[k + 1])
+            crossing(curves.signal(i), *ends, CROSSING)
+        looked, margins = curves.table()
+        inside = (looked >= times[0]) & (looked <= times[-1])
+        return looked[inside], margins[inside]
+
+    def _followed(
+        self, entries: list[tuple[int, Array, Array]], signals: Signals, describe: Callable[[float, int], str]
+    ) -> tuple[Self, list[Occurrence]]:
+        """Return the tracker after signals were followed through times and margins."""
+        lowest, since, depth, when = (getattr(self, f).copy() for f in ("lowest", "since", "depth", "depth_time"))
+        happened = []
+        for i, times, margins in entries:
+            name, quantity = signals.names[i], signals.quantities[i]
+            for t, m in zip(times.tolist(), margins[:, i].tolist(), strict=True):
+                lowest[i] = min(lowest[i], m)
+                if m < 0.0 and np.isinf(since[i]):
+                    since[i] = t
+                    happened.append(Occurrence(t, "violation", name, describe(t, i), quantity))
+                elif m >= 0.0 and np.isfinite(since[i]):
+                    past = f"within limits again after {t - since[i]:.3g} s, at worst {depth[i]:.4g}"
+                    lowest_at = float(depth[i]), float(when[i])
+                    happened.append(Occurrence(t, "recovery", name, past, quantity, *lowest_at))
+                    since[i] = depth[i] = when[i] = np.inf
+                if m < min(depth[i], 0.0):
+                    depth[i], when[i] = m, t
+        happened.sort(key=lambda one: one.t)
+        return replace(self, lowest=lowest, since=since, depth=depth, depth_time=when), happened
+
+
+def _description(curves: MarginCurves, signals: Signals, t: float, i: int) -> str:
+    reached = curves.advances.get(t)
+    if reached is None or reached.instant is None:  # in the step before
+        return f"{signals.quantities[i]} margin of '{signals.names[i]}' is negative"
+    return signals.description(reached.instant, i)

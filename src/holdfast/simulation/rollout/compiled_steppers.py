@@ -1,0 +1,306 @@
+"""The steppers of `simulate` whose steps are machine code, and which stepper a run gets.
+
+Where the controller and the base motions are part of the machine code, a whole step is one call (`FusedStepper`), and
+several ends cost about as much as one. Elsewhere dynamics, projection and a traced law are machine code, and the
+environment or the controller is asked from Python at every stage (`StagewiseStepper`), by steps of any scheme.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from holdfast.compiled.structure import Options
+from holdfast.compiler.errors import CompileError
+from holdfast.control.controller import ControlLaw, Controller, held_torques, torques_and_memory
+from holdfast.errors import HoldfastError, MethodNotApplicable, StateError
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.fingerprint import exact_fingerprint
+from holdfast.simulation.adaptive import Tolerance
+from holdfast.simulation.environment import Environment
+from holdfast.simulation.instant import Instant
+from holdfast.simulation.margins import Signals
+from holdfast.simulation.rollout.kernel import StepKernel, Systems
+from holdfast.simulation.rollout.rows import Moment, failure, gaps_of, instant_of, refuse, state_of, state_rows
+from holdfast.simulation.rollout.user_functions import law_program
+from holdfast.simulation.runge_kutta import EULER, Tableau, rotation_vector_rate
+from holdfast.simulation.step import Closing, Gaps, Question, Stage, answered_together, course_of
+from holdfast.simulation.stepper import NO_GAPS, Advance, ReferenceStepper, Stepper
+from holdfast.spatial.scalar import Array
+from holdfast.state import Inputs, State
+
+WORTH_COMPILING = 45  # steps: fewer are taken by the reference in the time that compiling takes
+LOOKED_AT = 16  # steps that the looks inside one come to, where something is limited
+
+
+@dataclass(frozen=True, eq=False)
+class FusedStepper:
+    """Steps of a chain under a control law, base motions traceable, external wrenches constant; see `Stepper`.
+
+    Attributes:
+        environment: the chain and what acts on it.
+        kernel: its step.
+        scheme: the Runge-Kutta scheme of its steps; it estimates no errors.
+        generic_rank: rank of the constraint away from singular configurations.
+    """
+
+    environment: Environment
+    kernel: StepKernel
+    scheme: Tableau
+    generic_rank: int
+
+    @classmethod
+    def of(cls, environment: Environment, law: ControlLaw, scheme: Tableau, generic_rank: int) -> FusedStepper:
+        """Return the stepper of a law."""
+        kernel = StepKernel(environment.chain, law, scheme, generic_rank, motions=environment.base_motion, quick=True)
+        return cls(environment, kernel, scheme, generic_rank)
+
+    def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
+        """Return the chain at a given state, projected onto the grasps; see `Stepper`."""
+        return self._at(t, state, memory, held=False)
+
+    def evaluate(self, t: float, state: State, memory: Any) -> Instant:
+        """Return the chain at a given state, taken as it is."""
+        return self._at(t, state, memory, held=True)[0]
+
+    def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
+        """Return where one step leads; see `Stepper`."""
+        systems = self.kernel.systems(state_rows([now.state] * len(ends)), now.memory)
+        systems["slope"][...] = now.rates(np.zeros(3))
+        self._run(systems, now.t, np.array(ends) - now.t, held=False)
+        return [self._advance(systems, row, end, now.memory) for row, end in enumerate(ends)]
+
+    def _advance(self, systems: Systems, row: int, end: float, memory: Any) -> Advance:
+        fault = failure(systems["code"][row])
+        if fault is not None:
+            return Advance(end, None, NO_GAPS, np.zeros(4), failure=fault)
+        instant = self._instant(systems, row, end, memory)
+        return Advance(end, instant, gaps_of(systems, row), systems["work"][row].copy())
+
+    def _at(self, t: float, state: State, memory: Any, held: bool) -> tuple[Instant, Gaps]:
+        systems = self.kernel.systems(state_rows([state]), memory)
+        self._run(systems, t, np.zeros(1), held)
+        refuse(systems)
+        return self._instant(systems, 0, t, memory), gaps_of(systems, 0)
+
+    def _run(self, systems: Systems, begin: float, steps: Array, held: bool) -> None:
+        acting = self.environment.inputs
+        assert isinstance(acting, Inputs)
+        wrench = acting.shaped(self.environment.chain).object_wrench
+        assert wrench is not None
+        inputs = {"begin": np.array(begin), "step": steps, "held": np.array(float(held)), "object_wrench": wrench}
+        self.kernel.run(systems, inputs, {})
+
+    def _instant(self, systems: Systems, row: int, t: float, memory: Any) -> Instant:
+        chain, inputs = self.environment.at(t)
+        return instant_of(systems, row, Moment(t, chain, inputs.shaped(chain), None, memory), self.generic_rank)
+
+
+@dataclass(frozen=True, eq=False)
+class StagewiseStepper:
+    """Steps whose environment and controller are asked from Python at every stage; see `Stepper`.
+
+    Attributes:
+        environment: the chain and what acts on it; no wrenches on links.
+        controller: torques; None where they are part of the kernel.
+        kernel: a step, of which only the end is used: states closed, or evaluated.
+        generic_rank: rank of the constraint away from singular configurations.
+        scheme: the Runge-Kutta scheme.
+        tolerance: what `Advance.error` compares the scheme's estimates with.
+    """
+
+    environment: Environment
+    controller: Controller | None
+    kernel: StepKernel
+    generic_rank: int
+    scheme: Tableau
+    tolerance: Tolerance
+
+    @classmethod
+    def of(
+        cls,
+        environment: Environment,
+        controller: Controller,
+        generic_rank: int,
+        scheme: Tableau,
+        tolerance: Tolerance,
+        law: ControlLaw | None = None,
+    ) -> StagewiseStepper:
+        """Return the stepper of a controller; a `law` that gives the same torques is asked in its place."""
+        ours = held_torques(environment.chain.joint_count) if law is None else law
+        options = Options(base_motion=bases_move(environment))
+        kernel = StepKernel(environment.chain, ours, EULER, generic_rank, options=options, quick=True)
+        return cls(environment, controller if law is None else None, kernel, generic_rank, scheme, tolerance)
+
+    def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
+        """Return the chain at a given state, projected onto the grasps; see `Stepper`."""
+        ((closed, gaps),) = self._closed([t], [state])
+        return self.evaluate(t, closed, memory), gaps
+
+    def evaluate(self, t: float, state: State, memory: Any) -> Instant:
+        """Return the chain at a given state, taken as it is."""
+        found, (moment,) = self._evaluated([t], [state], memory)
+        return instant_of(found, 0, moment, self.generic_rank)
+
+    def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
+        """Return where one step leads; see `Stepper`."""
+        courses = [course_of(now, end, self.scheme) for end in ends]
+        try:
+            steps = answered_together(courses, partial(self._answers, now.memory))
+        except HoldfastError as cause:
+            if len(ends) == 1:
+                return [Advance(ends[0], None, NO_GAPS, np.zeros(4), failure=cause)]
+            return [self.advance(now, [end])[0] for end in ends]  # who fails alone fails alone
+        errors = [self.tolerance.ratio(step.estimates, now.state, step.later.state) for step in steps]
+        return [
+            Advance(end, step.later, step.gaps, step.work, error)
+            for end, step, error in zip(ends, steps, errors, strict=True)
+        ]
+
+    def _answers(self, memory: Any, questions: Sequence[Question]) -> list[Any]:
+        """Return what steps ask, all of them the same."""
+        times, states = [one.t for one in questions], [one.state for one in questions]
+        if isinstance(questions[0], Closing):
+            return self._closed(times, states)
+        found, moments = self._evaluated(times, states, memory)
+        return [
+            _slope(found["slope"][row], one)
+            if isinstance(one, Stage)
+            else instant_of(found, row, moments[row], self.generic_rank)
+            for row, one in enumerate(questions)
+        ]
+
+    def _closed(self, times: list[float], states: list[State]) -> list[tuple[State, Gaps]]:
+        """Return the states projected onto the grasps, and the gaps."""
+        systems = self._run(states, [self._moment(t) for t in times], None, held=False)
+        return [(state_of(systems, row), gaps_of(systems, row)) for row in range(len(states))]
+
+    def _evaluated(self, times: list[float], states: list[State], memory: Any) -> tuple[Systems, list[Moment]]:
+        """Return what follows from the states under the controller's torques."""
+        moments = [self._moment(t, state, memory) for t, state in zip(times, states, strict=True)]
+        return self._run(states, moments, memory, held=True), moments
+
+    def _moment(self, t: float, state: State | None = None, memory: Any = None) -> Moment:
+        """Return what the machine code is given at a time; without a state its torques do not matter.
+
+        Raises:
+            MethodNotApplicable: there are wrenches on links; they are not ignored.
+        """
+        chain, inputs = self.environment.at(t)
+        shaped = inputs.shaped(chain)
+        if shaped.link_wrenches is not None and shaped.link_wrenches.any():
+            raise MethodNotApplicable(
+                f"stagewise steps, t = {t:g} s: expected no external wrenches on links, got some; a run whose inputs"
+                " give them from t = 0 on, zeros at first, is taken by the reference"
+            )
+        if self.controller is None:
+            return Moment(t, chain, shaped, None, memory)
+        if state is None:
+            return Moment(t, chain, shaped, np.zeros(chain.joint_count), memory)
+        tau, kept = torques_and_memory(self.controller(t, state, memory))
+        tau = checks.numbers(tau, (chain.joint_count,), "controller: torques", StateError)
+        return Moment(t, chain, shaped, tau, kept)
+
+    def _run(self, states: list[State], moments: list[Moment], memory: Any, held: bool) -> Systems:
+        """Return the systems after a step of length zero, or refuse it."""
+        systems = self.kernel.systems(state_rows(states), memory)
+        inputs = {
+            "begin": np.array([m.t for m in moments]),
+            "step": np.array(0.0),
+            "held": np.array(float(held)),
+            "object_wrench": np.array([m.inputs.object_wrench for m in moments]),
+        }
+        if self.controller is not None:
+            inputs["control.tau"] = np.array([m.tau for m in moments])
+        parameters = {}
+        if bases_move(self.environment):
+            parameters = {
+                "base_R": np.array([[arm.base.R for arm in m.chain.arms.values()] for m in moments]),
+                "base_p": np.array([[arm.base.p for arm in m.chain.arms.values()] for m in moments]),
+                "base_twist": np.array([m.inputs.base_twists for m in moments]),
+                "base_acceleration": np.array([m.inputs.base_accelerations for m in moments]),
+            }
+        self.kernel.run(systems, inputs, parameters)
+        refuse(systems)
+        return systems
+
+
+def _slope(found: Array, at: Stage) -> Array:
+    """Return the slope at a stage; the machine took the attitude there for a step's start."""
+    n = len(at.state.q)
+    return np.concatenate(
+        [found[: 2 * n], rotation_vector_rate(at.turn, at.state.object_twist[:3]), found[2 * n + 3 :]]
+    )
+
+
+def bases_move(environment: Environment) -> bool:
+    """Return whether bases move, or what acts on the chain changes with time."""
+    return bool(environment.base_motion) or unsteady(environment.inputs)
+
+
+def unsteady(given: Inputs | Callable[[float], Inputs]) -> bool:
+    """Return whether inputs move bases, or change with time."""
+    return callable(given) or given.base_twists is not None or given.base_accelerations is not None
+
+
+def stepper_for(
+    environment: Environment,
+    controller: Controller | ControlLaw,
+    generic_rank: int,
+    scheme: Tableau,
+    tolerance: Tolerance,
+    steps: int,
+) -> Stepper:
+    """Return the stepper that suits a run; all of them give the same answers to rounding.
+
+    A `ControlLaw`, or a controller or base motion that says it is `traceable`, becomes part of the machine code;
+    any other one is asked from Python, stage by stage. So go schemes that estimate their errors.
+
+    Args:
+        environment: the chain and what acts on it.
+        controller: torques.
+        generic_rank: rank of the constraint away from singular configurations.
+        scheme: the Runge-Kutta scheme.
+        tolerance: for schemes that estimate errors.
+        steps: how many there will be, at least.
+
+    Raises:
+        StateError: a law that takes parameters, which a run does not have.
+        CompileError: a law does what cannot be traced.
+    """
+    few = steps * (LOOKED_AT if len(Signals(environment.chain).limited) else 1) < WORTH_COMPILING
+    acting = environment.inputs(0.0) if callable(environment.inputs) else environment.inputs
+    if (few and not scheme.adaptive) or acting.link_wrenches is not None:
+        return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)
+    law = law_of(controller, environment.chain)
+    motions = environment.base_motion.values()
+    traceable = not unsteady(environment.inputs) and all(getattr(motion, "traceable", False) for motion in motions)
+    if law is None or scheme.adaptive or not traceable:
+        return StagewiseStepper.of(environment, controller, generic_rank, scheme, tolerance, law)
+    return FusedStepper.of(environment, law, scheme, generic_rank)
+
+
+def law_of(controller: Controller | ControlLaw, chain: ClosedChain) -> ControlLaw | None:
+    """Return the law of a controller that can be traced, or None.
+
+    Raises:
+        StateError: a law that takes parameters.
+    """
+    if isinstance(controller, ControlLaw):
+        controller.require_no_parameters()
+        return controller
+    if not getattr(controller, "traceable", False):
+        return None
+    key = exact_fingerprint(controller)
+    law = ControlLaw(lambda t, state, memory, given: (controller(t, state, None)[0], memory), key=key or "")
+    if key is None:  # a part of it is the user's own, such as a path
+        try:
+            law_program(law, chain)
+        except CompileError:
+            return None
+    return law

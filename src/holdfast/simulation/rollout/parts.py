@@ -1,0 +1,96 @@
+"""Steps of many systems in equal parts: where a whole one is too long, and where a stop must be confirmed.
+
+As in `simulate`, a step that leaves the grasps too far open is taken in parts (`simulation.stepper`), and a slip, limit
+or singularity is believed only where shorter steps show it too (`simulation.confirmation`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from holdfast.simulation.confirmation import PARTS, ROUNDING, SHARE
+from holdfast.simulation.rollout.systems import RolloutSystems
+from holdfast.simulation.rollout.traced_step import LIMITED, OPEN, SINGULAR
+from holdfast.simulation.stepper import MOST_PARTS, parts_needed
+from holdfast.spatial.scalar import Array
+
+# (systems, step) -> None: one step in place
+TakeStep = Callable[[RolloutSystems, Array], None]
+
+
+def subdivided(systems: RolloutSystems, limit: float, order: int, advance: TakeStep) -> None:
+    """Take one step in place, in parts for the systems that it leaves open by more than a limit before projection.
+
+    Args:
+        systems: with their step lengths set.
+        limit: of the position gaps [m or rad].
+        order: of the scheme.
+        advance: takes a step.
+    """
+    before = systems.copy()
+    advance(systems, before.step_length)
+    far = systems.arrays["code"] == OPEN
+    drift = np.where(systems.running, systems.drift[:, 0], 0.0)
+    parts = np.where(far, MOST_PARTS, parts_needed(drift, limit, order))
+    for count in np.unique(parts[before.running & (parts > 1)]):
+        rows = np.flatnonzero(before.running & (parts == count))
+        begin = before.copy(rows)
+        end = in_parts(begin, int(count), advance)
+        on, t = end.running, end.t
+        end.begin, end.step_length = np.where(on, begin.begin, t), begin.step_length
+        end.arrays["count"][...] = np.where(on, begin.arrays["count"] + 1.0, 0.0)
+        systems.put(rows, end)
+
+
+def in_parts(begin: RolloutSystems, parts: int, advance: TakeStep) -> RolloutSystems:
+    """Return systems after a step in equal parts; what the law remembers moves on once, as in a whole step.
+
+    Args:
+        begin: with their step lengths set.
+        parts: how many.
+        advance: takes a step.
+    """
+    systems, gaps = begin.copy(), np.zeros((len(begin), 4))
+    for _ in range(parts):
+        if "memory" in systems.arrays:
+            systems.arrays["memory"][...] = begin.arrays["memory"]
+        advance(systems, begin.step_length / parts)
+        gaps = np.maximum(gaps, systems.arrays["gaps"])
+    systems.arrays["gaps"][...] = gaps
+    return systems
+
+
+def contradicted(
+    stopped: RolloutSystems, begin: RolloutSystems, least: Mapping[int, float], advance: TakeStep
+) -> Array:
+    """Return which systems were stopped by a step that is too long, (systems,).
+
+    Args:
+        stopped: systems that have just slipped, passed a limit or turned singular, at their last good states.
+        begin: the same, free to go on.
+        least: margins that stop a system, by its code: of every one-sided contact, of every joint limit.
+        advance: takes a step.
+    """
+    code = stopped.arrays["code"]
+    whole = in_parts(begin, 1, advance)
+    found = np.zeros(len(begin), dtype=bool)
+    shorter = [in_parts(begin, parts, advance) for parts in PARTS]
+    for kind, bound in least.items():
+        shown = code == kind
+        if not shown.any():
+            continue
+        before, after = (_margins(one, kind) for one in (begin, whole))
+        fallen = after < bound
+        m0, m1 = (np.where(fallen, m, 0.0) for m in (before, after))
+        allowed = SHARE * np.abs(m1 - m0) + ROUNDING * np.maximum(1.0, np.abs(m1))
+        for systems in shorter:
+            m = np.where(fallen, _margins(systems, kind), 0.0)
+            found |= shown & (~systems.running | ~(np.abs(m - m1) <= allowed).all(axis=1))
+    return found | ((code == SINGULAR) & np.all([systems.running for systems in shorter], axis=0))
+
+
+def _margins(systems: RolloutSystems, kind: int) -> Array:
+    """Return the margins that a kind of stop looks at, (systems, ...)."""
+    return systems.joint_margin.reshape(len(systems), -1) if kind == LIMITED else systems.margin

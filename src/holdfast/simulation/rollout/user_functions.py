@@ -1,0 +1,171 @@
+"""Functions of the user's that become machine code: control laws and the motions of bases.
+
+Both are traced to programs. A program also travels to other processes as plain data where a function cannot: a lambda,
+or a function made by another, has no name that a second process could find it by.
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from holdfast.compiled.traced_chain import unit_pose
+from holdfast.compiler.arithmetic import OPERATIONS
+from holdfast.compiler.errors import CompileError
+from holdfast.compiler.node import Node
+from holdfast.compiler.program import Program, Shape
+from holdfast.compiler.trace import trace
+from holdfast.control.controller import ControlLaw
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.environment import BaseMotion, motion_of
+from holdfast.spatial import rotation
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array, Scalar, array, cos, sin, where
+from holdfast.state import State
+
+Motions = Mapping[str, BaseMotion]  # of the bases that move, by arm name
+
+
+def law_outputs(
+    law: ControlLaw, chain: ClosedChain, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]
+) -> tuple[Array, Array]:
+    """Return a law's torques (n,) and memory.
+
+    Args:
+        law: the law.
+        chain: whose joints it drives.
+        t: time [s].
+        state: positions and velocities.
+        memory: the law's.
+        given: its parameters, by `control.name`.
+
+    Raises:
+        CompileError: it returns something else.
+    """
+    found = law.torque(t, state, memory, {name: given[f"control.{name}"] for name in law.parameters})
+    if not isinstance(found, tuple) or len(found) != 2:
+        raise CompileError(f"control law: expected torques and memory, got {type(found).__name__}; try `tau, memory`")
+    drive, kept = array(found[0]), array(found[1])
+    for what, x, size in (("torques", drive, chain.joint_count), ("memory", kept, len(law.memory))):
+        if x.shape != (size,):
+            raise CompileError(f"control law: {what}: expected shape ({size},), got {x.shape}")
+    return drive, kept
+
+
+def law_program(law: ControlLaw, chain: ClosedChain) -> Program:
+    """Return a law as a program: t, q, qd, object_pose, object_twist, memory and parameters to torques and memory.
+
+    Raises:
+        CompileError: it cannot be traced.
+    """
+    n, names = chain.joint_count, [f"control.{name}" for name in law.parameters]
+
+    def outputs(t: Array, *arrays: Array) -> tuple[Array, Array]:
+        state, memory, given = State(*arrays[:4]), arrays[4], arrays[5:]
+        return law_outputs(law, chain, t[()], state, memory, dict(zip(names, given, strict=True)))
+
+    shapes: list[Shape] = [(), (n,), (n,), (7,), (6,), (len(law.memory),), *map(tuple, law.parameters.values())]
+    return trace(outputs, shapes)
+
+
+def checked_motion(name: str, motion: BaseMotion) -> Callable[[Scalar], tuple[Pose, Array, Array]]:
+    """Return the motion, its pose not-a-number where what it returns is none: on floats that is refused."""
+
+    def found(t: Scalar) -> tuple[Pose, Array, Array]:
+        pose, twist, acceleration = motion_of(name, motion(t))
+        if not isinstance(pose, Pose):
+            seven = checks.numbers(pose, (7,), f"base motion of '{name}' (wxyz_xyz)")
+            return unit_pose(seven, ()), twist, acceleration
+        R = where(rotation.skewness(pose.R) <= checks.ROTATION_TOLERANCE, pose.R, np.nan)
+        return Pose.unchecked(R, pose.p), twist, acceleration
+
+    return found
+
+
+def travelling_law(law: ControlLaw, chain: ClosedChain) -> ControlLaw:
+    """Return the law itself if it can be pickled, else one of the same meaning that can."""
+    if _travels(law.torque):
+        return law
+    return replace(law, torque=TracedTorque(law_program(law, chain), tuple(law.parameters)))
+
+
+def travelling_motion(name: str, motion: BaseMotion) -> BaseMotion:
+    """Return the motion of a base itself if it can be pickled, else one of the same meaning that can."""
+    if _travels(motion):
+        return motion
+
+    def outputs(t: Array) -> tuple[Array, Array, Array, Array]:
+        pose, twist, acceleration = checked_motion(name, motion)(t[()])
+        return pose.R, pose.p, twist, acceleration
+
+    return TracedMotion(trace(outputs, [()]))
+
+
+@dataclass(frozen=True, eq=False)
+class TracedTorque:
+    """The torques of a law: (t, state, memory, parameters) -> (torques, memory).
+
+    Attributes:
+        program: takes t, q, qd, object_pose, object_twist, memory and the parameters; returns torques and memory.
+        parameters: their names, in order.
+    """
+
+    program: Program
+    parameters: tuple[str, ...]
+
+    def __call__(self, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
+        """Return the torques (n,) and the memory (m,)."""
+        parts = (state.q, state.qd, state.object_pose, state.object_twist)
+        torques, kept = replayed(self.program, t, *parts, memory, *(given[name] for name in self.parameters))
+        return torques, kept
+
+
+@dataclass(frozen=True, eq=False)
+class TracedMotion:
+    """The motion of a base: t -> (pose, twist, acceleration).
+
+    Attributes:
+        program: takes t; returns R, p, twist and acceleration.
+    """
+
+    program: Program
+
+    def __call__(self, t: Scalar) -> tuple[Pose, Array, Array]:
+        """Return pose, twist and acceleration at a time [s]."""
+        R, p, twist, acceleration = replayed(self.program, t)
+        return Pose.unchecked(R, p), twist, acceleration
+
+
+def replayed(program: Program, *arrays: Any) -> list[Array]:
+    """Return a program's outputs, on floats or traced again."""
+    entries = [x for array in arrays for x in np.asarray(array).flat]
+    values: list[Scalar] = []
+    for kind, places, value in program.instructions:
+        if kind == "input":
+            value = entries[len(values)]
+        elif kind != "constant":
+            value = _applied(kind, *(values[place] for place in places))
+        values.append(value)
+    return [array([values[k] for k in output.places]).reshape(output.shape) for output in program.outputs]
+
+
+def _applied(kind: str, *operands: Scalar) -> Scalar:
+    """Return the result of one operation, a node if any operand is one."""
+    node = next((x for x in operands if isinstance(x, Node)), None)
+    return _ON_FLOATS[kind](*operands) if node is None else node.graph.apply(kind, *operands)
+
+
+_ON_FLOATS: dict[str, Callable[..., Scalar]] = {**OPERATIONS, "sin": sin, "cos": cos}
+
+
+def _travels(function: object) -> bool:
+    try:
+        pickle.dumps(function)
+    except Exception:  # whatever objects that the function holds raise
+        return False
+    return True

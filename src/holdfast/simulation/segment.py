@@ -1,0 +1,135 @@
+"""A segment of a run: from one change of the grasps to the next, the chain is one and the same."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from holdfast.control.controller import Controller
+from holdfast.model.grasp import Grasp
+from holdfast.simulation.adaptive import Tolerance
+from holdfast.simulation.checkpoint import Origin
+from holdfast.simulation.environment import Environment
+from holdfast.simulation.events import Event
+from holdfast.simulation.instant import Instant, evaluate
+from holdfast.simulation.margins import Policy, Signals
+from holdfast.simulation.runge_kutta import Tableau
+from holdfast.simulation.stepper import Stepper, SubdividingStepper
+from holdfast.simulation.stops import Stops
+from holdfast.spatial.scalar import Array
+
+MakeStepper = Callable[[Environment, Controller, int, Tableau, Tolerance], Stepper]
+
+
+@dataclass(frozen=True, eq=False)
+class RunSettings:
+    """What stays the same through a run.
+
+    Attributes:
+        environment: the chain as it is at the start, and what acts on it.
+        controller: torques, as it is at the start.
+        make_stepper: (environment, controller, generic rank, scheme, tolerance) -> what takes the steps.
+        scheme: Runge-Kutta scheme.
+        tolerance: of a scheme that estimates its error.
+        largest_drift: of a step of one that does not, see `SubdividingStepper` [m or rad]; None: any.
+        policy: what is done about violations.
+        events: in order of time.
+        stops: times that steps end at.
+    """
+
+    environment: Environment
+    controller: Controller
+    make_stepper: MakeStepper
+    scheme: Tableau
+    tolerance: Tolerance
+    largest_drift: float | None
+    policy: Policy
+    events: list[Event]
+    stops: Stops
+
+    @cached_property
+    def longest_step(self) -> float:
+        """The longest step that a scheme of fixed steps takes [s]."""
+        times, jumps = self.stops
+        return float(np.diff(times, prepend=0.0)[~jumps].max())
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """What stays the same while the same arms hold the object.
+
+    Attributes:
+        settings: of the run.
+        environment: the chain with its grasps now, and what acts on it.
+        controller: torques.
+        generic_rank: of the constraint away from singular configurations.
+    """
+
+    settings: RunSettings
+    environment: Environment
+    controller: Controller
+    generic_rank: int
+
+    @cached_property
+    def stepper(self) -> Stepper:
+        """What takes the steps; those of a scheme that does not choose its own are taken in parts where need be."""
+        run = self.settings
+        whole = run.make_stepper(self.environment, self.controller, self.generic_rank, run.scheme, run.tolerance)
+        if run.scheme.adaptive or run.largest_drift is None:
+            return whole
+        return SubdividingStepper(whole, run.largest_drift)
+
+    @cached_property
+    def signals(self) -> Signals:
+        """The margins that there are."""
+        return Signals(self.environment.chain)
+
+    @cached_property
+    def acting(self) -> Array:
+        """Indices of the signals that end a step where they become negative."""
+        return self.settings.policy.acting(self.signals)
+
+    def at(self, origin: Origin) -> Instant:
+        """Return the instant that an accepted time, state and memory make; nothing is projected."""
+        return self.stepper.evaluate(origin.t, origin.state, origin.memory)
+
+    def margins(self, at: Instant) -> Array:
+        """Return all margins at an instant; nothing is computed where nothing limits."""
+        return self.signals.of(at) if len(self.signals.limited) else np.full(len(self.signals), np.inf)
+
+
+def first_segment(settings: RunSettings, start: Origin) -> Segment:
+    """Return the segment that a run begins with.
+
+    Raises:
+        StateError: the state breaks a grasp, or the controller's torques do not fit.
+        SingularChainError: the configuration is singular.
+    """
+    # judged with its neighbours; later a rank below its rank is a singularity
+    first = evaluate(settings.environment, settings.controller, start.t, start.state, start.memory, check=True)
+    return Segment(settings, settings.environment, settings.controller, first.result.rank)
+
+
+def segment_with(before: Segment, grasps: Mapping[str, Grasp], start: Origin) -> Segment:
+    """Return the segment that begins where grasps close or open.
+
+    Raises:
+        SingularChainError: the configuration is singular with these grasps.
+    """
+    segment = resumed_segment(before.settings, grasps, -1)
+    first = evaluate(segment.environment, segment.controller, start.t, start.state, start.memory)
+    return replace(segment, generic_rank=first.result.rank)
+
+
+def resumed_segment(settings: RunSettings, grasps: Mapping[str, Grasp], generic_rank: int) -> Segment:
+    """Return the segment with given grasps and generic rank.
+
+    A controller that has a `for_chain(chain)` is replaced by what that returns; another goes on as it is.
+    """
+    chain = replace(settings.environment.chain, grasps=grasps)
+    for_chain = getattr(settings.controller, "for_chain", None)
+    controller = settings.controller if for_chain is None else for_chain(chain)
+    return Segment(settings, replace(settings.environment, chain=chain), controller, generic_rank)
