@@ -1,4 +1,4 @@
-"""Runs `holdfast`, or the run that remembers, and dies by SIGKILL where it is told to.
+"""Runs `holdfast`, or the run that remembers, and dies by SIGKILL at a given moment.
 
     python -m tests.acceptance.dying BOOK AT simulate SCENE --out FOLDER ...
     python -m tests.acceptance.dying BOOK AT remembering DURATION FOLDER [--resume]

@@ -7,12 +7,12 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from holdfast import METHODS, MethodNotApplicable, forward_dynamics
+from holdfast import METHODS, MethodNotApplicable
 from tests.acceptance.comparison import disagreement
 from tests.systems import random_system, scaled_condition
 from tests.systems.as_chain import as_chain
+from tests.systems.random_parts import KINDS
 
-KINDS = ("rigid", "hinge", "softfinger", "ball")
 # how many systems with so many arms, so that every kind of grasp meets every arm count 50 times
 FULL = {1: 240, 2: 220, 3: 160, 4: 130, 5: 120, 6: 100, 7: 100, 8: 100}
 CONDITION = 1e4
@@ -40,16 +40,13 @@ def agreement(arm_count: int, systems: int) -> tuple[float, Counter[str], int, C
                 break
         problem = as_chain(case)
         met.update(set(grasps))
-        reference = forward_dynamics(problem.chain, problem.state, problem.tau, inputs=problem.inputs)
+        reference = problem.solved()
         answers["sequential"] += 1
         for route in ("recursive", "mass_matrix"):
-            other = forward_dynamics(problem.chain, problem.state, problem.tau, inputs=problem.inputs, route=route)
-            worst = max(worst, disagreement(other, reference))
+            worst = max(worst, disagreement(problem.solved(route=route), reference))
         for method in METHODS:
             try:
-                other = forward_dynamics(
-                    problem.chain, problem.state, problem.tau, inputs=problem.inputs, method=method
-                )
+                other = problem.solved(method=method)
             except MethodNotApplicable:
                 continue
             answers[method] += 1

@@ -1,4 +1,4 @@
-"""Compiled forward dynamics at full size: bits, agreement with the reference, bad systems, damaged code on disk."""
+"""Compiled functions at full size: bits, agreement with the reference, bad systems, damaged code on disk."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import time
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +20,14 @@ from tests.acceptance.comparison import disagreement, relative
 from tests.acceptance.test_agreement import grasps_for
 from tests.compiled import problems
 from tests.compiled.problems import FIELDS, STATE, answer, numbers, one, outputs
+from tests.compiled.test_functions import EVERY
+from tests.compiled.test_functions import disagreement as of_function
 from tests.compiler.programs import all_same_bits
 from tests.compiler.test_two_arms import chain as two_pandas
-from tests.dynamics.problems import CASES, stored
-from tests.systems import random_system, scaled_condition, two_collinear_stretched_6r
-from tests.systems.as_chain import as_chain
+from tests.systems import random_system, scaled_condition, two_collinear_stretched_6r, well_conditioned_system
+from tests.systems.as_chain import Problem, as_chain
+from tests.systems.problems import CASES, stored
+from tests.systems.random_parts import KINDS
 
 pytestmark = pytest.mark.long
 
@@ -81,7 +85,7 @@ def test_all_stored_cases(method, capsys):
     for name, case in CASES.items():
         p = stored(name)
         found = answer(p, method=method)
-        expected = holdfast.forward_dynamics(p.chain, p.state, p.tau, inputs=p.inputs)
+        expected = p.solved()
         if case["tags"]["f_unique"]:
             error = problems.relative_disagreement(found, expected)
         else:
@@ -108,7 +112,7 @@ def test_random_states(capsys):
         case = next(case for case in cases if scaled_condition(case) < 1e4)  # neither locked nor always singular
         problem = as_chain(case)
         # all that is not a parameter is the same from here on
-        kept, taken = holdfast.compile(problem.chain, method=method, parameters=("link_wrench",)), 0
+        kept, accepted = holdfast.compile(problem.chain, method=method, parameters=("link_wrench",)), 0
         for k in range(1000):
             judged = copy.deepcopy(case)
             there = problems.closed_again(problem, judged, (index, k))
@@ -121,16 +125,16 @@ def test_random_states(capsys):
                 problems.given_by(there),
             )
             assert fast._kernel is kept._kernel
-            expected = holdfast.forward_dynamics(there.chain, there.state, there.tau, inputs=there.inputs, check=False)
+            expected = there.solved(check=False)
             found = fast.forward_dynamics(**given)
             assert found.rank == expected.rank and found.status is expected.status
             worst = max(worst, disagreement(found, expected))
             worst_condition = max(worst_condition, condition)
-            states, taken = states + 1, taken + 1
-            if taken == 100:
+            states, accepted = states + 1, accepted + 1
+            if accepted == 100:
                 break
         for kind in set(grasps):
-            kinds[kind] = kinds.get(kind, 0) + taken
+            kinds[kind] = kinds.get(kind, 0) + accepted
     with capsys.disabled():
         print(
             f"\n{states} states of 100 chains ({states / draws:.0%} of the draws; each grasp {kinds}), conditions to"
@@ -176,6 +180,32 @@ def test_bad_systems_in_a_batch(known, threads, capsys):
             end="",
         )
     assert wrong == 0 and empty and same and fast.generic_rank == 12
+
+
+def any_problem(seed: int) -> Problem:
+    """Return one to four arms of three to seven joints, every kind of grasp, one arm in six without one."""
+    random = np.random.default_rng((seed, 12))
+    count = int(random.integers(1, 5))
+    grasps = [None if k == 5 else KINDS[k % 4] for k in random.integers(0, 6, count)]
+    grasps[0] = KINDS[seed % 4]
+    joints = random.integers(3, 8, count).tolist()
+    return as_chain(well_conditioned_system(seed, joints=joints, grasps=grasps, moving_base=True))
+
+
+@pytest.mark.parametrize("chunk", range(10))
+def test_two_hundred_chains(chunk):
+    """All functions, each to 1e-11 of max(1, size)."""
+    worst, met = dict.fromkeys(["forward_dynamics", *EVERY], 0.0), Counter()
+    for seed in range(20 * chunk, 20 * chunk + 20):
+        p = any_problem(seed)
+        met.update(grasp.kind for grasp in p.chain.grasps.values())
+        assert p.inputs.link_wrenches is not None and p.inputs.base_twists is not None
+        worst["forward_dynamics"] = max(worst["forward_dynamics"], disagreement(answer(p), p.solved()))
+        for function in EVERY:
+            worst[function] = max(worst[function], of_function(p, function, seed))
+    print(f"\n20 chains with {dict(met)}: " + ", ".join(f"{name} {x:.1e}" for name, x in worst.items()))
+    assert max(worst.values()) <= TOLERANCE
+    assert set(met) == set(KINDS)
 
 
 # Damages entries of a chain's code one after the other; prints a line for each that was rebuilt with the same answer.

@@ -25,18 +25,18 @@ def test_a_thousand_damped_chains(batch):
         for seed in seeds
     ]
     refused = [one for one in found if one.refused]
-    taken = [one for one in found if not one.refused]
+    accepted = [one for one in found if not one.refused]
     stopped = [one.stopped for one in found if one.stopped is not None]
     worst = np.array([[max(getattr(one, name) for one in some) for name in ("position", "velocity")]
-                      for some in (refused, taken)])  # fmt: skip
+                      for some in (refused, accepted)])  # fmt: skip
     print(
         f"\n{len(found)} damped chains, h lambda {min(one.ratio for one in found):.2g} to"
-        f" {max(one.ratio for one in found):.2g}: {len(taken)} right at their step (to {worst[1, 0]:.1e} rad or m,"
+        f" {max(one.ratio for one in found):.2g}: {len(accepted)} right at their step (to {worst[1, 0]:.1e} rad or m,"
         f" velocities {worst[1, 1]:.1e}), {len(refused)} refused, right at the suggested one (to {worst[0, 0]:.1e},"
         f" {worst[0, 1]:.1e}); {len(stopped)} stopped; {time.perf_counter() - begin:.0f} s",
         end="",
     )
     assert not stopped, stopped[:3]
     assert worst.max() <= 1e-3
-    assert max(one.ratio for one in taken) <= 0.9 * 2.7853
+    assert max(one.ratio for one in accepted) <= 0.9 * 2.7853
     assert min(one.ratio for one in refused) > 1.8

@@ -1,7 +1,7 @@
 """`kill -9` at any moment, inside any flush: the folder opens, holds every flushed step, goes on to the same bits.
 
 One run is a scene from the command line, in which an arm lets go; the other a run from Python whose
-controller remembers. Both are long enough to be taken by machine code; the short test is not.
+controller remembers. Both are long enough to be stepped by machine code; the short test is not.
 """
 
 from __future__ import annotations

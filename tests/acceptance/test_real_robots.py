@@ -12,6 +12,7 @@ import pytest
 
 from holdfast import HoldfastError
 from holdfast.robots.urdf import UrdfChain, UrdfRobot, read_urdf, urdf_chain, urdf_visuals
+from tests.acceptance.comparison import relative
 from tests.robots.arm_dynamics import mass_jacobian_bias
 
 pytest.importorskip("pinocchio", reason="needs Pinocchio: pip install pin")
@@ -22,12 +23,6 @@ TOLERANCE = 1e-10
 NAMED = re.compile(r"^.*:\d+: \S")  # file, line, element
 STATES = 2
 PAIRS = 12  # of base and tip anywhere in the robot
-
-
-def relative(x: np.ndarray, expected: np.ndarray, floor: float = 0.0) -> float:
-    """Return max|x - e| / max(floor, max|e|)."""
-    size = max(floor, float(np.abs(expected).max(initial=0.0)), 1e-300)
-    return float(np.abs(x - expected).max(initial=0.0)) / size
 
 
 def gaps(models: Models, chain: UrdfChain, rng: np.random.Generator) -> np.ndarray:
@@ -61,7 +56,7 @@ def urdf_files() -> list[Path]:
 
 def compare(path: Path) -> tuple[Counter[str], np.ndarray]:
     """Return how many arms of a file load, or are refused and why, and the worst gaps."""
-    rng, told, worst = np.random.default_rng(0), Counter[str](), np.zeros(3)
+    rng, counts, worst = np.random.default_rng(0), Counter[str](), np.zeros(3)
     try:
         robot = read_urdf(path)
     except HoldfastError as refusal:
@@ -69,18 +64,18 @@ def compare(path: Path) -> tuple[Counter[str], np.ndarray]:
     models = read_by_pinocchio(path)
     for base, tip in pairs(robot, rng):
         try:
-            chain = load(path, base, tip, told)
+            chain = load(path, base, tip, counts)
         except HoldfastError as refusal:
-            told[kind(named(refusal, path))] += 1
+            counts[kind(named(refusal, path))] += 1
             continue
         try:
             urdf_visuals(chain)
         except HoldfastError as refusal:
-            told[named(refusal, path)] += 1
-        told["arms" if models else "arms that Pinocchio does not read"] += 1
+            counts[named(refusal, path)] += 1
+        counts["arms" if models else "arms that Pinocchio does not read"] += 1
         if models:
             worst = np.maximum(worst, gaps(models, chain, rng))
-    return told, worst
+    return counts, worst
 
 
 def read_by_pinocchio(path: Path) -> Models | None:
@@ -97,14 +92,14 @@ def named(refusal: HoldfastError, path: Path) -> str:
     return str(refusal).replace(f"{path.parent}/", "")
 
 
-def load(path: Path, base: str, tip: str, told: Counter[str]) -> UrdfChain:
+def load(path: Path, base: str, tip: str, counts: Counter[str]) -> UrdfChain:
     """Return an arm, with impossible inertias if it has some."""
     try:
         return urdf_chain(path, base=base, tip=tip, lock_others=True)
     except HoldfastError as refusal:
         if "physical=False" not in str(refusal):
             raise
-        told["physical=False"] += 1
+        counts["physical=False"] += 1
         return urdf_chain(path, base=base, tip=tip, lock_others=True, physical=False)
 
 
@@ -127,9 +122,9 @@ def test_real_robots():
     """Every arm between root and leaves, and between any two links: loads and agrees, or is refused by name."""
     total, robots, overall = Counter[str](), 0, np.zeros(3)
     for path in urdf_files():
-        told, worst = compare(path)
-        total, robots, overall = total + told, robots + (told["arms"] > 0), np.maximum(overall, worst)
-        facts = ", ".join(f"{count} {what}" for what, count in told.items())
+        counts, worst = compare(path)
+        total, robots, overall = total + counts, robots + (counts["arms"] > 0), np.maximum(overall, worst)
+        facts = ", ".join(f"{count} {what}" for what, count in counts.items())
         print(f"{path.name:45s} M {worst[0]:.1e}  J {worst[1]:.1e}  bias {worst[2]:.1e}  {facts}")
     print(f"{robots} robots, {total['arms']} arms: M {overall[0]:.1e}, J {overall[1]:.1e}, bias {overall[2]:.1e}")
     print("; ".join(f"{count} {what}" for what, count in total.items() if len(what) < 40))

@@ -51,7 +51,7 @@ def real(file: str, base: str | None, tip: str) -> UrdfChain:
 
 @pytest.mark.parametrize(("file", "base", "tip", "angle"), TIPS, ids=lambda part: str(part))
 def test_which_way_it_points(file, base, tip, angle):
-    """The angle; and the turn that is told brings z to the way within 10 degrees."""
+    """The angle; and the suggested turn brings z to the way within 10 degrees."""
     chain = real(file, base, tip)
     if angle is None:
         assert np.isnan(tip_angle(chain.arm))

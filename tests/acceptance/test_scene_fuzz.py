@@ -65,31 +65,31 @@ def end(scene: Path, seed: int, capsys: pytest.CaptureFixture[str]) -> str:
     else:
         said, out = "", scene.parent / f"result{seed}"
         code = main(["simulate", str(scene), "--out", str(out), "--no-plots"])
-        assert_told(scene, code, capsys)
+        assert_printed(scene, code, capsys)
         if out.exists() and code != INTERRUPTED:
             sound(out, seed)
         assert out.exists() or code, seed
     if seed % SEEN == 0:
         page = scene.parent / "page.html"
         shown = main(["view", str(scene), "--export", str(page), "--overwrite"])
-        assert_told(scene, shown, capsys)
+        assert_printed(scene, shown, capsys)
         assert not (said and shown == 0), seed
     return f"refused: {type_of(said)}" if said else CODES[code]
 
 
-def assert_told(scene: Path, code: int, capsys: pytest.CaptureFixture[str]) -> None:
+def assert_printed(scene: Path, code: int, capsys: pytest.CaptureFixture[str]) -> None:
     """Assert that a command said on stderr what is wrong, in one line, and nothing that is not finite."""
-    told = capsys.readouterr()
+    printed = capsys.readouterr()
     prefix = "holdfast: error: "
-    problems = [line.removeprefix(prefix) for line in told.err.splitlines() if line.startswith(prefix)]
-    others = [line for line in told.err.splitlines() if not line.startswith(prefix)]
-    assert code in CODES, told.err
-    assert len(problems) == (code != 0), told.err
-    assert all(line.startswith((f"{scene}: ", "interrupted after")) for line in problems), told.err
-    assert all(line.startswith(("simulating ", "note: ")) for line in others), told.err
-    assert all(line.isprintable() and len(line) <= LONGEST_MESSAGE for line in [*problems, *others]), told.err
-    assert not re.search(r"\b(nan|inf)\b|Traceback", told.out), told.out
-    assert not re.search(r"(?<!got )(?<!got -)\b(nan|inf)\b", told.err), told.err  # "got nan" quotes the scene
+    problems = [line.removeprefix(prefix) for line in printed.err.splitlines() if line.startswith(prefix)]
+    others = [line for line in printed.err.splitlines() if not line.startswith(prefix)]
+    assert code in CODES, printed.err
+    assert len(problems) == (code != 0), printed.err
+    assert all(line.startswith((f"{scene}: ", "interrupted after")) for line in problems), printed.err
+    assert all(line.startswith(("simulating ", "note: ")) for line in others), printed.err
+    assert all(line.isprintable() and len(line) <= LONGEST_MESSAGE for line in [*problems, *others]), printed.err
+    assert not re.search(r"\b(nan|inf)\b|Traceback", printed.out), printed.out
+    assert not re.search(r"(?<!got )(?<!got -)\b(nan|inf)\b", printed.err), printed.err  # "got nan" quotes the scene
 
 
 def type_of(said: str) -> str:

@@ -1,7 +1,6 @@
-"""Simulation keeps its laws and its digits: closure, energy, order, 30 digits, SUNDIALS.
+"""Simulation by machine code keeps its laws and its digits: closure, energy, order, 30 digits, SUNDIALS.
 
-Whatever takes steps can stand in STEPPERS. The readable texts on floats, `ReferenceStepper`,
-keep the same bars in more time; `tests/simulation/test_accuracy.py` holds them to shorter ones.
+`tests/simulation/test_accuracy.py` asks the same of the traced functions on floats, of `ReferenceStepper`, for shorter.
 """
 
 from __future__ import annotations
@@ -15,15 +14,14 @@ from holdfast.simulation.stepper import SubdividingStepper
 from tests.oracles import sundials
 from tests.oracles.planar_linkage import Motion
 from tests.simulation.problems import PROBLEMS
-from tests.simulation.runs import MakeStepper, adaptive, differences, fixed, kept, numbers, stepper_of
+from tests.simulation.runs import adaptive, differences, fixed, kept, numbers, stepper_of
 from tests.systems.as_case import as_case
 from tests.systems.five_bar import FiveBar, five_bar_chain, five_bar_state
 
-STEPPERS: dict[str, MakeStepper] = {"machine": StagewiseStepper.of}
+MAKE = StagewiseStepper.of
 ANGLES, RATES = (0.2, -0.5), (0.0, 0.0)  # of the five-bar linkage
 
 pytestmark = pytest.mark.long
-steppers = pytest.mark.parametrize("name", STEPPERS)
 
 
 def times(duration: float, step: float) -> np.ndarray:
@@ -31,7 +29,6 @@ def times(duration: float, step: float) -> np.ndarray:
     return np.linspace(0.0, duration, round(duration / step) + 1)
 
 
-@steppers
 @pytest.mark.parametrize(
     ("scheme_name", "step", "drift", "parts"),
     [
@@ -41,85 +38,78 @@ def times(duration: float, step: float) -> np.ndarray:
         ("dop853", 1e-3, 1e-7, False),
     ],
 )
-def test_two_pandas_fall(name, scheme_name, step, drift, parts):
+def test_two_pandas_fall(scheme_name, step, drift, parts):
     """Two limp Pandas and their box fall for 2 s: closed to 1e-12, velocities to 1e-11, energy kept to 1e-7.
 
     They whip through outstretched wrists, at up to 80 rad/s for some milliseconds; that is
     where whole steps of order 4 lose energy, 3e-6 of the peak kinetic energy at 1 ms and a
     sixteenth for every halving. `largest_drift` has those taken in parts.
     """
-    stepper, now = stepper_of(*PROBLEMS["pandas"](), scheme(scheme_name), make=STEPPERS[name])
+    stepper, now = stepper_of(*PROBLEMS["pandas"](), scheme(scheme_name), make=MAKE)
     stepper = SubdividingStepper(stepper, 1e-10) if parts else stepper
     books = kept(fixed(stepper, now, times(2.0, step)))
-    print(f"\n{name}, {scheme_name} at {step:g} s{', parted' if parts else ''}, for 2 s: {books}", end="")
+    print(f"\n{scheme_name} at {step:g} s{', parted' if parts else ''}, for 2 s: {books}", end="")
     assert books.peak_rate > 40
     assert books.position <= 1e-12
     assert books.velocity <= 1e-11
     assert books.drift <= drift * books.peak_kinetic
 
 
-@steppers
-def test_order_of_the_fall(name):
+def test_order_of_the_fall():
     """Halving RK4's step divides the error of the whole state after 0.4 s by 2^3.8 or more."""
     chain, state = PROBLEMS["pandas"]()
-    exact = kept(adaptive(*stepper_of(chain, state, scheme("dop853"), 1e-12, STEPPERS[name]), 0.4)).end
+    exact = kept(adaptive(*stepper_of(chain, state, scheme("dop853"), 1e-12, MAKE), 0.4)).end
     steps = (4e-3, 2e-3, 1e-3)
-    ends = [kept(fixed(*stepper_of(chain, state, make=STEPPERS[name]), times(0.4, h))).end for h in steps]
+    ends = [kept(fixed(*stepper_of(chain, state, make=MAKE), times(0.4, h))).end for h in steps]
     errors = np.array([np.abs(end - exact).max() for end in ends])
     orders = np.log2(errors[:-1] / errors[1:])
-    print(f"\n{name}: errors {errors} at {steps} s, orders {orders}", end="")
+    print(f"\nerrors {errors} at {steps} s, orders {orders}", end="")
     assert orders.min() >= 3.8
 
 
-@steppers
-def test_adaptive_fall(name):
+def test_adaptive_fall():
     """At rtol 1e-12 the same fall keeps its energy to 1e-10 of the peak kinetic energy, closed all the while."""
-    stepper, now = stepper_of(*PROBLEMS["pandas"](), scheme("dop853"), 1e-12, STEPPERS[name])
+    stepper, now = stepper_of(*PROBLEMS["pandas"](), scheme("dop853"), 1e-12, MAKE)
     books = kept(adaptive(stepper, now, 2.0))
-    print(f"\n{name}, rtol 1e-12 for 2 s: {books}", end="")
+    print(f"\nrtol 1e-12 for 2 s: {books}", end="")
     assert books.peak_rate > 40
     assert books.position <= 1e-12
     assert books.velocity <= 1e-11
     assert books.drift <= 1e-10 * books.peak_kinetic
 
 
-@steppers
 @pytest.mark.parametrize("problem", [problem for problem in PROBLEMS if problem != "pandas"])
-def test_every_grasp(name, problem):
+def test_every_grasp(problem):
     """Hinges, balls, soft fingers, mixtures, a Stewart platform, a parallelogram: closed to 1e-12 and 1e-11."""
-    books = kept(fixed(*stepper_of(*PROBLEMS[problem](), make=STEPPERS[name]), times(0.5, 1e-3)))
-    print(f"\n{name}, {problem}, 1 ms for 0.5 s: {books}", end="")
+    books = kept(fixed(*stepper_of(*PROBLEMS[problem](), make=MAKE), times(0.5, 1e-3)))
+    print(f"\n{problem}, 1 ms for 0.5 s: {books}", end="")
     assert books.position <= 1e-12
     assert books.velocity <= 1e-11
     assert books.drift <= 1e-7 * books.peak_kinetic
 
 
-@steppers
-def test_thirty_digits(name):
+def test_thirty_digits():
     """A five-bar linkage after 1 s agrees to 1e-9 with two coordinates integrated in 30 digits."""
     bar = FiveBar()
     motion = Motion(bar, ANGLES, RATES)
     exact, coarse = motion.after(1.0, 64), motion.after(1.0, 48)
     own = float(max(abs(x - y) for x, y in zip(exact, coarse, strict=True)))
     state = five_bar_state(bar, *motion.links(motion.start))
-    books = kept(adaptive(*stepper_of(five_bar_chain(bar), state, scheme("dop853"), 1e-12, STEPPERS[name]), 1.0))
+    books = kept(adaptive(*stepper_of(five_bar_chain(bar), state, scheme("dop853"), 1e-12, MAKE), 1.0))
     assert books.last is not None
     off = differences(books.last.state, five_bar_state(bar, *motion.links(exact)))
-    print(
-        f"\n{name}: off by {off[0]:.1e} rad or m, {off[1]:.1e} rad/s or m/s; the oracle by {own:.0e}; {books}", end=""
-    )
+    print(f"\noff by {off[0]:.1e} rad or m, {off[1]:.1e} rad/s or m/s; the oracle by {own:.0e}; {books}", end="")
     assert own < 1e-18
     assert off.max() <= 1e-9
 
 
-@steppers
-def test_sundials(name):
+def test_sundials():
     """Two Pandas falling for 0.5 s agree to 1e-7 with IDA on the dense equations of motion."""
     chain, state = PROBLEMS["pandas"]()
     theirs = sundials.integrated(as_case(chain, state), state.object_pose, 0.5, 1e-11)
-    books = kept(adaptive(*stepper_of(chain, state, scheme("dop853"), 1e-12, STEPPERS[name]), 0.5))
+    books = kept(adaptive(*stepper_of(chain, state, scheme("dop853"), 1e-12, MAKE), 0.5))
     assert books.last is not None
     off = {key: float(np.abs(x - getattr(books.last.state, key)).max()) for key, x in theirs.items()}
-    print(f"\n{name}: off by " + ", ".join(f"{key} {x:.1e}" for key, x in off.items()) + f"; {books}", end="")
+    print("\noff by " + ", ".join(f"{key} {x:.1e}" for key, x in off.items()) + f"; {books}", end="")
     assert max(off.values()) <= 1e-7
     assert np.abs(numbers(state) - books.end).max() > 1.0  # they did fall

@@ -24,56 +24,18 @@ GIGABYTES = 1.0
 TAG = re.compile(r"<[a-z0-9_]+[^<>]*>")
 VALUE = re.compile(r'"([^"]*)"')
 ATTRIBUTE = re.compile(r' [a-z]+="[^"]*"')
+# fmt: off
 ODD_VALUES = (
-    *(
-        "",
-        " ",
-        "nan",
-        "inf",
-        "-inf",
-        "1e999",
-        "1e308",
-        "-1e308",
-        "1e-320",
-        "0",
-        "-0",
-        "-1",
-        "1,0",
-        "0x10",
-        "1_0",
-        "1.0f",
-    ),
-    *("1 2", "1 2 3 4", "a b c", "${x}", "$(arg x)", "\u0663", "\u22121", "&#48;", "&lt;", "9" * 5000, "1 " * 50_000),
-    *("true", "None", "fixed", "floating", "planar", "ball", "base", "torso", "left_hand", "left_elbow", "x" * 300_000),
-    *(
-        "0 0 0",
-        "1e9 1e9 1e9",
-        "1e200 0 0",
-        "1e-200 0 0",
-        "1e9",
-        "1e-300",
-        "\n",
-        "\t",
-        "'",
-        "%s%n",
-        "../../etc",
-        "\U0001f916",
-    ),
+    "nan", "inf", "-inf", "1e999", "1e308", "-1e308", "1e-320", "0", "-0", "-1", "1,0", "0x10", "1_0", "1.0f", "1e9",
+    "1e-300", "true", "None", "${x}", "\u0663", "\u22121", "&#48;", "&lt;", "'", "%s%n", "../../etc", "\U0001f916",
+    "fixed", "floating", "planar", "ball", "base", "torso", "left_hand", "left_elbow", "x" * 300_000, "", " ",
+    "\n", "\t", "1 2", "1 2 3 4", "a b c", "$(arg x)", "9" * 5000, "1 " * 50_000,
+    "0 0 0", "1e9 1e9 1e9", "1e200 0 0", "1e-200 0 0",
 )
 ENCODINGS = (
-    "utf-16",
-    "utf-32",
-    "latin-1",
-    "cp037",
-    "shift_jis",
-    "utf-7",
-    "ascii",
-    "bogus",
-    "utf-8",
-    "idna",
-    "rot13",
-    "hex",
+    "utf-16", "utf-32", "latin-1", "cp037", "shift_jis", "utf-7", "ascii", "bogus", "utf-8", "idna", "rot13", "hex",
 )
+# fmt: on
 
 
 def entity_bomb(text: str, dice: random.Random) -> str:
@@ -142,22 +104,9 @@ def shuffled(text: str, dice: random.Random) -> str:
 
 def hollow(text: str, dice: random.Random) -> str:
     """Return almost nothing, or something that is no robot at all."""
-    kinds = [
-        "",
-        " \n",
-        "<",
-        "<robot>",
-        "<robot/>",
-        "<a/>",
-        "</robot>",
-        "<!-- -->",
-        '{"robot": 1}',
-        "\x00" * 100,
-        "robot:\n - a",
-    ]
-    return dice.choice(
-        [*kinds, '<robot name="r"><link/></robot>', '<robot><link name="a"/></robot>', text.replace('"', "")]
-    )
+    kinds = ["", " \n", "<", "<robot>", "<robot/>", "<a/>", "</robot>", "<!-- -->", '{"robot": 1}', "robot:\n - a"]
+    kinds += ["\x00" * 100, '<robot name="r"><link/></robot>', '<robot><link name="a"/></robot>', text.replace('"', "")]
+    return dice.choice(kinds)
 
 
 MUTATIONS = (odd_value, mistyped, deleted, duplicated, shuffled, bytes_flipped, encoded, deep, entity_bomb, hollow)
@@ -217,7 +166,7 @@ def check(chain: UrdfChain) -> None:
 
 def fuzz(seeds: range, folder: Path) -> Counter[tuple[str, str]]:
     """Return how often each mutation loaded and was refused."""
-    told: Counter[tuple[str, str]] = Counter()
+    counts: Counter[tuple[str, str]] = Counter()
     path = folder / "mutated.urdf"
     for seed in seeds:
         name, data = mutated(seed)
@@ -225,24 +174,24 @@ def fuzz(seeds: range, folder: Path) -> Counter[tuple[str, str]]:
         start = time.process_time()
         outcome, _ = use(path, seed)
         assert time.process_time() - start < SECONDS, (seed, name)
-        told[name, outcome] += 1
-    return told
+        counts[name, outcome] += 1
+    return counts
 
 
 def test_mutated_files(tmp_path):
     """60 mutated files: none escapes as another exception."""
-    told = fuzz(range(60), tmp_path)
-    assert {outcome for _, outcome in told} == {"loaded", "refused"}
+    counts = fuzz(range(60), tmp_path)
+    assert {outcome for _, outcome in counts} == {"loaded", "refused"}
 
 
 @pytest.mark.long
 def test_3000_mutated_files(tmp_path):
     """3,000 mutated files, of every kind, in bounded time and memory."""
     before, start = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
-    told = fuzz(range(3000), tmp_path)
+    counts = fuzz(range(3000), tmp_path)
     grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 2**20
     for mutation in MUTATIONS:
         name = mutation.__name__
-        print(f"{name:14s} {told[name, 'loaded']:5d} loaded {told[name, 'refused']:5d} refused")
-    print(f"{sum(told.values())} files, {time.process_time() - start:.0f} s, {grown:.2f} GiB more at most")
+        print(f"{name:14s} {counts[name, 'loaded']:5d} loaded {counts[name, 'refused']:5d} refused")
+    print(f"{sum(counts.values())} files, {time.process_time() - start:.0f} s, {grown:.2f} GiB more at most")
     assert grown < GIGABYTES

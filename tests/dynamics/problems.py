@@ -1,50 +1,22 @@
-"""The stored cases and random systems as library objects, arm by arm."""
+"""Random and stored systems in motion, as a whole and arm by arm."""
 
 from __future__ import annotations
 
-import json
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 
+from holdfast import ClosedChain, Pose, State
 from holdfast.dynamics.arm.motion import ArmInputs, ArmMotion, arm_motion
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
-from tests.systems import random_system, well_conditioned_system
+from holdfast.dynamics.projection import moved
+from holdfast.spatial import rotation
+from tests.systems import random_system
 from tests.systems.as_chain import Problem, as_chain
+from tests.systems.problems import CASES, random_case, random_problem, relative_gap, stored
 
-CASES = {
-    case["name"]: case for case in json.loads((Path(__file__).parents[1] / "data" / "cases.json").read_text())["cases"]
-}
-REGULAR = [name for name, case in CASES.items() if case["tags"]["omega_regular"]]
-RIGID = [name for name in REGULAR if CASES[name]["tags"]["all_rigid"]]
-
-
-def relative_gap(got, expected) -> float:
-    """Return the largest difference relative to the largest expected entry."""
-    got, expected = np.asarray(got, dtype=float), np.asarray(expected, dtype=float)
-    assert got.shape == expected.shape
-    size = np.abs(expected).max(initial=0.0)
-    # an expected zero gives nothing to be relative to
-    return float(np.abs(got - expected).max(initial=0.0) / (size if size > 1e-9 else 1.0))
-
-
-@cache
-def stored(name: str) -> Problem:
-    """Return a stored case."""
-    return as_chain(CASES[name])
-
-
-@cache
-def random_case(seed: int, **options) -> dict:
-    """Return a sound random system with everything on (one dict: do not change it)."""
-    return well_conditioned_system(seed, **options)
-
-
-@cache
-def random_problem(seed: int, **options) -> Problem:
-    """Return a sound random system as library objects."""
-    return as_chain(random_case(seed, **options))
+__all__ = ["CASES", "inputs_of", "later", "motion_of", "pushed", "random_arm", "random_case", "random_motion",
+           "random_problem", "relative_gap", "stored"]  # fmt: skip
 
 
 def motion_of(problem: Problem) -> ChainMotion:
@@ -79,3 +51,18 @@ def random_arm(seed: int, **options) -> ArmInputs:
 def random_motion(seed: int, **options) -> ArmMotion:
     """Return the same arm in motion."""
     return arm_motion(random_arm(seed, **options))
+
+
+def later(p: Problem, dt: float) -> tuple[ClosedChain, State]:
+    """Return chain and state moved along their velocities for dt, to first order."""
+    twists = p.inputs.shaped(p.chain).base_twists
+    bases = {
+        name: Pose(rotation.exp(dt * V[:3]) @ arm.base.R, arm.base.p + dt * V[3:])
+        for (name, arm), V in zip(p.chain.arms.items(), twists, strict=True)
+    }
+    return p.chain.with_bases(bases), moved(p.state, dt * p.state.qd, dt * p.state.object_twist)
+
+
+def pushed(p: Problem, dx) -> State:
+    """Return the state with the object displaced by [turn; shift], nothing else."""
+    return moved(p.state, np.zeros(p.chain.joint_count), np.asarray(dx, dtype=float))

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from holdfast import Grasp, Pose, StateError, contact_attitudes
-from holdfast.dynamics.contact_attitude import euler_rate_map, quaternion_rate_map
 from holdfast.spatial import rotation
-from tests.dynamics.posed import later
-from tests.dynamics.problems import motion_of, random_problem, stored
+from tests.dynamics.problems import later, motion_of
+from tests.systems.problems import random_problem, stored
 
 FREE = {"rigid": 0, "hinge": 1, "softfinger": 2, "ball": 3}
 OPTIONS = {"grasps": tuple(FREE), "joints": (7, 6, 7, 6)}
@@ -48,22 +47,6 @@ def test_attitudes(seed):
         np.testing.assert_array_equal(quaternions[name].W, c.W)
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_rate_maps(seed):
-    """F-bar for a turn by omega dt about the turned axes; a quaternion keeps its length."""
-    rng = np.random.default_rng(seed)
-    R, omega = rotation.exp(rng.uniform(-0.8, 0.8, 3)), rng.normal(size=3)
-    ahead, behind = (R @ rotation.exp(s * STEP * omega) for s in (1, -1))
-    q, rpy = rotation.to_quaternion(R), rotation.to_euler_zyx(R)
-    rate = quaternion_rate_map(q) @ omega
-    assert abs(rate @ q) < 1e-15
-    np.testing.assert_allclose(
-        rate, (rotation.to_quaternion(ahead) - rotation.to_quaternion(behind)) / (2 * STEP), atol=1e-9
-    )
-    measured = (rotation.to_euler_zyx(ahead) - rotation.to_euler_zyx(behind)) / (2 * STEP)
-    np.testing.assert_allclose(euler_rate_map(rpy) @ omega, measured, atol=1e-8)
-
-
 @pytest.mark.parametrize("pitch", [np.pi / 2, -np.pi / 2, np.pi / 2 - 5e-7])
 def test_euler_singularity(pitch):
     """At a pitch of +-pi/2 Euler rates do not exist: reported by grasp; quaternions go on."""
@@ -77,13 +60,3 @@ def test_euler_singularity(pitch):
         contact_attitudes(chain, p.state, "euler")
     found = contact_attitudes(chain, p.state)["arm2"]
     assert np.linalg.norm(found.rate) == pytest.approx(0.5 * np.linalg.norm(found.W), rel=1e-12)
-
-
-def test_near_the_singularity():
-    """A little off the singularity Euler rates are large and right."""
-    angles = np.array([0.2, np.pi / 2 - 1e-3, 0.4])
-    R, omega, h = rotation.from_euler_zyx(*angles), np.array([0.3, -0.5, 0.7]), 1e-8
-    measured = (rotation.to_euler_zyx(R @ rotation.exp(h * omega)) - rotation.to_euler_zyx(R)) / h
-    rates = euler_rate_map(rotation.to_euler_zyx(R)) @ omega
-    assert np.abs(rates).max() > 100
-    np.testing.assert_allclose(rates, measured, rtol=1e-4)

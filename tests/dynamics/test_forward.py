@@ -1,4 +1,4 @@
-"""The front door: what it refuses, what it checks, and how its result is laid out."""
+"""Forward and inverse dynamics: stored answers, what is refused and checked, and how the result is laid out."""
 
 from dataclasses import replace
 
@@ -18,17 +18,13 @@ from holdfast import (
     StateError,
     Status,
     forward_dynamics,
+    inverse_dynamics,
     state_from_joints,
 )
-from tests.dynamics.problems import CASES, relative_gap, stored
 from tests.model.parts import BOX, arm
-from tests.systems import planar_parallelogram, two_collinear_stretched_6r
-from tests.systems.as_chain import Problem, as_chain
-
-
-def answer(p: Problem, **options):
-    """Return forward dynamics of a problem."""
-    return forward_dynamics(p.chain, p.state, p.tau, inputs=p.inputs, **options)
+from tests.systems import planar_parallelogram
+from tests.systems.as_chain import as_chain
+from tests.systems.problems import CASES, random_problem, relative_gap, stored
 
 
 @pytest.mark.parametrize("route", ["recursive", "mass_matrix"])
@@ -36,7 +32,7 @@ def answer(p: Problem, **options):
 def test_stored_answers(name, route):
     """All 42 stored answers by either route: accelerations, forces, contact rates, status."""
     p, expected, tags = stored(name), CASES[name]["expected"], CASES[name]["tags"]
-    result = answer(p, route=route)
+    result = p.solved(route=route)
     assert relative_gap(result.qdd, np.concatenate(expected["qdd"])) < 1e-11
     assert relative_gap(result.object_acceleration, np.array(expected["alpha_C"])) < 1e-11
     assert relative_gap(result.contact_acceleration, np.concatenate(expected["W_dot"])) < 1e-11
@@ -50,7 +46,7 @@ def test_stored_answers(name, route):
 def test_one_arms_part():
     """result['arm'] gives that arm's slices; an unknown name is answered with a suggestion."""
     p = stored("mixed_4arm_all_types")
-    result = answer(p)
+    result = p.solved()
     part = result["arm4"]
     np.testing.assert_array_equal(part.qdd, result.qdd[-8:])
     np.testing.assert_array_equal(part.grasp_wrench, result.grasp_wrench[3])
@@ -83,7 +79,7 @@ def test_state_of_another_chain():
     with pytest.raises(StateError, match=r"expected 14 joint positions \(arm1: 7, arm2: 7\), got 13"):
         forward_dynamics(p.chain, other.state, p.tau)
     with pytest.raises(StateError, match=r"inputs: base_twists: expected shape \(2, 6\)"):
-        answer(replace(p, inputs=Inputs(base_twists=np.zeros(6))))
+        replace(p, inputs=Inputs(base_twists=np.zeros(6))).solved()
 
 
 def test_overflow():
@@ -109,30 +105,52 @@ def test_no_inertia(held):
 
 
 def test_singular_configurations():
-    """Flat parallelogram and arms stretched along one line are refused; a given generic rank is trusted."""
-    stretched = [two_collinear_stretched_6r(1, opposed=opposed) for opposed in (True, False)]
-    for case in (planar_parallelogram(0.0), *stretched):
-        p = as_chain(case)
-        with pytest.raises(SingularChainError, match="a singular configuration"):
-            answer(p)
+    """They are refused (`tests/acceptance/test_precision.py`); a given generic rank is trusted."""
     p = as_chain(planar_parallelogram(0.3))
-    assert answer(p, generic_rank=9).status is Status.INDETERMINATE_FORCES
+    assert p.solved(generic_rank=9).status is Status.INDETERMINATE_FORCES
     with pytest.raises(SingularChainError, match="rank 9 of 12 here, but 10 in general"):
-        answer(p, generic_rank=10)
-
-
-def test_towards_the_singularity():
-    """The parallelogram's accelerations do not depend on the crank's angle, down to 1e-4 rad from flat."""
-    steady = answer(as_chain(planar_parallelogram(0.5))).qdd
-    for angle, tolerance in ((1e-2, 1e-10), (1e-3, 1e-8), (1e-4, 1e-5)):
-        p = as_chain(planar_parallelogram(angle))
-        assert relative_gap(answer(p, generic_rank=9).qdd, steady) < tolerance
+        p.solved(generic_rank=10)
 
 
 def test_inputs_by_default():
     """No inputs mean zero inputs."""
     p = stored("rigid_2arm_7R_gravity")
     given = Inputs(np.zeros(6), np.zeros((14, 6)), np.zeros((2, 6)), np.zeros((2, 6)))
-    explicit, default = answer(replace(p, inputs=given)), forward_dynamics(p.chain, p.state, p.tau)
+    explicit, default = replace(p, inputs=given).solved(), forward_dynamics(p.chain, p.state, p.tau)
     np.testing.assert_allclose(explicit.qdd, default.qdd, rtol=1e-13)
     np.testing.assert_allclose(explicit.base_wrench, default.base_wrench, rtol=1e-13, atol=1e-13)
+
+
+MIXED = {"grasps": ("rigid", None, "softfinger", "ball"), "joints": (6, 5, 7, 8), "moving_base": True}
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_torques_come_back(seed):
+    """inverse(forward(tau)) = tau, damping, armature, wrenches, moving bases and free arms in."""
+    p = random_problem(seed, **MIXED)
+    result = p.solved()
+    tau = inverse_dynamics(p.chain, p.state, result.qdd, result.grasp_wrench, p.inputs)
+    assert relative_gap(tau, p.tau) < 1e-11
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_stored_torques(name):
+    """The stored accelerations and forces ask for the stored torques."""
+    p, expected = stored(name), CASES[name]["expected"]
+    tau = inverse_dynamics(p.chain, p.state, np.concatenate(expected["qdd"]), expected["f"], p.inputs)
+    size = np.abs(np.concatenate(expected["f"])).max()
+    assert np.abs(tau - p.tau).max() < 1e-10 * max(1.0, size)
+
+
+def test_inverse_refuses():
+    """Wrong shapes, and a wrench on an arm that holds nothing, are refused by name."""
+    p = random_problem(0, **MIXED)
+    n, none = p.chain.joint_count, np.zeros((4, 6))
+    with pytest.raises(StateError, match=r"qdd: expected shape \(26,\), got shape \(25,\)"):
+        inverse_dynamics(p.chain, p.state, np.zeros(n - 1), none)
+    with pytest.raises(StateError, match=r"grasp_wrench: expected shape \(4, 6\)"):
+        inverse_dynamics(p.chain, p.state, np.zeros(n), none[:3])
+    loaded = none.copy()
+    loaded[1, 4] = 1.0
+    with pytest.raises(StateError, match=r"grasp_wrench: arm 'arm2' holds nothing, expected zeros"):
+        inverse_dynamics(p.chain, p.state, np.zeros(n), loaded)

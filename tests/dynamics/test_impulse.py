@@ -32,15 +32,15 @@ from holdfast.dynamics.split import length_scale
 from holdfast.model.grasp import WrenchLimits
 from holdfast.spatial import rotation
 from holdfast.spatial.spatial_vector import shift_wrench, unrotate
-from tests.dynamics.problems import random_problem, relative_gap
 from tests.systems import planar_three_arms
 from tests.systems.as_chain import as_chain
+from tests.systems.problems import random_problem, relative_gap
 
 KINDS = ("rigid", "hinge", "softfinger", "ball")
 OPTIONS = {"grasps": ("softfinger", None, "rigid", None, "ball"), "joints": (7, 7, 6, 8, 7)}
 EXACT = 1e-12  # of the sum of absolute terms
 grips = pytest.mark.parametrize(
-    ("kind", "seed", "moving_base"), [(kind, seed, seed % 2 == 1) for kind in KINDS for seed in range(6)]
+    ("kind", "seed", "moving_base"), [(kind, seed, seed % 2 == 1) for kind in KINDS for seed in range(3)]
 )
 
 
@@ -58,13 +58,18 @@ def motion_before(p, done):
 
 @grips
 def test_energy(kind, seed, moving_base):
-    """Delta T - sum V_b.j_b = -1/2 p^T K Omega K^T p <= 0, T by the links, Omega by dense matrices."""
+    """K Omega K^T p = K (V_tip - A V(C)), solved densely; Delta T - sum V_b.j_b = -1/2 p^T K Omega K^T p <= 0."""
     p, done = gripped(kind, seed, moving_base)
     before = kinetic_energy(p.chain, p.state, p.inputs)
     after = kinetic_energy(done.chain, done.state, p.inputs)
-    s = Stacked(motion_before(p, done))
+    motion = motion_before(p, done)
+    s = Stacked(motion)
     f = done.impulses[[done.chain.names.index(name) for name in done.chain.grasps]].ravel()
-    lost = 0.5 * (f @ s.J @ s.mass_solve(s.J.T @ f) + f @ s.A @ s.M_C_inverse @ s.A.T @ f)
+    omega = s.J @ s.mass_solve(s.J.T) + s.A @ s.M_C_inverse @ s.A.T
+    tips = np.concatenate([arm.tip_twist for arm in motion.holding])
+    gap = s.K @ (tips - s.A @ p.state.object_twist)
+    assert relative_gap(f, s.K.T @ np.linalg.solve(s.K @ omega @ s.K.T, gap)) < 1e-10
+    lost = 0.5 * f @ omega @ f
     by_bases = (p.inputs.shaped(p.chain).base_twists * done.base_impulses).sum()
     size = before + after + lost + abs(by_bases)
     assert abs(after - before - by_bases + lost) <= EXACT * size
@@ -115,19 +120,6 @@ def test_free_motions_stay_free(kind, seed, moving_base):
     assert all(np.abs(W).max(initial=1.0) > 1e-3 for W in rates.values())
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_impulses_of_dense_matrices(kind):
-    """K Omega K^T p = K (V_tip - A V(C)), every grasp's impulse, solved densely."""
-    p, done = gripped(kind, 1, True)
-    motion = motion_before(p, done)
-    s = Stacked(motion)
-    tips = np.concatenate([arm.tip_twist for arm in motion.holding])
-    omega = s.K @ (s.J @ s.mass_solve(s.J.T) + s.A @ s.M_C_inverse @ s.A.T) @ s.K.T
-    expected = s.K.T @ np.linalg.solve(omega, s.K @ (tips - s.A @ p.state.object_twist))
-    found = done.impulses[[done.chain.names.index(name) for name in done.chain.grasps]].ravel()
-    assert relative_gap(found, expected) < 1e-10
-
-
 def slider(mass: float, axis) -> Arm:
     """Return one body on a rail."""
     return Arm([Joint("prismatic", axis)], [Link(mass, [0, 0, 0], np.eye(3))])
@@ -146,7 +138,7 @@ def test_two_bodies_couple():
     assert done.energy_change == pytest.approx(-6.0, rel=1e-14)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_impulses_that_are_not_unique(seed):
     """A third planar arm welded on: velocities, energy and momentum are unique, the smallest impulses returned."""
     p = as_chain(planar_three_arms(seed))

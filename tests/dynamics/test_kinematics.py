@@ -10,10 +10,11 @@ from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain
 
 PUSHED = as_chain(well_conditioned_system(3, arms=1, joints=6, grasps="rigid", extras=True)).chain.arms["arm1"]
-ARMS = [panda(), iiwa14(), PUSHED]
+ARMS = {"panda": panda(), "iiwa14": iiwa14(), "random, with strokes": PUSHED}
+arms = pytest.mark.parametrize("arm", ARMS.values(), ids=ARMS)
 
 
-@pytest.mark.parametrize("arm", ARMS, ids=["panda", "iiwa14", "random, with strokes"])
+@arms
 def test_jacobian_is_the_slope_of_the_pose(arm):
     """Central differences of the tip's pose are the Jacobian's columns."""
     q, h = np.random.default_rng(0).uniform(-1, 1, arm.joint_count), 1e-5
@@ -24,7 +25,7 @@ def test_jacobian_is_the_slope_of_the_pose(arm):
         assert np.concatenate([turn, ahead.p - behind.p]) / (2 * h) == pytest.approx(J[:, k], abs=1e-8)
 
 
-@pytest.mark.parametrize("arm", ARMS, ids=["panda", "iiwa14", "random, with strokes"])
+@arms
 def test_links_lead_to_the_tip(arm):
     """Each link hangs on the one before by its joint, the tip on the last link."""
     q = np.random.default_rng(1).uniform(-1, 1, arm.joint_count)
@@ -38,7 +39,7 @@ def test_links_lead_to_the_tip(arm):
     assert (before @ arm.tip).wxyz_xyz == pytest.approx(hf.tip_pose(arm, q).wxyz_xyz, abs=1e-12)
 
 
-@pytest.mark.parametrize("arm", ARMS, ids=["panda", "iiwa14", "random, with strokes"])
+@arms
 def test_mass_matrix_is_the_kinetic_energy(arm):
     """1/2 qd^T M qd is the energy of links and rotors, summed body by body."""
     rng = np.random.default_rng(2)
@@ -48,6 +49,7 @@ def test_mass_matrix_is_the_kinetic_energy(arm):
     energy = hf.kinetic_energy(chain, hf.State(q, qd, [1, 0, 0, 0, 0, 0, 0]))
     assert 0.5 * qd @ M @ qd == pytest.approx(energy, rel=1e-13)
     assert np.array_equal(M, M.T)
+    assert np.linalg.eigvalsh(M)[0] > 0
 
 
 @pytest.mark.parametrize("ask", [hf.tip_pose, hf.link_poses, hf.tip_jacobian, hf.joint_mass_matrix])

@@ -19,11 +19,12 @@ from holdfast import (
 )
 from holdfast.dynamics.rank import constraint_rank
 from holdfast.model.grasp import WrenchLimits
-from tests.dynamics.problems import motion_of, stored
+from tests.dynamics.problems import motion_of
 from tests.dynamics.test_margin_range import hinged, regrasped
 from tests.simulation.gantries import BLOCK, Friction, squeezed
 from tests.systems import planar_three_arms
 from tests.systems.as_chain import Problem, as_chain
+from tests.systems.problems import stored
 
 MU, G = 0.5, 10.0
 CARRIED = BLOCK * G / 2  # N, along each contact's tangent
@@ -104,12 +105,12 @@ def by_another_solver(p: Problem, f: np.ndarray) -> float:
     return best
 
 
-@pytest.mark.parametrize("name", ["rigid_2arm_7R_gravity", "hinge_2arm", "softfinger_3arm"])
+@pytest.mark.parametrize("name", ["hinge_2arm", "softfinger_3arm"])
 def test_against_another_solver(name):
     """Arms with force and moment limits: nothing better is found, and what is found comes near."""
     p = stored(name)
     p = regrasped(p, lambda i, g: replace(g, wrench_limits=WrenchLimits(20.0 + i, 100.0)))
-    result = forward_dynamics(p.chain, p.state, p.tau, inputs=p.inputs)
+    result = p.solved()
     found = largest_margin(p.chain, p.state, result, inputs=p.inputs)
     assert grasp_margins(p.chain, p.state, found.grasp_wrench).min() == pytest.approx(found.margin, abs=1e-6)
     other = by_another_solver(p, result.grasp_wrench)
@@ -119,15 +120,13 @@ def test_against_another_solver(name):
     np.testing.assert_allclose(after.object_acceleration, result.object_acceleration, rtol=1e-6, atol=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_never_below_together(seed):
+def test_never_below_together():
     """Torques of choice can do whatever the torques at hand can."""
-    plain = regrasped(
-        as_chain(planar_three_arms(seed)), lambda i, g: replace(g, wrench_limits=WrenchLimits(8.0 + i, 60.0))
-    )
-    for p in (plain, hinged(seed)):
+    plain = as_chain(planar_three_arms(0))
+    limited = regrasped(plain, lambda i, g: replace(g, wrench_limits=WrenchLimits(8.0 + i, 60.0)))
+    for p in (limited, hinged(1)):
         known = constraint_rank(p.chain, p.state)
-        result = forward_dynamics(p.chain, p.state, p.tau, inputs=p.inputs, generic_rank=known)
+        result = p.solved(generic_rank=known)
         found = largest_margin(p.chain, p.state, result, inputs=p.inputs)
         now = grasp_margins(p.chain, p.state, result.grasp_wrench).min()
         assert found.margin >= margin_range(p.chain, p.state, result).together - 1e-7 >= now - 2e-7
@@ -136,7 +135,7 @@ def test_never_below_together(seed):
 def test_nothing_to_give_way():
     """Two-sided grasps without limits, and nobody who holds."""
     p = stored("rigid_2arm_7R_gravity")
-    result = forward_dynamics(p.chain, p.state, p.tau, inputs=p.inputs)
+    result = p.solved()
     found = largest_margin(p.chain, p.state, result, inputs=p.inputs)
     assert found.margin == np.inf
     np.testing.assert_allclose(found.tau, p.tau, atol=1e-9 * np.abs(p.tau).max())

@@ -1,26 +1,16 @@
-"""Margins of grasps and joints: the formulae, their signs, and the same text traced."""
+"""Margins of grasps and joints: the formulae and their signs."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from holdfast import ClosedChain, Friction, Grasp, HeldObject, Joint, Pose, State, StateError
-from holdfast.compiler.interpret import interpret
-from holdfast.compiler.trace import trace
-from holdfast.dynamics.margins import (
-    contact_margin,
-    grasp_margins,
-    joint_margins,
-    least_margin,
-)
+from holdfast import ClosedChain, Friction, Grasp, Joint, State, StateError
+from holdfast.dynamics.margins import contact_margin, grasp_margins, joint_margins
 from holdfast.model.grasp import WrenchLimits
-from holdfast.model.grasp_kinds import GRASP_KINDS
-from holdfast.model.wrench_condition import largest_force_and_moment
-from holdfast.spatial import rotation
 from holdfast.spatial.spatial_vector import rotate
-from tests.dynamics.problems import random_problem
-from tests.model.parts import arm
+from tests.model.parts import BOX, arm
+from tests.systems.problems import random_problem
 
 MU, E, L = 0.6, 0.02, 0.05
 ONE_SIDED = {
@@ -41,7 +31,7 @@ def formula(kind: str, f) -> float:
 
 
 @pytest.mark.parametrize("kind", ONE_SIDED)
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(8))
 def test_one_sided(kind, seed):
     """The least of the conditions, whatever part of the wrench decides."""
     rng = np.random.default_rng(seed)
@@ -91,7 +81,7 @@ def test_wrench_limits(limits, margin):
     assert contact_margin(pressing, f) == pytest.approx(min(margin, formula("ball", f)), rel=1e-14)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_of_a_chain(seed):
     """In the grasps' order, each wrench seen in its contact's axes; arms without a grasp have no margin."""
     p = random_problem(seed, grasps=("ball", None, "softfinger", "rigid", "hinge"), joints=(7, 6, 7, 8, 7))
@@ -112,58 +102,13 @@ def contact(kind: str) -> Friction | None:
     return ONE_SIDED[kind].contact if kind in ONE_SIDED else None
 
 
-def two_arms(left: Grasp, right: Grasp) -> ClosedChain:
-    """Return two planar arms that hold a box."""
-    return ClosedChain(
-        {"left": arm(2), "right": arm(3)}, HeldObject.box(3.0, 0.4, 0.3, 0.2), {"left": left, "right": right}
-    )
-
-
-@pytest.mark.parametrize("right", ["ball", "hinge", "rigid"])
-def test_traced(right):
-    """The same text on traced scalars is a program that computes the same margins of grasps and joints."""
-    frame = Pose(rotation.exp(np.array([0.3, -0.8, 0.1])), np.array([0.2, 0.0, 0.1]))
-    limits = WrenchLimits(3.0, 40.0)
-    left = Grasp("softfinger", frame, Friction(MU, torsion_radius=E), limits)
-    chain = two_arms(left, Grasp(right, frame, contact(right), limits))
-    joints = [Joint(position_limits=(-1.0, 2.0), rate_limit=3.0), Joint(effort_limit=5.0)]
-    chain = replace(chain, arms={**chain.arms, "left": replace(chain.arms["left"], joints=joints)})
-
-    def margins(q, qd, tau, pose, f):
-        state = State(q, qd, pose)
-        return (grasp_margins(chain, state, f), *joint_margins(chain, state, tau))
-
-    program = trace(margins, [(5,), (5,), (5,), (7,), (2, 6)])
-    rng = np.random.default_rng(0)
-    for _ in range(5):
-        quaternion = rotation.quaternion_exp(rng.normal(size=3))
-        given = (*rng.normal(size=(3, 5)), np.r_[quaternion, rng.normal(size=3)], rng.normal(size=(2, 6)))
-        for traced, plain in zip(interpret(program, *given), margins(*given), strict=True):
-            np.testing.assert_allclose(traced, plain, rtol=1e-12)
-
-
-def test_numbers_of_the_contact_can_be_traced():
-    """Friction and limits enter as numbers: they may be inputs of the program too."""
-
-    def margins(f, friction, limits):
-        slipping = least_margin(GRASP_KINDS["softfinger"].friction(friction[0], friction[1]), f)
-        return slipping, least_margin(largest_force_and_moment(*limits), f)
-
-    program = trace(margins, [(6,), (2,), (3,)])
-    f = np.array([0.1, 0.02, 0.01, 0.5, -0.3, 3.0])
-    for limits in ([3.0, 40.0, 3 / 40], [np.inf, 40.0, 1.0]):
-        expected = margins(f, np.array([MU, E]), np.array(limits))
-        np.testing.assert_allclose(interpret(program, f, [MU, E], limits), expected, rtol=1e-14)
-
-
 def test_joint_margins():
     """To the nearer end, to the rate limit, to the effort limit; infinite without one, negative beyond."""
     joints = [
         Joint(position_limits=(-1.0, 2.0), rate_limit=3.0, effort_limit=10.0),
         Joint(position_limits=(-np.inf, 0.5)),
     ]
-    plain = two_arms(Grasp("ball"), Grasp("ball"))
-    chain = replace(plain, arms={"left": replace(plain.arms["left"], joints=joints), "right": plain.arms["right"]})
+    chain = ClosedChain({"left": replace(arm(2), joints=joints), "right": arm(3)}, BOX, {"left": Grasp("ball")})
     state = State([-0.8, 0.7, 9, 9, 9], [-3.5, 7, 0, 0, 0], [1, 0, 0, 0, 0, 0, 0])
     found = joint_margins(chain, state, np.array([-4.0, 1, 1, 1, 1]))
     np.testing.assert_allclose(found.position, [0.2, -0.2, np.inf, np.inf, np.inf], rtol=1e-14)

@@ -1,10 +1,10 @@
-"""With rigid grasps the joints tell where the object is and how it moves (2.8)."""
+"""With rigid grasps the joints determine where the object is and how it moves (2.8)."""
 
 import numpy as np
 import pytest
 
 from holdfast import MethodNotApplicable, StateError, state_from_joints
-from tests.dynamics.problems import CASES, random_problem, stored
+from tests.systems.problems import CASES, random_problem, stored
 
 RIGID = [name for name, case in CASES.items() if case["tags"]["all_rigid"]]
 
@@ -22,7 +22,7 @@ def test_stored_states(name):
 
 
 def test_other_arms_do_not_count():
-    """Only arms that hold tell; the first one's tip gives the pose."""
+    """Only arms that hold count; the first one's tip gives the pose."""
     p = random_problem(2, grasps="rigid", joints=(7, 6, 8))
     opened = p.chain.without_grasp("arm1")
     q = p.state.q + 0.7 * (np.arange(21) < 7)

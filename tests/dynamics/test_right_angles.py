@@ -9,16 +9,14 @@ import pytest
 
 import holdfast
 from holdfast import ClosedChain, Grasp, HeldObject, Inputs, Pose, State
-from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.constraint import constraint_rows, coordinate_sizes
 from holdfast.dynamics.rank import constraint_rank
 from holdfast.robots import gen3, ur5e
-from holdfast.spatial.linalg import least_solution
-from tests.acceptance.comparison import relative
 from tests.oracles.maximal_kkt import solve
 from tests.systems.as_case import as_case
-from tests.systems.as_chain import Problem
+from tests.systems.as_chain import Problem, mounted
+from tests.systems.problems import relative_gap
 from tests.systems.right_angle_systems import RIGHT_ANGLES, right_angle_system
 
 # Wrong by 1e-4 .. 1e5 when a pivot was judged by its own computed diagonal, status OK or INDETERMINATE_FORCES.
@@ -73,7 +71,7 @@ def test_forward_dynamics(seed):
 @pytest.mark.parametrize("tilt", [0.0, 1e-7, 3.7e-6, 1e-4])
 def test_rank(tilt):
     """The rank is that of singular values, also where right angles are off (1.5708 in a file: 3.7e-6 rad)."""
-    for seed in range(60):
+    for seed in range(25):
         p = right_angle_system(seed, tilt)
         motion = chain_motion(p.chain, p.state, p.tau, Inputs().shaped(p.chain))
         rows = constraint_rows(motion)
@@ -96,12 +94,9 @@ def test_rigid_then_another(robot, kind):
             "first": Grasp("rigid", Pose(np.eye(3), [0.2, 0, 0])),
             "second": Grasp(kind, Pose(np.eye(3), [-0.2, 0, 0])),
         }
-        arms = {}
-        for name, posed in (("first", q), ("second", other)):
-            tip = posture(robot().at(Pose.identity()), posed).tip
-            arms[name] = robot().at(at @ grasps[name].frame @ tip.inverse())
-        chain = ClosedChain(arms, HeldObject.box(3.0, 0.3, 0.2, 0.2), grasps)
-        state = State(np.r_[q, other], np.zeros(2 * len(q)), at.wxyz_xyz)
+        arms, both = {"first": robot(), "second": robot()}, np.r_[q, other]
+        chain = mounted(ClosedChain(arms, HeldObject.box(3.0, 0.3, 0.2, 0.2), grasps), both, at)
+        state = State(both, np.zeros(2 * len(q)), at.wxyz_xyz)
         tau = random.normal(size=2 * len(q))
         try:
             found = holdfast.forward_dynamics(chain, state, tau)
@@ -110,7 +105,7 @@ def test_rigid_then_another(robot, kind):
             continue
         answered += 1
         for field in ("qdd", "grasp_wrench", "object_acceleration"):
-            assert relative(getattr(found, field), getattr(dense, field), floor=1.0) < 1e-9
+            assert relative_gap(getattr(found, field), getattr(dense, field), floor=1.0) < 1e-9
     assert answered > 5
 
 
@@ -130,7 +125,7 @@ def test_point_mass(inertia, com):
 def test_smallest_wrenches():
     """The motion part is the smallest wrench with the same effect, contacts on a line included."""
     random = np.random.default_rng(5)
-    for _ in range(200):
+    for _ in range(60):
         chain, state = _on_a_line(random)
         f = random.normal(size=(len(chain.arms), 6))
         for row, grasp in zip(f, chain.grasps.values(), strict=True):
@@ -173,14 +168,3 @@ def _by_singular_values(chain: ClosedChain, state: State, f: np.ndarray, length:
     lam = np.linalg.pinv(np.hstack(blocks), rcond=1e-9) @ net
     ends = np.cumsum([t.shape[1] for t in axes])[:-1]
     return np.array([t @ part for t, part in zip(axes, np.split(lam, ends), strict=True)])
-
-
-@pytest.mark.parametrize("rank", [0, 1, 3, 6])
-def test_least_solution(rank):
-    """A^T (A A^T)^+ b as by singular values, whatever the rank and whether or not b can be reached."""
-    random = np.random.default_rng(rank)
-    for _ in range(20):
-        A = random.normal(size=(6, rank)) @ random.normal(size=(rank, 12))
-        A[random.integers(6)] *= random.choice([1.0, 1e-17])
-        b = random.normal(size=6)
-        np.testing.assert_allclose(least_solution(A, b), np.linalg.pinv(A, rcond=1e-6) @ b, atol=1e-8)

@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from holdfast import forward_dynamics
 from holdfast.dynamics.energy import Body, bodies
 from holdfast.dynamics.wrist import last_joint_wrenches, wrist_wrenches
 from holdfast.spatial.spatial_vector import rotate, shift_wrench
-from tests.dynamics.problems import random_problem
 from tests.laws.moving import moving
 from tests.laws.systems import mixed
 from tests.spatial.dual import slopes_of
+from tests.systems.problems import random_problem
 
 seeds = pytest.mark.parametrize("seed", range(6))
 TOLERANCE = 1e-11  # of the sum of absolute terms
@@ -27,26 +26,12 @@ def one_arm(seed: int):
     """Return an arm that holds the object alone, on a moving base, everything on, solved."""
     kind = ("rigid", "rigid", "hinge", "softfinger", "ball", "rigid")[seed]
     p = random_problem(seed, grasps=(kind,), joints=(6,), moving_base=True, gravity=(1.0, -2.0, -9.0))
-    return p, forward_dynamics(p.chain, p.state, p.tau, inputs=p.inputs)
+    return p, p.solved()
 
 
 @seeds
-def test_across_the_tip(seed):
-    """What the tip transmits is what the object needs: its momentum's rate less weight and load."""
-    p, result = one_arm(seed)
-    *links, held = bodies(p.chain, p.state, p.inputs)
-    *_, later = bodies(*moving(p, result))
-    arm = p.chain.arms["arm1"]
-    R, tip = links[-1].R @ arm.tip.R, links[-1].origin + links[-1].R @ arm.tip.p
-    terms = needed(held, later, p.chain.gravity, p.inputs.object_wrench, tip)
-    found = rotate(R, wrist_wrenches(p.chain, p.state, result)[0])
-    assert np.abs(found - np.sum(terms, axis=0)).max() <= TOLERANCE * np.abs(terms).sum(axis=0).max()
-    assert np.abs(found).max() > 1
-
-
-@seeds
-def test_across_the_last_joint(seed):
-    """What the last joint transmits is what last link and object together need; the grasp force does not enter."""
+def test_one_arm(seed):
+    """What tip and last joint transmit is what the object, and the last link with it, need; whatever the grasp."""
     p, result = one_arm(seed)
     *links, held = bodies(p.chain, p.state, p.inputs)
     *later_links, later = bodies(*moving(p, result))
@@ -55,6 +40,12 @@ def test_across_the_last_joint(seed):
     terms += needed(links[-1], later_links[-1], p.chain.gravity, p.inputs.link_wrenches[-1], point)
     found = rotate(R, last_joint_wrenches(p.chain, p.state, result, p.inputs)[0])
     assert np.abs(found - np.sum(terms, axis=0)).max() <= TOLERANCE * np.abs(terms).sum(axis=0).max()
+
+    arm = p.chain.arms["arm1"]
+    terms = needed(held, later, p.chain.gravity, p.inputs.object_wrench, point + R @ arm.tip.p)
+    found = rotate(R @ arm.tip.R, wrist_wrenches(p.chain, p.state, result)[0])
+    assert np.abs(found - np.sum(terms, axis=0)).max() <= TOLERANCE * np.abs(terms).sum(axis=0).max()
+    assert np.abs(found).max() > 1
 
 
 @seeds

@@ -6,7 +6,8 @@ import pytest
 from holdfast import forward_dynamics, inverse_dynamics
 from holdfast.dynamics.closed.chain_motion import pseudo_gravity
 from holdfast.dynamics.closed.stacked import Stacked
-from tests.dynamics.problems import motion_of, random_problem, relative_gap
+from tests.dynamics.problems import motion_of
+from tests.systems.problems import random_problem, relative_gap
 
 OPTIONS = {
     "rigid": {"grasps": "rigid", "joints": (7, 6, 8)},
@@ -16,7 +17,7 @@ OPTIONS = {
 
 
 @pytest.mark.parametrize("kind", OPTIONS)
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(5))
 def test_identity(kind, seed):
     """forward(inverse(qdd, f)) = (qdd, f) for random consistent accelerations and transmissible forces."""
     p = random_problem(seed, moving_base=True, **OPTIONS[kind])
@@ -42,12 +43,12 @@ def test_identity(kind, seed):
     assert relative_gap(result.object_acceleration, alpha + pseudo_gravity(p.chain)) < 1e-10
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(5))
 def test_gauss(seed):
     """Gauss: constrained and free accelerations differ by least constraint, in the kinetic metric."""
     p = random_problem(seed, moving_base=True, **OPTIONS["mixed"])
     s = Stacked(motion_of(p))
-    result = forward_dynamics(p.chain, p.state, p.tau, inputs=p.inputs)
+    result = p.solved()
     forced = s.M @ (result.qdd - s.mass_solve(s.T_free))
     pushed = s.M_C @ (result.object_acceleration - pseudo_gravity(p.chain)) + s.b
     rows = s.K @ np.hstack([s.J, -s.A])

@@ -6,28 +6,6 @@ import pytest
 from holdfast import ClosedChain, Grasp, ModelError, Pose
 from tests.model.parts import BOX, arm, chain
 
-REFUSED = {
-    "arms list": ({"arms": [arm()]}, r"chain: expected arms and grasps as mappings"),
-    "grasps list": ({"grasps": [Grasp("ball")]}, r"chain: expected arms and grasps as mappings"),
-    "no arm": ({"arms": {}, "grasps": {}}, r"chain: expected at least one arm, got none"),
-    "arm type": ({"arms": {"left": Grasp("ball")}}, r"arm 'left': expected an Arm, got Grasp"),
-    "object": ({"held_object": arm()}, r"object: expected a HeldObject, got Arm"),
-    "grasp type": ({"grasps": {"left": "ball"}}, r"grasp 'left': expected a Grasp, got str"),
-    "near name": ({"grasps": {"lefft": Grasp("ball")}}, r"grasp 'lefft': no such arm\. Did you mean 'left'\?"),
-    "far name": ({"grasps": {"zzz": Grasp("ball")}}, r"grasp 'zzz': no such arm\. Known: left, right\."),
-    "gravity": ({"gravity": [0, 0]}, r"chain: gravity: expected shape \(3,\)"),
-    "gravity nan": ({"gravity": [0, 0, np.nan]}, r"chain: gravity: expected finite"),
-}
-
-
-@pytest.mark.parametrize("what", REFUSED)
-def test_refused(what):
-    """A chain that cannot exist is refused; the message names the part."""
-    given, message = REFUSED[what]
-    good = {"arms": {"left": arm(), "right": arm()}, "held_object": BOX, "grasps": {"left": Grasp("ball")}}
-    with pytest.raises(ModelError, match=message):
-        ClosedChain(**{**good, **given})
-
 
 def test_layout():
     """Flat arrays follow the arms' order; grasps follow it too, however they were given."""
@@ -43,12 +21,10 @@ def test_layout():
 
 
 def test_defaults():
-    """Standard gravity along -z, read-only; nobody need hold the object."""
+    """Standard gravity along -z; nobody need hold the object."""
     made = ClosedChain({"left": arm()}, BOX, {})
     np.testing.assert_array_equal(made.gravity, [0, 0, -9.81])
     assert (made.contact_freedoms, made.contact_freedom_count, made.constraint_row_count) == ({}, 0, 0)
-    with pytest.raises(ValueError, match="read-only"):
-        made.gravity[2] = 0.0
 
 
 def test_caller_keeps_his_dictionaries():
@@ -69,12 +45,8 @@ def test_with_bases():
     assert moved.grasps.keys() == made.grasps.keys()
     with pytest.raises(ModelError, match=r"base.*: expected finite numbers"):
         made.with_bases({"right": [1.0, 0, 0, 0, np.inf, 0, 0]})
-
-
-def test_bases_of_unknown_arms():
-    """A misspelt arm is not left where it was in silence."""
     with pytest.raises(ModelError, match=r"'rihgt'.*Did you mean 'right'\?"):
-        chain(left=2, right=2).with_bases({"rihgt": Pose.identity()})
+        made.with_bases({"rihgt": Pose.identity()})
 
 
 def test_without_grasp():

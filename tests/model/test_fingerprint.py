@@ -70,7 +70,7 @@ class Also(NamedTuple):
 
 
 def test_what_decides_a_call():
-    """Numbers, types and methods, at any depth; None where a text of the user's takes part."""
+    """Numbers, types and methods, at any depth; None where code of the user's takes part."""
     chain, path = two_pandas()[0], RestToRest(Pose.identity(), [0.0, 0.0, 0.1])
     tracking = ObjectTracking(chain, path.at, squeeze=20.0)
     again = ObjectTracking(two_pandas()[0], RestToRest(Pose.identity(), [0.0, 0.0, 0.1]).at, squeeze=20.0)

@@ -1,4 +1,4 @@
-"""What is no number, name or truth value is refused at every public constructor, and always by our errors."""
+"""What cannot exist is refused at every public constructor, by our errors: part, field, what was expected and given."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import holdfast as hf
+from holdfast import Pose
+from tests.model.parts import BOX, arm, bar
 
 EYE, ZERO, REST = np.eye(3), np.zeros(3), [1, 0, 0, 0, 0, 0, 0]
 LINK, JOINT = hf.Link(1.0, ZERO, EYE), hf.Joint()
@@ -25,6 +27,8 @@ NEVER = {
     "texts": np.array(["1", "2", "3"], dtype=object),
     "nans": np.full((3, 3), np.nan),
     "object": object(),
+    "dates": np.array(["2020-01-01"] * 3, dtype="M8[D]"),
+    "set": {1.0, 2.0, 3.0},
     "ragged": [[1.0], [1.0, 2.0]],
 }
 NOT_A_NUMBER = NEVER | {"truth": True, "text": "1", "vector": [1.0, 2.0], "nothing": None, "minus": -1.0}
@@ -109,3 +113,93 @@ def test_poses_are_rigid(R):
     np.testing.assert_allclose(off.R.T @ off.R, EYE, rtol=0, atol=1e-14)
     seven = hf.Pose.from_wxyz_xyz([1.0 + 4e-7, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0])
     np.testing.assert_array_equal(seven.R, EYE)
+
+
+def field(make, **good):
+    """Return a constructor that is given what is good but for some fields."""
+    return lambda **given: make(**{**good, **given})
+
+
+MIRROR, DOUBLE = Pose.unchecked(-EYE, ZERO), Pose.unchecked(2 * EYE, ZERO)
+BALL, FINGER, EDGE = hf.Friction(0.5), hf.Friction(0.5, torsion_radius=0.01), hf.Friction(0.5, half_length=0.05)
+MAKE = {
+    "joint 'elbow': ": field(hf.Joint, name="elbow"),
+    "link 'forearm': ": field(hf.Link, mass=1.0, name="forearm"),
+    "object: ": field(hf.HeldObject, mass=1.0, inertia=EYE),
+    "arm 'left'": field(hf.Arm, joints=[JOINT], links=[bar()], name="left"),
+    "grasp: ": field(hf.Grasp, kind="ball"),
+    "friction: ": field(hf.Friction, mu=0.5),
+    "wrench_limits: ": hf.WrenchLimits,
+    "": field(hf.ClosedChain, arms={"left": arm(), "right": arm()}, held_object=BOX, grasps={"left": hf.Grasp("ball")}),
+    "state: ": field(hf.State, q=[0.0, 0.0], qd=[0.0, 0.0], object_pose=REST),
+}
+# what is made, what it is given, what the message says after its name
+REFUSED = [
+    ("joint 'elbow': ", {"kind": "planar"}, r"kind: expected 'revolute' or 'prismatic', got 'planar'"),
+    ("joint 'elbow': ", {"axis": [0, 0, 2]}, r"axis: expected a unit vector, got length 2"),
+    ("joint 'elbow': ", {"axis": [0, 1]}, r"axis: expected shape \(3,\)"),
+    ("joint 'elbow': ", {"axis": "z"}, r"axis: expected numbers"),
+    ("joint 'elbow': ", {"placement": MIRROR}, r"placement: rotation: expected"),
+    ("joint 'elbow': ", {"placement": Pose.unchecked(EYE, np.array([0, np.nan, 0]))}, r"placement: position"),
+    ("joint 'elbow': ", {"armature": -1e-9}, r"armature: expected >= 0, got -1e-09"),
+    ("joint 'elbow': ", {"damping": -1.0}, r"damping: expected >= 0"),
+    ("joint 'elbow': ", {"friction": "rough"}, r"friction: expected a number"),
+    ("joint 'elbow': ", {"rate_limit": 0.0}, r"rate_limit: expected > 0, got 0.0"),
+    ("joint 'elbow': ", {"effort_limit": "87"}, r"effort_limit: expected a number, got '87'"),
+    ("joint 'elbow': ", {"position_limits": (1, -1)}, r"position_limits: expected lower <= upper, got 1"),
+    ("joint 'elbow': ", {"position_limits": (np.nan, 1)}, r"position_limits: expected lower <= upper"),
+    ("joint 'elbow': ", {"position_limits": (0, 1, 2)}, r"position_limits: expected two numbers"),
+    ("link 'forearm': ", {"mass": -0.1}, r"mass: expected > 0, got -0.1"),
+    ("link 'forearm': ", {"com": [0, 0]}, r"com: expected shape \(3,\), got shape \(2,\)"),
+    ("link 'forearm': ", {"inertia": [1, 1, 1]}, r"inertia: expected shape \(3, 3\)"),
+    ("link 'forearm': ", {"inertia": EYE + np.eye(3, k=1)}, r"inertia: expected a symmetric matrix"),
+    ("link 'forearm': ", {"inertia": np.diag([1, 1, -0.1])}, r"inertia: expected principal moments >= 0"),
+    ("link 'forearm': ", {"inertia": np.diag([1, 1, 2.1])}, r"inertia: no mass distribution .*physical=False"),
+    ("object: ", {"mass": np.inf}, r"mass: expected finite"),
+    ("object: ", {"inertia": np.diag([0.0, 1, 1])}, r"inertia: expected principal moments > 0, got 0, 1, 1"),
+    ("object: ", {"inertia": np.diag([1, 1, 3])}, r"inertia: no mass distribution"),
+    ("arm 'left'", {"joints": [], "links": []}, r": expected at least one joint, got none"),
+    ("arm 'left'", {"links": [bar()] * 2}, r": expected one link per joint, got 1 joints and 2 links"),
+    ("arm 'left'", {"joints": hf.Joint()}, r": joints: expected a list, got Joint"),
+    ("arm 'left'", {"joints": [bar()]}, r", joints\[0\]: expected a Joint, got Link"),
+    ("arm 'left'", {"links": ["x"]}, r", links\[0\]: expected a Link, got str"),
+    ("arm 'left'", {"tip": [0, 0, 1]}, r": tip \(wxyz_xyz\): expected shape \(7,\), got shape \(3,\)"),
+    ("arm 'left'", {"tip": [2, 0, 0, 0, 0, 0, 1]}, r": tip: expected a unit quaternion .* got length 2"),
+    ("arm 'left'", {"base": DOUBLE}, r": base: rotation: expected a rotation matrix"),
+    ("grasp: ", {"kind": "rigit"}, r"kind: expected one of rigid, hinge, softfinger, ball, got 'rigit'.*'rigid'"),
+    ("grasp: ", {"frame": DOUBLE}, r"frame: rotation: expected"),
+    ("grasp: ", {"kind": "rigid", "contact": BALL}, r".*a rigid grasp is two-sided; expected contact=None"),
+    ("grasp: ", {"contact": 0.5}, r"contact: expected None or Friction, got float"),
+    ("grasp: ", {"contact": FINGER}, r".*a ball contact has no torsion_radius"),
+    ("grasp: ", {"contact": EDGE}, r".*a ball contact has no half_length"),
+    ("grasp: ", {"kind": "softfinger", "contact": BALL}, r".*a softfinger contact needs torsion_radius"),
+    ("grasp: ", {"kind": "softfinger", "contact": EDGE}, r".*a softfinger contact needs torsion_radius"),
+    ("grasp: ", {"kind": "hinge", "contact": BALL}, r".*a hinge contact needs half_length"),
+    ("grasp: ", {"kind": "hinge", "contact": FINGER}, r".*a hinge contact has no torsion_radius"),
+    ("grasp: ", {"wrench_limits": 50.0}, r"wrench_limits: expected None or WrenchLimits, got float"),
+    *(("friction: ", {key: 0.0}, rf"{key}: expected") for key in ("mu", "torsion_radius", "half_length")),
+    *(("wrench_limits: ", {key: x}, rf"{key}: expected") for key in ("moment", "force") for x in (0.0, -np.inf)),
+    ("", {"arms": [arm()]}, r"chain: expected arms and grasps as mappings"),
+    ("", {"grasps": [hf.Grasp("ball")]}, r"chain: expected arms and grasps as mappings"),
+    ("", {"arms": {}, "grasps": {}}, r"chain: expected at least one arm, got none"),
+    ("", {"arms": {"left": BALL}}, r"arm 'left': expected an Arm, got Friction"),
+    ("", {"held_object": arm()}, r"object: expected a HeldObject, got Arm"),
+    ("", {"grasps": {"left": "ball"}}, r"grasp 'left': expected a Grasp, got str"),
+    ("", {"grasps": {"lefft": hf.Grasp("ball")}}, r"grasp 'lefft': no such arm\. Did you mean 'left'\?"),
+    ("", {"grasps": {"zzz": hf.Grasp("ball")}}, r"grasp 'zzz': no such arm\. Known: left, right\."),
+    ("", {"gravity": [0, 0]}, r"chain: gravity: expected shape \(3,\)"),
+    ("state: ", {"q": [[0.0], [0.0, 0.0]]}, r"q: expected an array of numbers, got"),
+    ("state: ", {"q": [0.0, np.nan]}, r"q: expected finite"),
+    ("state: ", {"qd": [0.0]}, r"qd: expected shape \(2,\), got shape \(1,\)"),
+    ("state: ", {"object_pose": REST[:6]}, r"object_pose: expected shape \(7,\)"),
+    ("state: ", {"object_pose": [2, 0, 0, 0, 0, 0, 0]}, r"object_pose: expected a unit quaternion .* got length 2"),
+    ("state: ", {"object_twist": np.zeros(5)}, r"object_twist: expected shape \(6,\)"),
+]
+
+
+@pytest.mark.parametrize(("name", "given", "message"), REFUSED, ids=[f"{r[0]}{r[2]}" for r in REFUSED])
+def test_message(name, given, message):
+    """The message names part, field and value."""
+    error = hf.StateError if name == "state: " else hf.ModelError
+    with pytest.raises(error, match=f"^{name}{message}"):
+        MAKE[name](**given)

@@ -8,24 +8,6 @@ from holdfast.spatial import rotation
 from tests.model.parts import chain
 
 POSE = np.r_[1.0, np.zeros(6)]
-REFUSED = {
-    "q": ({"q": [[0.0, 0.0]]}, r"state: q: expected shape"),
-    "q ragged": ({"q": [[0.0], [0.0, 0.0]]}, r"state: q: expected an array of numbers, got"),
-    "q nan": ({"q": [0.0, np.nan]}, r"state: q: expected finite"),
-    "qd length": ({"qd": [0.0]}, r"state: qd: expected shape \(2,\), got shape \(1,\)"),
-    "pose shape": ({"object_pose": POSE[:6]}, r"state: object_pose: expected shape \(7,\)"),
-    "pose length": ({"object_pose": 2 * POSE}, r"state: object_pose: expected a unit quaternion .* got length 2"),
-    "pose inf": ({"object_pose": [1, 0, 0, 0, np.inf, 0, 0]}, r"state: object_pose: expected finite"),
-    "twist": ({"object_twist": np.zeros(5)}, r"state: object_twist: expected shape \(6,\)"),
-}
-
-
-@pytest.mark.parametrize("what", REFUSED)
-def test_refused(what):
-    """A state of wrong shape or numbers is refused by field."""
-    given, message = REFUSED[what]
-    with pytest.raises(StateError, match=message):
-        State(**{"q": np.zeros(2), "qd": np.zeros(2), "object_pose": POSE, **given})
 
 
 def test_fits():
@@ -46,7 +28,7 @@ def test_pose():
     np.testing.assert_array_equal(state.object_twist, np.zeros(6))
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(5))
 def test_a_pose_that_was_normalised_keeps_its_bits(seed):
     """However often a state is made of another one's pose."""
     x = np.random.default_rng(seed).normal(size=7)
@@ -55,17 +37,6 @@ def test_a_pose_that_was_normalised_keeps_its_bits(seed):
         again = State([0.0], [0.0], pose).object_pose
         np.testing.assert_array_equal(again, pose)
         pose = again
-
-
-def test_read_only():
-    """No array of a state can be written; the caller's are not shared."""
-    q = np.zeros(2)
-    state = State(q, q, POSE)
-    q[0] = 1.0
-    assert state.q[0] == 0.0
-    for array in (state.q, state.qd, state.object_pose, state.object_twist):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 1.0
 
 
 def test_inputs():

@@ -1,4 +1,4 @@
-"""Tips whose z axis points another way than the hand: told with the angle, and with a turn that mends it."""
+"""Tips whose z axis points another way than the hand: the angle is reported, with a turn that mends it."""
 
 import itertools
 import re
@@ -55,7 +55,7 @@ def test_built_in_robots(robot):
 @pytest.mark.parametrize("R", ATTITUDES, ids=str)
 @pytest.mark.parametrize("axis", np.eye(3), ids=["x", "y", "z"])
 def test_every_attitude(R, axis):
-    """However the frame lies on the flange: the angle is z's, and the turn that is told brings z along the way."""
+    """However the frame lies on the flange: the angle is z's, and the suggested turn brings z along the way."""
     way = np.array([0.0, 0.0, 0.1])
     arm = wrist(Pose(R, way), axis)
     angle = float(np.arccos(R[2, 2]))
@@ -69,7 +69,7 @@ def test_every_attitude(R, axis):
 
 
 def test_a_tip_on_the_last_joint():
-    """As a UR's: outward is along that joint's axis, the way the arm comes to it; sideways and back are told."""
+    """As a UR's: outward is along that joint's axis, the way the arm comes to it; sideways and back are reported."""
     for turned, angle in (([0.0, 0.0, 0.0], 0.0), ([0.0, np.pi / 2, 0.0], 90.0), ([np.pi, 0.0, 0.0], 180.0)):
         arm = wrist(Pose(rotation.exp(np.array(turned)), np.zeros(3)))
         assert np.degrees(tip_angle(arm)) == pytest.approx(angle)

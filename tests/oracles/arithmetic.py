@@ -34,7 +34,9 @@ class Arithmetic:
 def arithmetic(digits: int | None) -> Arithmetic:
     """Return float64 arithmetic (``digits=None``) or one of that many digits."""
     if digits is None:
-        return Arithmetic(_float_array, math.sin, math.cos, np.linalg.solve, nullcontext)
+        return Arithmetic(
+            lambda values: np.array(values, dtype=float), math.sin, math.cos, np.linalg.solve, nullcontext
+        )
     import gmpy2
 
     bits = math.ceil(digits * math.log2(10)) + 4
@@ -45,11 +47,6 @@ def arithmetic(digits: int | None) -> Arithmetic:
         solve_by_elimination,
         lambda: gmpy2.context(precision=bits),
     )
-
-
-def _float_array(values) -> np.ndarray:
-    """Return the values as a float64 array."""
-    return np.array(values, dtype=float)
 
 
 def _object_array(values, scalar: Callable) -> np.ndarray:
@@ -79,41 +76,19 @@ def solve_by_elimination(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:
     rows = [[*list(row), value] for row, value in zip(matrix, rhs, strict=True)]
     size = len(rows)
     for column in range(size):
-        _bring_up_pivot(rows, column)
-        _eliminate_below(rows, column)
-    return _substitute_back(rows)
-
-
-def _bring_up_pivot(rows: list, column: int) -> None:
-    """Swap the row with the largest entry of this column into place."""
-    best = max(range(column, len(rows)), key=lambda i: abs(rows[i][column]))
-    if rows[best][column] == 0:
-        raise ZeroDivisionError(f"column {column} of {len(rows)} has no pivot")
-    rows[column], rows[best] = rows[best], rows[column]
-
-
-def _eliminate_below(rows: list, column: int) -> None:
-    """Clear this column below the diagonal."""
-    pivot_row = rows[column]
-    pivot = pivot_row[column]
-    # Only the non-zero entries of the pivot row can change anything.
-    active = [(j, pivot_row[j]) for j in range(column + 1, len(pivot_row)) if pivot_row[j] != 0]
-    for row in rows[column + 1 :]:
-        if row[column] == 0:
-            continue
-        factor = row[column] / pivot
-        for j, value in active:
-            row[j] = row[j] - factor * value
-
-
-def _substitute_back(rows: list) -> np.ndarray:
-    """Return the solution of an upper triangular system with its right side appended."""
-    size = len(rows)
+        best = max(range(column, size), key=lambda i, column=column: abs(rows[i][column]))
+        if rows[best][column] == 0:
+            raise ZeroDivisionError(f"column {column} of {size} has no pivot")
+        rows[column], rows[best] = rows[best], rows[column]
+        pivot = rows[column]
+        active = [(j, pivot[j]) for j in range(column + 1, size + 1) if pivot[j] != 0]
+        for row in rows[column + 1 :]:
+            if row[column] != 0:
+                factor = row[column] / pivot[column]
+                for j, value in active:
+                    row[j] = row[j] - factor * value
     solution = np.empty(size, dtype=object)
     for i in reversed(range(size)):
-        total = rows[i][size]
-        for j in range(i + 1, size):
-            if rows[i][j] != 0:
-                total = total - rows[i][j] * solution[j]
-        solution[i] = total / rows[i][i]
+        known = (rows[i][j] * solution[j] for j in range(i + 1, size) if rows[i][j] != 0)
+        solution[i] = (rows[i][size] - sum(known)) / rows[i][i]
     return solution

@@ -1,17 +1,15 @@
 """The oracle reproduces the stored answers and obeys laws it was not built from."""
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from tests.oracles.arithmetic import solve_by_elimination
 from tests.oracles.maximal_kkt import solve, solve_min_norm
 from tests.oracles.stepping import kinetic_energy, power, stepped, wrench_about_C
-from tests.systems import closure_gaps, random_system, well_conditioned_system
+from tests.systems import closure_gaps, problems, random_system, well_conditioned_system
+from tests.systems.problems import relative_gap
 
-CASES = json.loads((Path(__file__).parents[1] / "data" / "cases.json").read_text())["cases"]
+CASES = list(problems.CASES.values())
 UNIQUE = [case for case in CASES if case["tags"]["f_unique"]]
 SMALL = [case for case in UNIQUE if sum(len(arm["q"]) for arm in case["arms"]) <= 14][:12]
 HELPERS = {
@@ -26,16 +24,6 @@ HELPERS = {
 def name(case: dict) -> str:
     """Return a case's name, for test ids."""
     return case["name"]
-
-
-def relative_gap(got, expected) -> float:
-    """Return the largest difference relative to the largest expected value, if any."""
-    got, expected = np.asarray(got, dtype=float), np.asarray(expected, dtype=float)
-    assert got.shape == expected.shape
-    scale = np.max(np.abs(expected), initial=0.0)
-    if scale < 1e-9:  # expected to vanish: nothing to be relative to
-        scale = 1.0
-    return float(np.max(np.abs(got - expected), initial=0.0) / scale)
 
 
 def assert_stored_answer(case: dict, answer: dict, forces: bool = True) -> None:
@@ -87,7 +75,7 @@ def test_helpers(case):
         assert relative_gap(got, arm["grasp"]["W"]) < 1e-12
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(5))
 def test_power_balance(seed):
     """Kinetic energy changes at the rate of the power of all efforts and bases."""
     case = well_conditioned_system(seed, moving_base=seed % 2 == 0)
@@ -98,7 +86,7 @@ def test_power_balance(seed):
     assert abs(rate - supplied) < 1e-5 * (1.0 + abs(supplied) + kinetic_energy(case))
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(5))
 def test_grasps_stay_closed(seed):
     """After a second-order step the gaps shrink with dt as its order says."""
     case = well_conditioned_system(seed, moving_base=seed % 2 == 1)

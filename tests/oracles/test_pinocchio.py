@@ -1,16 +1,20 @@
 """Pinocchio, an independent library, computes the same arms and the same closed chains."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from holdfast import Arm, ClosedChain, Grasp, HeldObject, Joint, Link, Pose, State, forward_dynamics, project_velocity
+from holdfast import Arm, ClosedChain, Grasp, HeldObject, Pose, State, forward_dynamics, project_velocity
 from holdfast.dynamics.arm.bias import bias_torque
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.arm.motion import ArmInputs, arm_motion
-from holdfast.dynamics.arm.posture import posture
 from holdfast.robots import PANDA_HOME, panda
-from tests.systems.random_parts import inertia_about_com, joint_kinds, random_positions, rotation, unit_vector
+from tests.systems import random_system
+from tests.systems.as_chain import as_chain, mounted
+from tests.systems.problems import random_problem, relative_gap
+from tests.systems.random_parts import inertia_about_com, rotation, unit_vector
 
 pin = pytest.importorskip("pinocchio", reason="needs Pinocchio: pip install pin")
 
@@ -22,25 +26,9 @@ STATES = 50
 GRAVITIES = (np.array([0.0, 0.0, -9.81]), np.array([3.0, -4.0, 8.0]), np.zeros(3))
 
 
-def relative_gap(got, expected) -> float:
-    """Return the largest difference relative to the largest expected entry."""
-    return float(np.abs(got - expected).max() / max(np.abs(expected).max(), 1e-300))
-
-
 def random_pose(rng: np.random.Generator) -> Pose:
     """Return a pose within a metre or so."""
     return Pose(rotation(rng), 0.5 * rng.normal(size=3))
-
-
-def random_arm(rng: np.random.Generator, kinds: list[str]) -> Arm:
-    """Return an arm of any axes and placements, with armature."""
-    joints = [
-        Joint(kind, unit_vector(rng), Pose(rotation(rng), 0.3 * rng.normal(size=3)), armature=rng.uniform(0, 0.3))
-        for kind in kinds
-    ]
-    masses = rng.uniform(0.5, 4.0, size=len(kinds))
-    links = [Link(m, 0.1 * rng.normal(size=3), inertia_about_com(rng, m, 0.25)) for m in masses]
-    return Arm(joints, links, random_pose(rng), random_pose(rng))
 
 
 def arm_gaps(arm: Arm, q, qd, gravity) -> dict[str, float]:
@@ -83,29 +71,21 @@ def test_panda():
 
 
 def test_random_arms():
-    """Arms of 1 to 12 joints, revolute and prismatic, any axes and placements."""
+    """Arms of 1 to 12 joints, revolute and prismatic, any axes and placements, with armature."""
     gaps = []
     for seed in range(STATES):
-        rng = np.random.default_rng(1000 + seed)
-        kinds = joint_kinds(rng, int(rng.integers(1, 13)))
-        kinds[rng.integers(len(kinds))] = "prismatic"
-        q = np.array(random_positions(rng, kinds, np.pi))
-        gaps.append(arm_gaps(random_arm(rng, kinds), q, rng.normal(size=len(q)), GRAVITIES[seed % 2]))
+        p = as_chain(random_system(1000 + seed, arms=1, joints=1 + seed % 12, grasps="rigid"))
+        gaps.append(arm_gaps(p.chain.arms["arm1"], p.state.q, p.state.qd, GRAVITIES[seed % 2]))
     show("random arms", worst(gaps))
     assert max(worst(gaps).values()) <= ARM_TOLERANCE
 
 
-def mounted(rng: np.random.Generator, arms: dict[str, Arm], q: np.ndarray, gravity) -> tuple[ClosedChain, State]:
+def carried(rng: np.random.Generator, arms: dict[str, Arm], q: np.ndarray, gravity) -> tuple[ClosedChain, State]:
     """Return arms mounted so that they hold a random box rigidly, and a consistent state."""
     frame = random_pose(rng)
     box = HeldObject(rng.uniform(1.0, 8.0), inertia_about_com(rng, 4.0, 0.4), 0.05 * rng.normal(size=3))
     grasps = {name: Grasp("rigid", Pose(rotation(rng), 0.3 * unit_vector(rng))) for name in arms}
-    chain = ClosedChain(arms, box, grasps, gravity)
-    bases = {}
-    for name, arm in chain.arms.items():
-        tip = posture(arm.at(Pose.identity()), q[chain.joints[name]]).tip
-        bases[name] = frame @ grasps[name].frame @ tip.inverse()
-    chain = chain.with_bases(bases)
+    chain = mounted(ClosedChain(arms, box, grasps, gravity), q, frame)
     rough = State(q, rng.normal(size=len(q)), frame.wxyz_xyz, rng.normal(size=6))
     return chain, project_velocity(chain, project_velocity(chain, rough))
 
@@ -129,21 +109,22 @@ def test_two_pandas_hold_a_box():
         rng = np.random.default_rng(2000 + seed)
         arms = {name: panda(armature=rng.uniform(0, 0.6, size=7)) for name in ("left", "right")}
         q = np.concatenate([PANDA_HOME + rng.uniform(-0.7, 0.7, size=7) for _ in arms])
-        chain, state = mounted(rng, arms, q, GRAVITIES[seed % 3])
+        chain, state = carried(rng, arms, q, GRAVITIES[seed % 3])
         gaps.append(chain_gaps(chain, state, 20.0 * rng.normal(size=14)))
     show("two pandas and a box", worst(gaps))
     assert max(worst(gaps).values()) <= CHAIN_TOLERANCE
 
 
 def test_three_random_arms_hold_an_object():
-    """The same for three arms of 7 to 9 joints, prismatic ones among them."""
+    """The same for three arms of 7 to 9 joints, prismatic ones among them, with armature."""
     gaps = []
     for seed in range(STATES // 2):
-        rng = np.random.default_rng(3000 + seed)
-        kinds = {name: joint_kinds(rng, int(rng.integers(7, 10))) for name in ("a", "b", "c")}
-        arms = {name: random_arm(rng, listed) for name, listed in kinds.items()}
-        q = np.concatenate([random_positions(rng, listed, np.pi) for listed in kinds.values()])
-        chain, state = mounted(rng, arms, q, GRAVITIES[seed % 3])
-        gaps.append(chain_gaps(chain, state, 10.0 * rng.normal(size=len(q))))
+        options = {"joints": (7, 8, 9), "grasps": "rigid", "moving_base": False, "extras": False}
+        p = random_problem(seed, **options, gravity=tuple(GRAVITIES[seed % 3]))
+        heavy = {
+            name: replace(arm, joints=[replace(j, armature=0.05 * (k + 1)) for k, j in enumerate(arm.joints)])
+            for name, arm in p.chain.arms.items()
+        }
+        gaps.append(chain_gaps(replace(p.chain, arms=heavy), p.state, p.tau))
     show("three random arms", worst(gaps))
     assert max(worst(gaps).values()) <= CHAIN_TOLERANCE

@@ -1,4 +1,4 @@
-"""Dual numbers: a value and its exact derivative, a scalar that every algorithm text must accept.
+"""Dual numbers: a value and its exact derivative, a scalar that every traced function must accept.
 
 A comparison gives no bool: an algorithm that branches on a value fails here as it would
 when traced. `float()` is refused too, so that no derivative is lost in silence.

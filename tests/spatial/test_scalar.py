@@ -1,4 +1,4 @@
-"""The vocabulary of algorithm texts means the same on floats and on scalars of other kinds."""
+"""The vocabulary of traced functions means the same on floats and on scalars of other kinds."""
 
 import math
 
@@ -52,7 +52,7 @@ def test_arrays():
 
 
 NUMBERS = np.array([[-1.5, 0.0, 0.3], [2.0, -0.25, 1e5]])
-WORDS = {
+VOCABULARY = {
     "sin": (scalar.sin, 1),
     "cos": (scalar.cos, 1),
     "sqrt": (scalar.sqrt, 1),
@@ -65,33 +65,33 @@ WORDS = {
 OTHERS = (0.3, np.float64(-0.25), np.array(0.3), np.array([0.0, 0.3, -2.0]), [0.0, 0.3, -2.0], np.array([[0.3], [0.0]]))
 
 
-@pytest.mark.parametrize("name", WORDS)
+@pytest.mark.parametrize("name", VOCABULARY)
 @pytest.mark.parametrize("other", OTHERS, ids=str)
 def test_entry_by_entry(name, other):
     """On arrays and lists, broadcast as NumPy does it: what a loop over the entries finds, to the bit."""
-    word, count = WORDS[name]
+    function, count = VOCABULARY[name]
     arguments = (NUMBERS, other)[:count]
-    found = word(*arguments)
+    found = function(*arguments)
     expected = np.empty(NUMBERS.shape)
     for place, entries in enumerate(zip(*(a.flat for a in np.broadcast_arrays(*arguments)), strict=True)):
-        expected.flat[place] = word(*(float(x) for x in entries))
+        expected.flat[place] = function(*(float(x) for x in entries))
     assert found.dtype == float and found.shape == NUMBERS.shape
     np.testing.assert_array_equal(found, expected)
 
 
-@pytest.mark.parametrize("name", WORDS)
+@pytest.mark.parametrize("name", VOCABULARY)
 @pytest.mark.parametrize("other", OTHERS, ids=str)
 def test_entry_by_entry_when_traced(name, other):
-    """A trace of a word on arrays means the word on floats."""
-    word, count = WORDS[name]
+    """A traced function of arrays computes what it does on floats."""
+    function, count = VOCABULARY[name]
     if count == 1:
-        program = trace(lambda x: (word(x),), [NUMBERS.shape])
+        program = trace(lambda x: (function(x),), [NUMBERS.shape])
         (found,) = interpret(program, NUMBERS)
-        expected = word(NUMBERS)
+        expected = function(NUMBERS)
     else:
-        program = trace(lambda x: (word(x, other), word(other, x)), [NUMBERS.shape])
+        program = trace(lambda x: (function(x, other), function(other, x)), [NUMBERS.shape])
         found = np.array(interpret(program, NUMBERS))
-        expected = np.array([word(NUMBERS, other), word(other, NUMBERS)])
+        expected = np.array([function(NUMBERS, other), function(other, NUMBERS)])
     np.testing.assert_allclose(found, expected, rtol=1e-14, atol=1e-15)
 
 

@@ -44,7 +44,7 @@ def _arm(arm: Arm) -> dict[str, Any]:
 
 
 def _grasp(grasp: Grasp) -> dict[str, Any]:
-    """Return a grasp in the case's words; its free axes in object axes."""
+    """Return a grasp in the format of a case; its free axes in object axes."""
     plain = {"type": grasp.kind, "point_object": grasp.frame.p.tolist(), "W": []}
     count = {"hinge": 1, "softfinger": 2}.get(grasp.kind, 0)
     return plain | ({"h_object": np.array(grasp.frame.R.T[:count]).tolist()} if count else {})

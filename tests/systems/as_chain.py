@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from holdfast import ClosedChain, Inputs, State
+from holdfast import ClosedChain, ForwardResult, Inputs, Pose, State, forward_dynamics, tip_pose
 from holdfast.io import typed
 from holdfast.io.case_file import CaseData, build_case
 
@@ -19,6 +19,10 @@ class Problem:
     state: State
     tau: np.ndarray
     inputs: Inputs
+
+    def solved(self, **options) -> ForwardResult:
+        """Return forward dynamics."""
+        return forward_dynamics(self.chain, self.state, self.tau, inputs=self.inputs, **options)
 
 
 def as_chain(case: dict) -> Problem:
@@ -38,6 +42,15 @@ def as_chain(case: dict) -> Problem:
             grasps[name] = built.chain.grasps[name]
     chain = replace(built.chain, arms=arms, grasps=grasps)
     return Problem(chain, built.state, built.tau, replace(built.inputs, **_wrenches(case)))
+
+
+def mounted(chain: ClosedChain, q: np.ndarray, at: Pose) -> ClosedChain:
+    """Return the chain with the bases of holding arms where, at joint positions q, all hold an object that is there."""
+    bases = {}
+    for name, grasp in chain.grasps.items():
+        tip = tip_pose(chain.arms[name].at(Pose.identity()), q[chain.joints[name]])
+        bases[name] = at @ grasp.frame @ tip.inverse()
+    return chain.with_bases(bases)
 
 
 def _plain_arm(arm: dict) -> dict:

@@ -13,10 +13,9 @@ import numpy as np
 
 import holdfast
 from holdfast import Arm, ClosedChain, Grasp, HeldObject, Inputs, Joint, Link, Pose, State
-from holdfast.dynamics.arm.posture import posture
 from holdfast.robots import gen3, iiwa14, panda, ur5e
 from holdfast.spatial import rotation
-from tests.systems.as_chain import Problem
+from tests.systems.as_chain import Problem, mounted
 
 ROBOTS = {"ur5e": ur5e, "gen3": gen3, "panda": panda, "iiwa14": iiwa14}
 KINDS = ("rigid", "hinge", "softfinger", "ball")
@@ -47,11 +46,7 @@ def right_angle_system(seed: object, tilt: float = 0.0) -> Problem:
         name: Grasp(str(kind), Pose(_turn(random), p)) for name, kind, p in zip(names, kinds, contacts, strict=True)
     }
     q = np.concatenate([_angles(random, arm, tilt) for arm in arms.values()])
-    starts = np.cumsum([0, *(arm.joint_count for arm in arms.values())])
-    for k, (name, grasp) in enumerate(grasps.items()):
-        tip = posture(arms[name].at(Pose.identity()), q[starts[k] : starts[k + 1]]).tip
-        arms[name] = arms[name].at(at @ grasp.frame @ tip.inverse())
-    chain = ClosedChain(arms, held, grasps, [0.0, 0.0, -9.81])
+    chain = mounted(ClosedChain(arms, held, grasps, [0.0, 0.0, -9.81]), q, at)
     still = State(q, np.zeros(len(q)), at.wxyz_xyz)
     moving = State(q, random.normal(size=len(q)), at.wxyz_xyz, random.normal(size=6))
     state = holdfast.project_velocity(chain, moving) if random.random() < 0.5 else still

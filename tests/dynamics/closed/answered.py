@@ -8,8 +8,9 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import pseudo_gravity
 from holdfast.dynamics.closed.stacked import Stacked
-from tests.dynamics.problems import motion_of, random_case, random_problem
+from tests.dynamics.problems import motion_of
 from tests.oracles.maximal_kkt import solve
+from tests.systems.problems import random_case, random_problem
 
 
 class Answered:

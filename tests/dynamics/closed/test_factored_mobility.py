@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, updated
-from tests.dynamics.problems import relative_gap
+from tests.systems.problems import relative_gap
 
 
 def drawn(seed: int, spread: float = 0.0) -> tuple[np.random.Generator, FactoredMobility]:
@@ -15,7 +15,7 @@ def drawn(seed: int, spread: float = 0.0) -> tuple[np.random.Generator, Factored
     return rng, FactoredMobility(D, list(rng.normal(size=(6, 6))))
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("noise", [0.0, 1e-3, 1.0, 1e3])
 def test_update(seed, noise):
     """P - k k^T / sigma, k = P c, sigma = c P c + d; with d = 0 the row is held fast."""
@@ -31,30 +31,6 @@ def test_update(seed, noise):
     assert min(after.D) >= 0
     if noise == 0.0:
         assert np.abs(after.dense() @ c).max() < 1e-13 * np.abs(dense).max()
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_repeated_row(seed):
-    """A row seen before, or one below `least`, leaves P as it is."""
-    rng, P = drawn(seed)
-    c = rng.normal(size=6)
-    held, *_ = updated(P, c, 0.0, 0.0)
-    again, _, sigma, alive = updated(held, c, 0.0, 1e-12 * np.abs(P.dense()).max())
-    assert not alive
-    assert abs(sigma) < 1e-13 * np.abs(P.dense()).max()
-    np.testing.assert_array_equal(again.dense(), held.dense())
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_six_rows_hold_everything(seed):
-    """Six independent rows without noise leave no mobility; a seventh finds none."""
-    rng, P = drawn(seed)
-    size = np.abs(P.dense()).max()
-    for c in rng.normal(size=(6, 6)):
-        P, _, _, alive = updated(P, c, 0.0, 1e-12 * size)
-        assert alive
-    assert np.abs(P.dense()).max() < 1e-12 * size
-    assert not updated(P, rng.normal(size=6), 0.0, 1e-12 * size)[3]
 
 
 @pytest.mark.parametrize("seed", range(4))

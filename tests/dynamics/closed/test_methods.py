@@ -5,23 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import METHODS, MethodNotApplicable, Status, forward_dynamics
+from holdfast import METHODS, MethodNotApplicable, Status
 from holdfast.dynamics.arm import free_dynamics
-from tests.dynamics.problems import random_case, random_problem, relative_gap, stored
 from tests.oracles.maximal_kkt import solve
 from tests.systems import planar_three_arms
-from tests.systems.as_chain import Problem, as_chain
+from tests.systems.as_chain import as_chain
+from tests.systems.problems import random_case, random_problem, relative_gap, stored
 
 RIGID_ONLY = [name for name, method in METHODS.items() if method.rigid_only]
 ANY_GRASP = [name for name in METHODS if name not in RIGID_ONLY]
 RIGID = {"grasps": "rigid", "joints": (7, 6, 8), "moving_base": True}
 MIXED = {"grasps": ("rigid", "hinge", "softfinger", "ball"), "joints": (6, 7, 7, 8), "moving_base": True}
 TOLERANCE = 1e-11
-
-
-def answer(p: Problem, **options):
-    """Return forward dynamics of a problem."""
-    return forward_dynamics(p.chain, p.state, p.tau, inputs=p.inputs, **options)
 
 
 def assert_oracle(case: dict, result) -> None:
@@ -35,26 +30,26 @@ def assert_oracle(case: dict, result) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_rigid_grasps(method, seed):
     """All twelve agree with the oracle on rigid grasps with everything on."""
-    result = answer(random_problem(seed, **RIGID), method=method)
+    result = random_problem(seed, **RIGID).solved(method=method)
     assert (result.method, result.status, result.rank) == (method, Status.OK, 18)
     assert_oracle(random_case(seed, **RIGID), result)
 
 
 @pytest.mark.parametrize("method", ANY_GRASP)
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_mixed_grasps(method, seed):
     """Those for every grasp agree with the oracle on all four kinds together."""
-    assert_oracle(random_case(seed, **MIXED), answer(random_problem(seed, **MIXED), method=method))
+    assert_oracle(random_case(seed, **MIXED), random_problem(seed, **MIXED).solved(method=method))
 
 
 @pytest.mark.parametrize("route", ["recursive", "mass_matrix", "auto"])
-@pytest.mark.parametrize("seed", range(20, 30))
+@pytest.mark.parametrize("seed", range(20, 27))
 def test_any_chain_any_route(route, seed):
     """`sequential` on 1 to 8 arms of 3 to 12 joints, any grasps, by either route."""
-    assert_oracle(random_case(seed), answer(random_problem(seed), route=route))
+    assert_oracle(random_case(seed), random_problem(seed).solved(route=route))
 
 
 @pytest.mark.parametrize("scale", [1e-8, 1e-3, 1e6])
@@ -63,10 +58,18 @@ def test_light_and_heavy_objects(scale, kind, arms):
     """An object of 1e-8 or 1e6 times its weight costs `sequential` no digits: 40-digit oracle."""
     options = {"arms": arms, "joints": 7, "grasps": kind, "object_scale": scale}
     case = random_case(5, **options)
-    truth, result = solve(case, digits=40), answer(random_problem(5, **options))
+    truth, result = solve(case, digits=40), random_problem(5, **options).solved()
     assert relative_gap(result.qdd, np.concatenate(truth["qdd"])) < TOLERANCE
     assert relative_gap(result.grasp_wrench, np.array(truth["f"])) < TOLERANCE
     assert relative_gap(result.object_acceleration, truth["alpha_C"]) < TOLERANCE
+
+
+@pytest.mark.parametrize("kind", ["rigid", "hinge", "softfinger", "ball"])
+@pytest.mark.parametrize("scale", [1e-16, 1e-12, 1e12])
+def test_rank_of_light_and_heavy_objects(kind, scale):
+    """Sound rows stay sound, however mobile the object would be by itself."""
+    result = random_problem(4, arms=3, joints=7, grasps=kind, object_scale=scale).solved()
+    assert (result.rank, result.status) == (18, Status.OK)
 
 
 @pytest.mark.parametrize("method", RIGID_ONLY)
@@ -76,20 +79,20 @@ def test_rigid_only(method):
     others = r"'arm2' is a hinge, 'arm3' is a softfinger, 'arm4' is a ball"
     message = rf"^{method}: for rigid grasps only, but {others}; try method='sequential' or 'nonrigid'$"
     with pytest.raises(MethodNotApplicable, match=message):
-        answer(p, method=method)
+        p.solved(method=method)
 
 
 @pytest.mark.parametrize("method", [*RIGID_ONLY, "nonrigid"])
 def test_omega_singular(method):
-    """Where Omega is singular its nullity is told: planar arms, dim ker Omega = 6."""
+    """Where Omega is singular the message names its nullity: planar arms, dim ker Omega = 6."""
     with pytest.raises(MethodNotApplicable, match=rf"^{method}: needs Omega regular, but its nullity is 6 of 18; try"):
-        answer(as_chain(planar_three_arms(1)), method=method, generic_rank=12)
+        as_chain(planar_three_arms(1)).solved(method=method, generic_rank=12)
 
 
 def test_nonrigid_on_stewart():
     """Six legs of three joints with balls: 12 of 36 null directions, though forces are unique."""
     with pytest.raises(MethodNotApplicable, match=r"^nonrigid: needs Omega regular, but its nullity is 12 of 36"):
-        answer(stored("stewart_6_RRP_ball"), method="nonrigid")
+        stored("stewart_6_RRP_ball").solved(method="nonrigid")
 
 
 @pytest.mark.parametrize(
@@ -101,7 +104,7 @@ def test_kkt_singular(name, nullity, size):
     p = stored(name)
     message = rf"^kkt: needs the KKT matrix regular \(grasp forces unique\), but its nullity is {nullity} of {size};"
     with pytest.raises(MethodNotApplicable, match=message):
-        answer(p, method="kkt")
+        p.solved(method="kkt")
 
 
 @pytest.mark.parametrize("method", [*RIGID_ONLY, "nonrigid"])
@@ -109,7 +112,7 @@ def test_light_object_loses_digits(method):
     """An object of 1e-8 of its weight: Omega's sum loses the arms, and says so."""
     p = random_problem(5, grasps="rigid", arms=2, joints=7, object_scale=1e-8)
     with pytest.raises(MethodNotApplicable, match=rf"^{method}: Omega's smallest scaled pivot is .*e-\d\d: object and"):
-        answer(p, method=method)
+        p.solved(method=method)
 
 
 @pytest.mark.parametrize(
@@ -124,7 +127,7 @@ def test_light_object_loses_digits(method):
 def test_no_such_method(method, message):
     """An unknown method is refused with the names there are."""
     with pytest.raises(MethodNotApplicable, match=message):
-        answer(random_problem(0, **RIGID), method=method)
+        random_problem(0, **RIGID).solved(method=method)
 
 
 def test_own_free_dynamics():
@@ -135,42 +138,22 @@ def test_own_free_dynamics():
         calls.append(tip_wrench)
         return free_dynamics.composite(motion, torque, tip_wrench)
 
-    result = answer(random_problem(1, **RIGID), method=mine)
+    result = random_problem(1, **RIGID).solved(method=mine)
     assert result.method == "general:mine"
     assert len(calls) == 3 * (1 + 6 + 1)  # free motion, unit wrenches, correction: three arms
     assert_oracle(random_case(1, **RIGID), result)
     with pytest.raises(MethodNotApplicable, match=r"^general:mine: for rigid grasps only"):
-        answer(random_problem(1, **MIXED), method=mine)
-
-
-def test_wrong_free_dynamics_is_noticed():
-    """A solver that ignores the tip wrench leaves the wrong answer: its result is really used."""
-    p = random_problem(1, **RIGID)
-    exact = answer(p)
-
-    def heavy(motion, torque, tip_wrench):
-        return 0.5 * free_dynamics.composite(motion, torque, tip_wrench)
-
-    assert relative_gap(answer(p, method=heavy).qdd, exact.qdd) > 1e-2
-
-
-def test_table():
-    """Each entry carries its own name; those for rigid grasps say so."""
-    for name, method in METHODS.items():
-        assert method.name == name
-        assert method.rigid_only == (method.applies == "rigid grasps, Omega regular")
-        assert method.equation
-        assert method.cost
+        random_problem(1, **MIXED).solved(method=mine)
 
 
 def test_grasp_opened_in_between():
     """Algorithms stack only the arms that hold: with one grasp opened all still agree."""
     p = random_problem(2, **RIGID)
     opened = replace(p, chain=p.chain.without_grasp("arm2"))
-    expected = answer(opened)
+    expected = opened.solved()
     np.testing.assert_array_equal(expected["arm2"].grasp_wrench, np.zeros(6))
     for method in METHODS:
-        result = answer(opened, method=method)
+        result = opened.solved(method=method)
         assert relative_gap(result.qdd, expected.qdd) < TOLERANCE
         assert relative_gap(result.grasp_wrench, expected.grasp_wrench) < TOLERANCE
         assert relative_gap(result.base_wrench, expected.base_wrench) < TOLERANCE

@@ -5,7 +5,7 @@ import pytest
 
 from holdfast import HeldObject, Pose
 from holdfast.dynamics.closed.object_motion import object_motion, symmetric_inverse
-from tests.dynamics.problems import relative_gap
+from tests.systems.problems import relative_gap
 from tests.systems.random_parts import inertia_about_com, rotation
 
 cases = pytest.mark.parametrize(

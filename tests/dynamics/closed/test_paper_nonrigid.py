@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tests.dynamics.closed.answered import nonrigid
-from tests.dynamics.problems import relative_gap
+from tests.systems.problems import relative_gap
 
-SEEDS = range(6)
+SEEDS = range(5)
 TOLERANCE = 1e-11
 
 

@@ -1,13 +1,19 @@
-"""Equations (2.7)-(4.9) of the paper, corrected where the print is wrong, against the oracle's answer."""
+"""Equations (2.7)-(4.9) of the paper, corrected where the print is wrong, against the oracle's answer.
+
+The stacks of (2.2) and (2.3) are those of `Stacked`.
+"""
 
 import numpy as np
 import pytest
 
+from holdfast import MethodNotApplicable
+from holdfast.dynamics.closed.filtered_arm import filtered_arms
+from holdfast.dynamics.closed.omega import Omega, omega_from_matrices, omega_recursive
 from holdfast.spatial.spatial_vector import shift_twist
-from tests.dynamics.closed.answered import rigid
-from tests.dynamics.problems import relative_gap
+from tests.dynamics.closed.answered import nonrigid, rigid
+from tests.systems.problems import relative_gap
 
-SEEDS = range(8)
+SEEDS = range(5)
 TOLERANCE = 1e-11
 
 
@@ -133,3 +139,23 @@ def test_wrong_in_print(seed):
         with pytest.raises(ValueError, match="matmul"):
             np.linalg.inv(o.A.T @ o.A) @ o.A @ o.V0
     assert relative_gap(o.alpha0 - o.alpha_f, o.alpha0) > 1e-3  # (4.9h) sets d alpha = alpha
+
+
+@pytest.mark.parametrize("make", [rigid, nonrigid])
+@pytest.mark.parametrize("seed", range(5))
+def test_omega_two_ways(make, seed):
+    """(4.9c) from matrices and (6.11d, e) from recursions, symmetric, equal to (3.1)."""
+    o = make(seed)
+    for omega in (omega_from_matrices(o.stacked), omega_recursive(o.stacked, filtered_arms(o.motion))):
+        assert relative_gap(omega.matrix, o.Omega) < 1e-11
+        x = np.random.default_rng(seed).normal(size=(len(o.f), 2))
+        assert relative_gap(omega.solve(omega.matrix @ x), x) < 1e-9
+
+
+def test_omega_is_refused():
+    """A singular matrix is refused with its nullity, a nearly singular one with its pivot."""
+    with pytest.raises(MethodNotApplicable, match="its nullity is 2 of 5; try method='sequential'"):
+        Omega(np.diag([1.0, 1.0, 1.0, 0.0, 0.0]))
+    near = np.array([[1.0, 1.0], [1.0, 1.0 + 1e-7]])
+    with pytest.raises(MethodNotApplicable, match=r"smallest scaled pivot is 1\.0e-07: .*try method='sequential'"):
+        Omega(near)

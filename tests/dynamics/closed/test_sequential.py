@@ -1,4 +1,4 @@
-"""Algorithm `sequential` runs on scalars that know no branch, and differentiates exactly."""
+"""Algorithm `sequential`: one arm by both routes; on scalars that know no branch; exact derivatives."""
 
 from dataclasses import replace
 
@@ -6,16 +6,35 @@ import numpy as np
 import pytest
 
 from holdfast import State
-from holdfast.dynamics.arm.free_dynamics import tip_acceleration
+from holdfast.dynamics.arm.free_dynamics import articulated, tip_acceleration
+from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.arm.newton_euler import newton_euler
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.sequential import sequential
+from holdfast.dynamics.closed.tip_response import tip_response
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
-from tests.dynamics.problems import motion_of, random_problem, relative_gap, stored
+from tests.dynamics.problems import motion_of, random_motion
 from tests.spatial.dual import duals, slopes_of, values_of
+from tests.systems.problems import random_problem, relative_gap, stored
 
 KINDS = ("rigid", "hinge", "softfinger", "ball")
 OPTIONS = {"grasps": KINDS, "joints": (6, 7, 6, 8), "moving_base": True}
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("route", ["recursive", "mass_matrix"])
+def test_one_arm(seed, route):
+    """(4.1), (6.10): J M^-1 J^T out; back qdd = M^-1 (T' - J^T f) and Newton and Euler's base wrench for it."""
+    motion = random_motion(seed)
+    J, M = jacobian(motion.arm, motion.at), mass_matrix(motion.arm, motion.at)[0]
+    f = 10 * np.random.default_rng(seed).normal(size=6)
+    response = tip_response(motion, route)
+    qdd, base = response.back(f)
+    assert relative_gap(response.mobility.dense(), J @ np.linalg.solve(M, J.T)) < 1e-11
+    assert relative_gap(response.free_acceleration, tip_acceleration(motion, response.back(0 * f)[0])) < 1e-10
+    assert relative_gap(qdd, articulated(motion, motion.torque, f)) < 1e-10
+    assert relative_gap(base, newton_euler(motion, qdd, f)[1]) < 1e-10
 
 
 @pytest.mark.parametrize("route", ["recursive", "mass_matrix"])
