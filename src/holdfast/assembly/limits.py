@@ -22,7 +22,8 @@ def longest_reach(arm: Arm) -> float:
     stroke that has no limit.
     """
     lengths = [float(np.linalg.norm(joint.placement.p)) for joint in arm.joints[1:]]
-    strokes = [max(map(abs, joint.position_limits)) for joint in arm.joints if joint.kind == "prismatic"]
+    sliding = [joint for joint in arm.joints if joint.type.travel]
+    strokes = [abs(joint.type.travel) * max(map(abs, joint.position_limits)) for joint in sliding]
     return math.fsum([*lengths, *strokes, float(np.linalg.norm(arm.tip.p))])
 
 

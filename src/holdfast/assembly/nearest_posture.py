@@ -98,7 +98,7 @@ def position_rows(chain: ClosedChain, state: State) -> Array:
     for name, grasp in chain.grasps.items():
         arm, part = chain.arms[name], chain.joints[name]
         R = frame.R @ grasp.frame.R
-        kept = [i for i in grasp.transmitted if not (grasp.kind == "softfinger" and i == 2)]
+        kept = list(grasp.of_kind.position_rows)
         K = np.array([rotate(R, unit) for unit in np.eye(6)[kept]])
         rows = np.zeros((len(kept), chain.joint_count + 6))
         rows[:, part] = K @ jacobian(arm, posture(arm, state.q[part]))

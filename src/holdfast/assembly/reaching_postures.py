@@ -37,9 +37,9 @@ def reaching_postures(arm: Arm, grasp: Grasp, object_pose: Pose, starts: Iterabl
     Returns:
         (found, N).
     """
-    contact, rows = object_pose @ grasp.frame, _position_rows(grasp)
+    contact, rows = object_pose @ grasp.frame, list(grasp.of_kind.position_rows)
     size = _size(arm)
-    scale = np.array([1.0 if joint.kind == "revolute" else size for joint in arm.joints])
+    scale = np.array([1.0 if joint.turns else size for joint in arm.joints])
     low, high = arm.position_limits.T
     q = np.clip(np.array(list(starts)), low, high)
     damping = np.full(len(q), 1e-2)
@@ -63,11 +63,6 @@ def reaching_postures(arm: Arm, grasp: Grasp, object_pose: Pose, starts: Iterabl
     return _distinct(found[order])
 
 
-def _position_rows(grasp: Grasp) -> list[int]:
-    """Return which of [turn; shift] in contact axes a grasp ties; a soft finger's spin is no position."""
-    return [i for i in grasp.transmitted if not (grasp.kind == "softfinger" and i == 2)]
-
-
 def _size(arm: Arm) -> float:
     """Return the arm's length: from joint to joint, and on to the tip [m]; 1 m if that is nothing."""
     lengths = [float(np.linalg.norm(part.p)) for part in (*(joint.placement for joint in arm.joints[1:]), arm.tip)]
@@ -81,16 +76,16 @@ def _gap(arm: Arm, q: Array, contact: Pose, size: float) -> tuple[Array, Array]:
         p, R = p + R @ joint.placement.p, R @ joint.placement.R
         axes.append(R @ joint.axis)
         places.append(p)
-        if joint.kind == "revolute":
+        if joint.type.travel:
+            p = p + q[:, k, None] * (joint.type.travel * axes[-1])
+        if joint.turns:
             R = R @ _turns(joint.axis, q[:, k])
-        else:
-            p = p + q[:, k, None] * axes[-1]
     p, R = p + R @ arm.tip.p, contact.R.T @ R @ arm.tip.R
     J = np.zeros((len(q), 6, arm.joint_count))
     for k, joint in enumerate(arm.joints):
-        revolute = joint.kind == "revolute"
-        J[:, :3, k] = axes[k] @ contact.R if revolute else 0.0
-        J[:, 3:, k] = (np.cross(axes[k], p - places[k]) if revolute else axes[k]) @ contact.R / size
+        turning = axes[k] if joint.turns else 0.0 * axes[k]
+        J[:, :3, k] = turning @ contact.R
+        J[:, 3:, k] = (np.cross(turning, p - places[k]) + joint.type.travel * axes[k]) @ contact.R / size
     return np.hstack([_logs(R), (p - contact.p) @ contact.R / size]), J
 
 
@@ -123,7 +118,7 @@ def _step(J: Array, gap: Array, damping: Array, lowest: Array, highest: Array) -
 def _unwound(arm: Arm, q: Array, preferred: Array) -> Array:
     """Return the same postures, whole turns taken off towards the preferred one where the limits let them."""
     turns = 2 * np.pi * np.round((q - preferred) / (2 * np.pi))
-    turns[:, [joint.kind != "revolute" for joint in arm.joints]] = 0.0
+    turns[:, [bool(joint.type.travel) for joint in arm.joints]] = 0.0
     low, high = arm.position_limits.T
     there = q - turns
     return np.where((low <= there) & (there <= high), there, q)

@@ -130,7 +130,7 @@ def _arm_report(chain: ClosedChain, state: State, name: str, gap: float | None) 
         longest=longest_reach(arm),
         joint=(joint.name or f"joint {nearest + 1}") if bounded else "",
         margin=float(margins[nearest]),
-        unit="rad" if joint.kind == "revolute" else "m",
+        unit="rad" if joint.turns else "m",
         residual=np.nan if gap is None else gap,
         tip_angle=tip_angle(arm),
         tip_note=advice_for(arm, chain.grasps[name]) if name in chain.grasps else "",

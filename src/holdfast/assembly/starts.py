@@ -87,7 +87,7 @@ def object_guesses(chain: ClosedChain, preferred: Mapping[str, Array]) -> list[P
     for quarter in range(QUARTER_TURNS):
         R = rotation.exp(np.array([0.0, 0.0, np.pi / 2 * quarter]))
         guesses += [Pose(R, centroid - R @ middle) for centroid in centroids]
-    fixing = [name for name, grasp in chain.grasps.items() if grasp.kind in ("rigid", "hinge")]
+    fixing = [name for name, grasp in chain.grasps.items() if grasp.of_kind.closed_angles]
     return guesses + [hands[name] @ contacts[name].inverse() for name in fixing]
 
 
@@ -99,9 +99,8 @@ def _best_fit(chain: ClosedChain, hands: Mapping[str, Pose]) -> Pose:
     size = max(float(np.abs(points - middle).max()), 1e-3)
     B = (targets - centroid).T @ (points - middle) / size**2
     for name, grasp in chain.grasps.items():
-        weights = np.array([FREE_ATTITUDE if grasp.kind in ("softfinger", "ball") else 1.0] * 3)
-        if grasp.kind == "hinge":
-            weights[1:] = FREE_ATTITUDE
+        closed = grasp.of_kind.closed_angles  # an axis agrees where no angle about the other two is free
+        weights = [1.0 if {0, 1, 2} - {axis} <= set(closed) else FREE_ATTITUDE for axis in range(3)]
         B += hands[name].R @ np.diag(weights) @ grasp.frame.R.T
     U, _, Vt = np.linalg.svd(B)
     R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt

@@ -189,7 +189,7 @@ def print_numbers(console: Console, answer: Answer) -> None:
     joints = Table("arm", "joint", "acceleration", "unit", title="joint accelerations, base to tip")
     for name, arm in r.chain.arms.items():
         for k, (joint, qdd) in enumerate(zip(arm.joints, r[name].qdd, strict=True)):
-            unit = "rad/s^2" if joint.kind == "revolute" else "m/s^2"
+            unit = "rad/s^2" if joint.turns else "m/s^2"
             joints.add_row(name if k == 0 else "", joint.name or f"{joint.kind} {k + 1}", f"{qdd:+.6g}", unit)
     console.print(joints)
 

@@ -17,8 +17,8 @@ _LARGEST = float(np.finfo(np.float64).max)
 
 def largest_positions(chain: ClosedChain) -> Array:
     """Return the largest |q| of each joint, (n,): 1e5 rad; what slides may go anywhere."""
-    kinds = [joint.kind for arm in chain.arms.values() for joint in arm.joints]
-    return np.array([LARGEST_ARGUMENT if kind == "revolute" else _LARGEST for kind in kinds])
+    joints = [joint for arm in chain.arms.values() for joint in arm.joints]
+    return np.array([LARGEST_ARGUMENT if joint.turns else _LARGEST for joint in joints])
 
 
 def faulty(found: Mapping[str, Array], ranks: Mapping[str, int], largest: Array, batch: int) -> Array | None:

@@ -48,7 +48,7 @@ def balancing_wrenches(motion: ChainMotion, alpha: Array, wished: Array, idle: A
     length = length_scale([c.offset for c in motion.contacts])
     needed = motion.body.inertia.apply(alpha - pseudo_gravity(chain)) + motion.body.bias
     unit = np.r_[np.full(3, 1 / length), np.ones(3)]  # moments in newtons
-    torque_unit = np.array([1 / length if j.kind == "revolute" else 1.0 for a in chain.arms.values() for j in a.joints])
+    torque_unit = np.array([1 / length if j.turns else 1.0 for a in chain.arms.values() for j in a.joints])
     columns, start, root = [np.zeros((6 + len(idle), 0))], [np.zeros(0)], [np.zeros(0)]
     for i, (name, c) in zip(holding, zip(chain.grasps, motion.contacts, strict=True), strict=True):
         K, torques = c.K, np.zeros((chain.joint_count, len(c.K)))

@@ -27,6 +27,7 @@ from holdfast.interop.mjcf_writer import ENDLESS
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.joint import UNBOUNDED, Joint
+from holdfast.model.joint_types import JOINT_TYPES
 from holdfast.model.link import Link
 from holdfast.robots.urdf.bodies import welded
 from holdfast.spatial import rotation
@@ -34,6 +35,8 @@ from holdfast.spatial.inertia import turned
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import product
+
+KINDS: dict[str, Any] = {row.mjcf: kind for kind, row in JOINT_TYPES.items() if row.mjcf}  # of joints, by MJCF type
 
 
 @dataclass(eq=False)
@@ -146,7 +149,7 @@ def _turned(model: Any, j: int, q: float) -> Pose:
 
 
 def _slides(model: Any, j: int) -> bool:
-    return joint_kind(model, j) == "slide"
+    return not JOINT_TYPES[KINDS[joint_kind(model, j)]].turns
 
 
 def _joint(model: Any, j: int, placement: Pose) -> Joint:
@@ -156,7 +159,7 @@ def _joint(model: Any, j: int, placement: Pose) -> Joint:
         low, high = model.jnt_range[j].tolist()
         limits = (-np.inf if low <= -ENDLESS else low, np.inf if high >= ENDLESS else high)
     return Joint(
-        "prismatic" if _slides(model, j) else "revolute",
+        KINDS[joint_kind(model, j)],
         np.array(model.jnt_axis[j]),
         placement,
         name=joint_name(model, j),
@@ -221,7 +224,7 @@ def _link(model: Any, group: _Moved) -> Link:
 
 def _require_one_freedom(source: str, model: Any, j: int) -> None:
     kind = joint_kind(model, j)
-    if kind not in ("hinge", "slide"):
+    if kind not in KINDS:
         raise SceneError(
             f"{source}: joint '{joint_name(model, j)}': expected a hinge or a slide, got a {kind} joint; try a base"
             " beyond it"

@@ -31,7 +31,6 @@ HARDEST = 0.9999  # the largest impedance MuJoCo accepts; its default, 0.95, is 
 SMALLEST = 1e-15  # kg and kg m^2: MuJoCo's own bound on masses and principal moments of moving bodies
 ENDLESS = 1e10  # rad or m: a range with one end needs some number for the other
 HINGE_LENGTH = 0.1  # m: from the hinge's first connect to the second, along its axis
-TYPES = {"revolute": "hinge", "prismatic": "slide"}
 
 
 def to_mjcf(chain: ClosedChain, state: State | None = None, *, looks: bool = True) -> str:
@@ -89,8 +88,8 @@ def document(chain: ClosedChain, *, looks: bool) -> Element:
         _add_arm(world, name, arm, looks)
     _add_object(world, chain, looks)
     equality = _add(root, "equality")
-    for name, grasp in chain.grasps.items():
-        _add_grasp(equality, world, chain, name, grasp.kind)
+    for name in chain.grasps:
+        _add_grasp(equality, world, chain, name)
     _require_distinct(root)
     return root
 
@@ -152,16 +151,22 @@ def _add_object(world: Element, chain: ClosedChain, looks: bool) -> None:
         _add(body, "site", name=f"object/{name}", **_placed(grasp.frame))
 
 
-def _add_grasp(equality: Element, world: Element, chain: ClosedChain, name: str, kind: str) -> None:
+def _add_grasp(equality: Element, world: Element, chain: ClosedChain, name: str) -> None:
     """Append the equality of one grasp, and what sites it needs besides."""
     hard = {"solimp": f"{HARDEST} {HARDEST} 0.001 0.5 2"}
-    if kind == "rigid":
+    kind = chain.grasps[name].of_kind
+    if kind.equality is None:
+        raise ModelError(
+            f"grasp '{name}': to_mjcf: no equality of MJCF says what a {chain.grasps[name].kind} grasp does; try"
+            f" chain.without_grasp('{name}')"
+        )
+    if kind.equality == "weld":
         _add(equality, "weld", name=name, site1=f"object/{name}", site2=f"{name}/tip", **hard)
         return
-    if kind == "softfinger":
+    if kind.rate_rows:
         equality.append(ElementTree.Comment(f" soft finger '{name}': its moment about the normal is not written "))
     _add(equality, "connect", name=name, site1=f"object/{name}", site2=f"{name}/tip", **hard)
-    if kind == "hinge":
+    if kind.equality == "two connects":
         along = Pose.translation(HINGE_LENGTH, 0.0, 0.0)
         ends = ((f"object/{name}", chain.grasps[name].frame), (f"{name}/tip", chain.arms[name].tip))
         for site, frame in ends:
@@ -172,9 +177,9 @@ def _add_grasp(equality: Element, world: Element, chain: ClosedChain, name: str,
 
 def _add_joint(body: Element, name: str, joint: Joint, frame: Pose) -> None:
     """Append a joint whose frame at q = 0 stands so in the body's axes."""
-    made = _add(
-        body, "joint", name=name, type=TYPES[joint.kind], pos=digits(frame.p), axis=digits(frame.R @ joint.axis)
-    )
+    if joint.type.mjcf is None:
+        raise ModelError(f"joint '{name}': to_mjcf: MJCF has no {joint.kind} joint; try without it")
+    made = _add(body, "joint", name=name, type=joint.type.mjcf, pos=digits(frame.p), axis=digits(frame.R @ joint.axis))
     for attribute, value in (
         ("armature", joint.armature),
         ("damping", joint.damping),

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.io.result_meta import ResultMeta
+from holdfast.model.joint_types import JOINT_TYPES
 from holdfast.simulation.margins import JOINT_QUANTITIES
 from holdfast.simulation.trajectory import Occurrence, Trajectory, array_names
 from holdfast.spatial.scalar import Array
@@ -58,8 +59,9 @@ def rows(run: Trajectory) -> Array:
 def _axes(array: str, shape: tuple[int, ...], meta: ResultMeta) -> list[list[Column]]:
     """Return name and unit of every place along each axis of an array; an empty unit leaves it open."""
     if array in PER_JOINT:
-        revolute, prismatic = PER_JOINT[array]
-        units = [revolute if kind == "revolute" else prismatic for kind in meta.joint_kinds]
+        angular, linear = PER_JOINT[array]
+        turning = {kind for kind, row in JOINT_TYPES.items() if row.turns}
+        units = [angular if kind in turning else linear for kind in meta.joint_kinds]
         axes = [[Column(*pair) for pair in zip(meta.joints, units, strict=True)]]
     elif array == "work":
         axes = [_named(meta.work_terms, "J")]

@@ -101,6 +101,8 @@ class GraspKind:
         friction: friction coefficient and that length -> conditions on the wrench of a one-sided contact; None for
             a grasp that is always two-sided.
         listed_axes: number of unit vectors that a case file lists for such a grasp.
+        equality: what an MJCF file says of it: a weld, a connect of two points, or two of them along x; None if it
+            cannot be written.
     """
 
     free: tuple[int, ...]
@@ -113,6 +115,7 @@ class GraspKind:
     size: Literal["torsion_radius", "half_length"] | None = None
     friction: Callable[[Scalar, Scalar], tuple[Condition, ...]] | None = None
     listed_axes: int = 0
+    equality: Literal["weld", "connect", "two connects"] | None = None
 
     @property
     def transmitted(self) -> tuple[int, ...]:
@@ -124,13 +127,23 @@ class GraspKind:
         """Components of a contact-axes displacement [turn; shift] that vanish while the grasp is closed."""
         return *self.closed_angles, 3, 4, 5
 
+    @property
+    def rate_rows(self) -> tuple[int, ...]:
+        """Transmitted components that constrain rates only, as no position row belongs to them."""
+        return tuple(i for i in self.transmitted if i not in self.position_rows)
+
+    @property
+    def oriented(self) -> bool:
+        """Whether the attitude of the contact frame matters: not where all free axes are the world's."""
+        return self.carried_by != ("world", "world", "world")
+
     def axes_carried_by(self, body: str) -> list[int]:
         """Return which of the free axes are fixed on a body."""
         return [k for k, one in enumerate(self.carried_by) if one == body]
 
 
 GRASP_KINDS: dict[str, GraspKind] = {
-    "rigid": GraspKind((), (), (0, 1, 2), full_turn, full_opening, regrasped=tip_attitude),
+    "rigid": GraspKind((), (), (0, 1, 2), full_turn, full_opening, regrasped=tip_attitude, equality="weld"),
     "hinge": GraspKind(
         (0,),
         ("object",),
@@ -141,9 +154,15 @@ GRASP_KINDS: dict[str, GraspKind] = {
         size="half_length",
         friction=sliding_or_tipping,
         listed_axes=1,
+        equality="two connects",
     ),
     "softfinger": GraspKind(
-        (0, 1), ("object", "object"), size="torsion_radius", friction=sliding_or_spinning, listed_axes=2
+        (0, 1),
+        ("object", "object"),
+        size="torsion_radius",
+        friction=sliding_or_spinning,
+        listed_axes=2,
+        equality="connect",
     ),
-    "ball": GraspKind((0, 1, 2), ("world", "world", "world"), friction=sliding),
+    "ball": GraspKind((0, 1, 2), ("world", "world", "world"), friction=sliding, equality="connect"),
 }

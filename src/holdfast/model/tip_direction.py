@@ -84,7 +84,7 @@ def tip_advice(arm: Arm) -> str:
 
 def advice_for(arm: Arm, grasp: Grasp) -> str:
     """Return the same where the grasp feels how the tip is turned; a ball without friction does not."""
-    return "" if grasp.kind == "ball" and grasp.contact is None else tip_advice(arm)
+    return "" if not grasp.of_kind.oriented and grasp.contact is None else tip_advice(arm)
 
 
 def _turn(arm: Arm) -> _Turn:

@@ -36,7 +36,7 @@ def _of_kinematics(arm: Arm) -> list[list[Primitive]]:
     radii = THICKNESS * arm_length(arm) * np.linspace(1.0, TAPER, len(ends))
     bodies = [_link(end, float(radius)) for end, radius in zip(ends, radii, strict=True)]
     for body, joint, radius in zip(bodies[1:], arm.joints, radii, strict=False):
-        length, width = (1.1, DRUM) if joint.kind == "revolute" else (3.0, 0.5)
+        length, width = (1.1, DRUM) if joint.turns else (3.0, 0.5)
         half = length * (DRUM * float(radius) * joint.axis)
         body.append(cylinder(-half, half, width * float(radius), "accent"))
     bodies[0].append(box((0.0, 0.0, 0.0), (3 * radii[0], 3 * radii[0], 0.5 * radii[0]), "dark"))

@@ -32,7 +32,7 @@ def home_of(arm: Arm) -> Array | None:
 
 def _same_joints(arm: Arm, robot: LinkTable) -> bool:
     return arm.joint_count == len(robot.rows) and all(
-        joint.kind == "revolute"
+        joint.motion_subspace[1] is None
         and np.allclose(joint.axis, [0.0, 0.0, 1.0], rtol=0, atol=SAME)
         and np.allclose(joint.placement.R, signed_axes(row.axes), rtol=0, atol=SAME)
         and np.allclose(joint.placement.p, row.origin, rtol=0, atol=SAME)

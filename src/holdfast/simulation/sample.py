@@ -98,7 +98,7 @@ def spins(chain: ClosedChain, state: State) -> Array:
     """
     turned = np.zeros(len(chain.arms))
     for name, grasp in chain.grasps.items():
-        if grasp.kind == "softfinger":
+        if grasp.of_kind.rate_rows:
             tip = posture(chain.arms[name], state.q[chain.joints[name]]).tip.R
             q = rotation.to_quaternion(tip.T @ state.object_frame.R @ grasp.frame.R)
             turned[chain.names.index(name)] = 2.0 * math.atan2(q[3], q[0])

@@ -199,8 +199,10 @@ def _draw(chain: ClosedChain, run: Trajectory, name: str, torque: Any, share: An
 
 
 def _label(chain: ClosedChain) -> str:
-    kinds = {joint.kind for arm in chain.arms.values() for joint in arm.joints}
-    return {1: "torque [N m]", 2: "torque, force\n[N m, N]"}[len(kinds)] if "revolute" in kinds else "force [N]"
+    turning = {joint.turns for arm in chain.arms.values() for joint in arm.joints}
+    if turning == {True, False}:
+        return "torque, force\n[N m, N]"
+    return "torque [N m]" if True in turning else "force [N]"
 
 
 def load_share_figure(chain: ClosedChain, run: Trajectory) -> Any:

@@ -18,7 +18,7 @@ from holdfast.robots.urdf.document import quoted
 from holdfast.robots.urdf.path import Locks, checked_locks, ends, known_link, path_between, resting_position
 from holdfast.robots.urdf.reader import read_urdf
 from holdfast.robots.urdf.refusals import hanging, refuse_loose, refuse_unsupported, shared
-from holdfast.robots.urdf.robot import UrdfRobot
+from holdfast.robots.urdf.robot import MOVING, UrdfRobot
 from holdfast.robots.urdf.source import Source
 from holdfast.spatial.pose import Pose
 
@@ -149,7 +149,7 @@ def _joint(body: WeldedBody) -> Joint:
     joint, down = body.step
     with joint.element.refusals():
         return Joint(
-            kind="prismatic" if joint.kind == "prismatic" else "revolute",
+            kind=MOVING[joint.kind],  # pyright: ignore[reportArgumentType]
             axis=joint.axis if down else 0.0 - joint.axis,
             placement=_plain(body.placement),
             name=joint.name,

@@ -176,7 +176,7 @@ class Locks:
         q = self.position(joint)
         if q is None:
             return None
-        if joint.kind == "prismatic":
+        if not joint.turns:
             return joint.origin @ Pose(np.eye(3), q * joint.axis)
         return joint.origin @ Pose(rotation.exp(q * joint.axis), np.zeros(3))
 

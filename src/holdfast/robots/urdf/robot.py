@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from holdfast.model.joint_types import JOINT_TYPES
 from holdfast.robots.urdf.document import Element
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
-MOVING = ("revolute", "continuous", "prismatic")
+MOVING = {urdf: kind for kind, row in JOINT_TYPES.items() for urdf in row.urdf}  # kinds of `Joint` by URDF type
 UNSUPPORTED = ("floating", "planar", "ball", "spherical")
 
 
@@ -104,6 +105,11 @@ class UrdfJoint:
         """Whether it never moves."""
         return self.kind == "fixed"
 
+    @property
+    def turns(self) -> bool:
+        """Whether its position is an angle [rad]; else it is a length [m]."""
+        return self.kind not in MOVING or JOINT_TYPES[MOVING[self.kind]].turns
+
     def other(self, link: str) -> str:
         """Return the name of the link on its other side."""
         return self.child if link == self.parent else self.parent
@@ -173,7 +179,7 @@ def _moved_by(robot: UrdfRobot, link: str) -> str:
     joint = robot.joint_above.get(link)
     if joint is None:
         return ""
-    length, force = ("m", "N") if joint.kind == "prismatic" else ("rad", "N m")
+    length, force = ("m", "N") if not joint.turns else ("rad", "N m")
     low, high = joint.position_limits
     facts = [joint.kind]
     if low > -float("inf") or high < float("inf"):
