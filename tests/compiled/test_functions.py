@@ -551,3 +551,16 @@ def test_fortran_order():
     turned = {name: np.asfortranarray(x) for name, x in batch.items()}
     found = called(fast, "inverse_dynamics", given, **turned)
     assert same_bits(rows(found, 1), expected)
+
+
+def test_jacobian_that_nothing_changes():
+    """A gantry's Jacobian depends on its base alone: no input of a call has a part in it."""
+    x, y, none = np.eye(3)[0], np.eye(3)[1], np.zeros(2)
+    joints = [holdfast.Joint("prismatic", x), holdfast.Joint("prismatic", y)]
+    gantry = holdfast.Arm(joints, [holdfast.Link(1.0, inertia=np.eye(3))] * 2)
+    box = holdfast.HeldObject.box(1.0, 0.1, 0.1, 0.1)
+    chain = holdfast.ClosedChain({"gantry": gantry}, box, {"gantry": holdfast.Grasp("rigid")})
+    compiled = holdfast.compile(chain)
+    expected = holdfast.tip_jacobian(gantry, none)
+    np.testing.assert_array_equal(compiled.jacobian(none)["gantry"], expected)
+    np.testing.assert_array_equal(compiled.jacobian(np.zeros((3, 2)))["gantry"], [expected] * 3)

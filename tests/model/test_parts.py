@@ -1,5 +1,7 @@
 """Joints, links, arms, objects and grasps: what they hold and what follows from it."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -34,7 +36,7 @@ def test_rotation_parts(q):
     joint = Joint("revolute", axis, Pose(R0, np.zeros(3)))
     F, C, S = joint.rotation_parts
     np.testing.assert_allclose(F + np.cos(q) * C + np.sin(q) * S, R0 @ rotation.exp(q * axis), atol=5e-14)
-    np.testing.assert_allclose(joint.parent_axis, R0 @ axis, atol=1e-15)
+    np.testing.assert_allclose(dataclasses.replace(joint, kind="prismatic").parent_shift, R0 @ axis, atol=1e-15)
 
 
 def test_bodies():

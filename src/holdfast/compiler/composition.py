@@ -310,6 +310,11 @@ class Composition:
             if origin is not None and origin.group.phase(origin.node) > origin.group.done:
                 self._call(origin.group)
 
+    def call_once(self, group: TracedGroup) -> None:
+        """Call a group that no call belongs to so far: what is read of it follows from the parameters alone."""
+        if group.done == 0:
+            self._call(group)
+
     def _call(self, group: TracedGroup) -> None:
         if group.turns is not None:
             self._call_turns(group.turns)

@@ -11,7 +11,7 @@ from holdfast.compiler.needed import Needed
 from holdfast.compiler.node import Node
 from holdfast.compiler.region import Origin, Scan, Source, TracedGroup
 from holdfast.compiler.schedule import Call, External, Group, Internal, Schedule, Wire
-from holdfast.compiler.stage import GraphPorts, Stage, Stages, inputs_of
+from holdfast.compiler.stage import GraphPorts, Stage, Stages, inputs_of, made_of
 from holdfast.compiler.trace import as_node
 from holdfast.compiler.values import Leaf
 
@@ -357,6 +357,9 @@ def derived(
     """
     results = [x for numbers in found.values() for x in numbers if isinstance(x, Node)]
     traced.settle(results)
+    for node in made_of(results):
+        if node in traced.origins:
+            traced.call_once(traced.origins[node].group)
     derivation = Derivation(traced, externals, given, fused)
     derivation.needed.follow(results)
     derivation.regions()
