@@ -59,6 +59,9 @@ def compile(
         generic_rank: rank of the grasp constraint away from singular configurations; found when
             it first matters if not given.
 
+    Returns:
+        The chain's dynamics as functions of arrays, for one system or a batch.
+
     Raises:
         MethodNotApplicable: another algorithm, or another number type.
         CompileError: this computer cannot.

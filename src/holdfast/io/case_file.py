@@ -160,6 +160,9 @@ class Case:
 def load_cases(path: str | PathLike[str]) -> list[Case]:
     """Return the problems of a JSON file: one case, a list, or an object with `cases`.
 
+    Args:
+        path: the file.
+
     Raises:
         SceneError: unreadable or invalid, with the JSON path of the first fault.
     """

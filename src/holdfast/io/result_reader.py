@@ -75,6 +75,9 @@ def load_result(folder: str | PathLike[str]) -> Result:
 
     Looks at every chunk, one at a time; the samples are read when they are asked for.
 
+    Args:
+        folder: where `holdfast simulate` or a `ResultWriter` wrote it.
+
     Raises:
         ResultError: no result is there, or none of it can be read, or it lacks arrays.
     """

@@ -39,6 +39,9 @@ def compile_rollout(
         parameters: what else may be given, as for `compile`: `link_inertia` (link_mass, link_com,
             link_inertia), `link_wrench` (external wrenches on the links).
 
+    Returns:
+        The rollout: `start` makes systems of it, `step` and `run` move them.
+
     Raises:
         ModelError: no such scheme, or one that estimates errors; a parameter of the law is named as an argument; a base
             motion of no arm.
