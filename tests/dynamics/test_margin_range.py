@@ -155,7 +155,10 @@ def test_refused():
     p = as_chain(planar_three_arms(1))
     result = p.solved(generic_rank=12)
     fewer = {name: p.chain.arms[name] for name in p.chain.names[:2]}
-    with pytest.raises(StateError, match=r"grasp_wrench: expected shape \(2, 6\)"):
-        margin_range(replace(p.chain, arms=fewer, grasps={}), p.state, result)
+    chain = replace(p.chain, arms=fewer, grasps={})
+    joints = chain.joint_count
+    state = replace(p.state, q=p.state.q[:joints], qd=p.state.qd[:joints])
+    with pytest.raises(StateError, match="expected one system of 2 arms with 13 joints, got"):
+        margin_range(chain, state, result)
     with pytest.raises(StateError, match="grasp_wrench: expected finite numbers"):
         margin_range(p.chain, p.state, replace(result, grasp_wrench=np.nan * result.grasp_wrench))

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.posture import Posture, posture
 from holdfast.dynamics.arm.velocity import link_twists
-from holdfast.dynamics.result import ForwardResult, require_result_of
+from holdfast.dynamics.result import ForwardResult
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
@@ -230,9 +230,9 @@ def power(
         StateError: a state, torques or inputs of the wrong shape for the chain.
     """
     state.fits(chain)
-    require_result_of(chain, result)
     torques = checks.numbers(tau, (chain.joint_count,), "tau", StateError)
-    found = power_of(chain, state, torques, result.base_wrench, (inputs or Inputs()).shaped(chain))
+    base = checks.numbers(result.base_wrench, (len(chain.arms), 6), "result: base_wrench", StateError)
+    found = power_of(chain, state, torques, base, (inputs or Inputs()).shaped(chain))
     return Power(*map(float, found))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.energy import bodies
-from holdfast.dynamics.result import ForwardResult, require_result_of
+from holdfast.dynamics.result import ForwardResult
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -38,13 +38,13 @@ def momentum_rate(
         StateError: wrong shape of `about` or the inputs.
     """
     state.fits(chain)
-    require_result_of(chain, result)
+    base = checks.numbers(result.base_wrench, (len(chain.arms), 6), "result: base_wrench", StateError)
     point = np.zeros(3) if about is None else checks.numbers(about, (3,), "about", StateError)
     given = (inputs or Inputs()).shaped(chain)
     *links, held = bodies(chain, state)
     assert given.object_wrench is not None
     rate = shift_wrench(held.origin - point, given.object_wrench)
-    for arm, f in zip(chain.arms.values(), result.base_wrench, strict=True):
+    for arm, f in zip(chain.arms.values(), base, strict=True):
         rate = rate + shift_wrench(arm.base.p - point, f)
     if given.link_wrenches is not None:
         for body, f in zip(links, given.link_wrenches, strict=True):

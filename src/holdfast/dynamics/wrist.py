@@ -8,6 +8,8 @@ from holdfast.dynamics.arm.free_dynamics import tip_acceleration
 from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.result import ForwardResult, require_result_of
+from holdfast.errors import StateError
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench, unrotate
@@ -29,11 +31,11 @@ def wrist_wrenches(chain: ClosedChain, state: State, result: ForwardResult) -> A
         StateError: a state of the wrong shape for the chain, or a result of another chain.
     """
     state.fits(chain)
-    require_result_of(chain, result)
+    wrenches = checks.numbers(result.grasp_wrench, (len(chain.arms), 6), "result: grasp_wrench", StateError)
     return np.array(
         [
             unrotate(posture(arm, state.q[chain.joints[name]]).tip.R, f)
-            for (name, arm), f in zip(chain.arms.items(), result.grasp_wrench, strict=True)
+            for (name, arm), f in zip(chain.arms.items(), wrenches, strict=True)
         ]
     )
 

@@ -75,6 +75,6 @@ def _parts(value: Any, exact: bool) -> Iterator[bytes]:
 
 
 def _name_of(own: Any) -> str:
-    if own.__module__.split(".")[0] != __name__.split(".")[0]:
+    if (own.__module__ or "").split(".")[0] != __name__.split(".")[0]:
         raise TypeError(f"{own.__qualname__} is no part of this library")
     return f"{own.__module__}.{own.__qualname__}"
