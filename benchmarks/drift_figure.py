@@ -36,9 +36,9 @@ The torques are sums of sines of time and a spring and a damper on every joint (
 starts from the same closed state, is asked for torques at every stage, and is given what suits it best: Pinocchio the
 best of several gains for its feedback, MuJoCo once its defaults, otherwise the stiffest welds that its step allows and
 iterations without a tolerance. Joint positions and object pose of all of them are judged by the same function,
-`holdfast.closure`. A feedback acts on what is open already: it balances the error that every step adds, and its gain
-may not pass what the step can follow. holdfast has no gain: after each step positions and velocities are projected
-onto the grasps.
+`holdfast.dynamics.closure`. A feedback acts on what is open already: it balances the error that every step adds, and
+its gain may not pass what the step can follow. holdfast has no gain: after each step positions and velocities are
+projected onto the grasps.
 """
 
 

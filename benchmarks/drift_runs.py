@@ -1,7 +1,8 @@
 """The motion of `circling.py` by several simulators, and how far the grasps open meanwhile.
 
 Everyone starts from the same closed state and is given the same torques of time and joint state, asked for at every
-stage. The gap is always found from joint positions and object pose by `holdfast.closure`: the largest of any grasp.
+stage. The gap is always found from joint positions and object pose by `holdfast.dynamics.closure`: the largest of any
+grasp.
 """
 
 from __future__ import annotations
@@ -14,11 +15,12 @@ from typing import Any
 import numpy as np
 from circling import Circling, circling
 
-from holdfast import ControlLaw, State, closure, compile_rollout
+from holdfast import ControlLaw, State, compile_rollout
 from holdfast.bench.mujoco_peer import inputs, mjcf
 from holdfast.bench.pinocchio_peer import PinocchioModel
 from holdfast.bench.rollout_entries import DEFAULT_IMPEDANCE
 from holdfast.bench.systems import System
+from holdfast.dynamics import closure
 from holdfast.interop.mjcf_writer import HARDEST
 from holdfast.spatial.scalar import Array
 

@@ -49,7 +49,7 @@ def main(out: Path = OUT) -> dict[str, float]:
     }
 
 
-def draw(out: Path, chain: hf.ClosedChain, run: hf.Trajectory) -> None:
+def draw(out: Path, chain: hf.ClosedChain, run: hf.simulation.Trajectory) -> None:
     """Draw arms and box from the side, where they began and where they ended."""
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]]) * (0.15, 0.1)
     with rc_context(STYLE):

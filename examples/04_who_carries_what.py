@@ -49,7 +49,7 @@ def shares_of(
     for offset in offsets:
         loaded = replace(chain, held_object=replace(box, com=[offset, 0, 0]))
         result = hf.forward_dynamics(loaded, state, hf.holding_torques(loaded, state))
-        found.append(hf.split(loaded, state, result.grasp_wrench).load_share)
+        found.append(hf.forces.split(loaded, state, result.grasp_wrench).load_share)
     return np.array(found)
 
 

@@ -29,7 +29,7 @@ def main(out: Path = OUT) -> dict[str, float]:
     # Torques for a firm and a weak squeeze, joined by a straight line in time.
     firm, weak = (hf.holding_torques(chain, state, internal=squeeze) for squeeze in (FIRM, WEAK))
     loosening = TorqueSchedule.linear([0.0, DURATION], [firm, weak])
-    margin = hf.grasp_margins(chain, state, hf.forward_dynamics(chain, state, firm).grasp_wrench)
+    margin = hf.forces.grasp_margins(chain, state, hf.forward_dynamics(chain, state, firm).grasp_wrench)
 
     # As long as it holds: what happens when it no longer does is `on_slip`. "record" goes on as if it held.
     stopped = hf.simulate(chain, state, loosening, DURATION, step=0.02)

@@ -58,7 +58,7 @@ def main(out: Path = OUT) -> dict[str, float | str]:
     }
 
 
-def draw(out: Path, run: hf.Trajectory) -> None:
+def draw(out: Path, run: hf.simulation.Trajectory) -> None:
     """Draw the speed of the box, and what each hand lifts and pushes."""
     with rc_context(STYLE):
         figure = Figure(figsize=(4.5, 4.2), layout="constrained")

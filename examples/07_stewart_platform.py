@@ -42,7 +42,7 @@ def main(out: Path = OUT) -> dict[str, float]:
     heights = [level.object_pose + np.r_[np.zeros(6), z] for z in (-rise, rise)]
     near = [hf.close(chain, hf.State(level.q, level.qd, pose), hold_object=True) for pose in heights]
     work = forces[len(angles) // 2] @ (near[1].q - near[0].q)[drives]
-    energy = hf.potential_energy(chain, near[1]) - hf.potential_energy(chain, near[0])
+    energy = hf.dynamics.potential_energy(chain, near[1]) - hf.dynamics.potential_energy(chain, near[0])
 
     draw(out, np.rad2deg(angles), forces)
     diagnosis = hf.diagnose(chain, level)

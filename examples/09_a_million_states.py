@@ -36,7 +36,7 @@ def main(out: Path = OUT, batches: int = 62) -> dict[str, float]:
         # A posture: the box somewhere near the middle. Velocities that keep the grasps closed, 0.3 rad/s or so.
         pose = middle.object_pose + np.r_[np.zeros(4), random.uniform(-0.05, 0.05, 3)]
         state = hf.close(chain, hf.State(middle.q, middle.qd, pose), hold_object=True)
-        basis = hf.motion_basis(chain, state)
+        basis = hf.dynamics.motion_basis(chain, state)
         velocity = 0.3 * random.normal(size=(EACH, basis.shape[1])) @ basis.T
         tau = hf.holding_torques(chain, state) + 0.1 * strength * random.uniform(-1, 1, (EACH, len(strength)))
 
@@ -52,7 +52,7 @@ def main(out: Path = OUT, batches: int = 62) -> dict[str, float]:
         last = hf.State(state.q, velocity[-1, :14], state.object_pose, velocity[-1, 14:])
         reference = hf.forward_dynamics(chain, last, tau[-1])
         differs = max(differs, float(np.abs(found.qdd[-1] / reference.qdd - 1.0).max()))
-        sound += int((found.status == hf.Status.OK).sum())
+        sound += int((found.status == hf.dynamics.Status.OK).sum())
         up.append(found.object_acceleration[:, 5])
         hand.append(np.linalg.norm(force[:, 0], axis=1))
 

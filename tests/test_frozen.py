@@ -15,6 +15,7 @@ import pytest
 import holdfast as hf
 from holdfast.robots import panda
 from holdfast.robots.primitive import Primitive
+from tests.surface import PUBLIC
 
 WRITTEN_AGAIN = {"CompiledResult"}  # by `out=`
 COPIES = {
@@ -54,16 +55,19 @@ def examples() -> dict[str, Any]:
     found = [
         *(arm, arm.links[0], arm.joints[0], chain, chain.held_object, grasp, chain.grasps["right"].contact),
         *(state, hf.Inputs(np.zeros(6)), hf.WrenchLimits(), state.object_frame, hf.Pose(np.eye(3), np.zeros(3))),
-        *(result, result["left"], hf.diagnose(chain, state), hf.assembly_report(chain, state)),
-        hf.attach(chain.without_grasp("left"), state, "left", grasp),
-        *(hf.METHODS["kkt"], hf.GravityCompensation(chain), law, record),
-        *(hf.RestToRest(state.object_pose), hf.ObjectTracking(chain, hf.RestToRest(state.object_pose).at)),
+        *(result, result["left"], hf.diagnose(chain, state), hf.assembly.assembly_report(chain, state)),
+        hf.dynamics.attach(chain.without_grasp("left"), state, "left", grasp),
+        *(hf.dynamics.METHODS["kkt"], hf.control.GravityCompensation(chain), law, record),
         *(
-            hf.TorqueSchedule([0.0, 1.0], [np.ones((14, 2))] * 2),
+            hf.control.RestToRest(state.object_pose),
+            hf.control.ObjectTracking(chain, hf.control.RestToRest(state.object_pose).at),
+        ),
+        *(
+            hf.control.TorqueSchedule([0.0, 1.0], [np.ones((14, 2))] * 2),
             hf.Attach(0.1, "left", grasp),
             hf.Release(0.1, "left"),
         ),
-        hf.simulate(chain, state, hf.GravityCompensation(chain), 2e-3, 1e-3),
+        hf.simulate(chain, state, hf.control.GravityCompensation(chain), 2e-3, 1e-3),
         Primitive("box", hf.Pose.identity(), (1.0, 1.0, 1.0)),
     ]
     return {type(x).__name__: x for x in found}
@@ -71,8 +75,8 @@ def examples() -> dict[str, Any]:
 
 def public() -> list[str]:
     """Return the names of the public dataclasses."""
-    types = {name: getattr(hf, name) for name in hf.__all__}
-    return [name for name, x in types.items() if isinstance(x, type) and is_dataclass(x) and name not in WRITTEN_AGAIN]
+    types = {path.rpartition(".")[2]: x for path, x in PUBLIC.items() if isinstance(x, type) and is_dataclass(x)}
+    return [name for name in types if name not in WRITTEN_AGAIN]
 
 
 def held(x: Any, path: str = "", seen: frozenset[int] = frozenset()) -> Iterator[tuple[str, Any]]:

@@ -95,7 +95,7 @@ def test_forces_at_each_hand_of_ones_own(lifted):
 
 
 @pytest.fixture(scope="module")
-def run(lifted) -> hf.Trajectory:
+def run(lifted) -> hf.simulation.Trajectory:
     """Return a short run under those torques."""
     chain, state, tau = lifted
     return hf.simulate(chain, state, lambda t, state, memory: (tau, memory), duration=0.04, step=0.01)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast import ForwardResult
+from holdfast.dynamics import ForwardResult
 from tests.systems.problems import ANSWERS
 from tests.systems.problems import relative_gap as relative
 

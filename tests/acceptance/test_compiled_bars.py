@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 import holdfast
-from holdfast import ClosedChain, Status
+from holdfast import ClosedChain
 from holdfast.compiler.targets import cpu
+from holdfast.dynamics import Status
 from tests.acceptance.comparison import disagreement, relative
 from tests.acceptance.test_agreement import grasps_for
 from tests.compiled import problems

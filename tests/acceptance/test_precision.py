@@ -11,7 +11,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from holdfast import METHODS, SingularChainError, Status
+from holdfast import SingularChainError
+from holdfast.dynamics import METHODS, Status
 from tests.acceptance.comparison import errors, relative
 from tests.compiled.problems import compiled_for
 from tests.compiler.conftest import no_cache  # noqa: F401

@@ -79,8 +79,8 @@ def test_what_can_be_reached_is(robot):
     for _ in range(POSTURES):
         q = random.uniform(low + SPARE * (high - low), high - SPARE * (high - low))
         begun = time.perf_counter()
-        chain, state = hf.assemble({"arm": arm}, box, grasps, object_pose=hf.tip_pose(arm, q))
+        chain, state = hf.assemble({"arm": arm}, box, grasps, object_pose=hf.dynamics.tip_pose(arm, q))
         times.append(time.perf_counter() - begun)
-        assert max(float(np.abs(gap.position).max()) for gap in hf.closure(chain, state).values()) < 1e-10
+        assert max(float(np.abs(gap.position).max()) for gap in hf.dynamics.closure(chain, state).values()) < 1e-10
         assert (np.minimum(state.q - limits[0], limits[1] - state.q) >= (KEPT - 1e-9) * (high - low)).all()
     print(f"{robot}: {POSTURES} of {POSTURES}, median {np.median(times):.2f} s, longest {max(times):.2f} s")

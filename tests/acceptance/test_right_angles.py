@@ -57,7 +57,7 @@ def test_right_angles(chunk, no_cache):  # noqa: F811
     assert worst["machine code"] <= 1e-9
 
 
-def _other_methods(p: Problem, found: holdfast.ForwardResult) -> list[tuple[str, float]]:
+def _other_methods(p: Problem, found: holdfast.dynamics.ForwardResult) -> list[tuple[str, float]]:
     """Return the differences of the other methods that answer; forces only where they are unique."""
     errors = []
     for name in METHODS:
@@ -71,16 +71,16 @@ def _other_methods(p: Problem, found: holdfast.ForwardResult) -> list[tuple[str,
     return errors
 
 
-def _compiled(p: Problem, found: holdfast.ForwardResult) -> float:
+def _compiled(p: Problem, found: holdfast.dynamics.ForwardResult) -> float:
     """Return what machine code differs by; status and rank must agree."""
     fast = answer(p)
     assert (fast.rank, fast.status) == (found.rank, found.status)
     return relative(fast.qdd, found.qdd, floor=1.0)
 
 
-def _split(p: Problem, found: holdfast.ForwardResult) -> float:
+def _split(p: Problem, found: holdfast.dynamics.ForwardResult) -> float:
     """Return how much of the internal part could be taken from the motion part, which is the smallest."""
-    parts = holdfast.split(p.chain, p.state, found.grasp_wrench)
+    parts = holdfast.forces.split(p.chain, p.state, found.grasp_wrench)
     metric = np.r_[np.full(3, 1 / parts.length), np.ones(3)]
     motion, internal = parts.motion * metric, parts.internal * metric
     size = max(1.0, float(np.abs([motion, internal]).max()))  # contacts 3 mm apart: both are thousands of newtons
@@ -102,9 +102,9 @@ def _projected(p: Problem) -> float:
     """Return what projected velocities still mismatch, and by how much they are not the nearest."""
     random = np.random.default_rng(3)
     wild = State(p.state.q, random.normal(size=p.chain.joint_count), p.state.object_pose, random.normal(size=6))
-    near = holdfast.project_velocity(p.chain, wild)
+    near = holdfast.dynamics.project_velocity(p.chain, wild)
     motion = chain_motion(p.chain, near, np.zeros(p.chain.joint_count), Inputs().shaped(p.chain))
     rows = constraint_rows(motion)
     gap = rows.joints @ near.qd + rows.object @ near.object_twist
-    again = holdfast.project_velocity(p.chain, near)
+    again = holdfast.dynamics.project_velocity(p.chain, near)
     return float(max(np.abs(gap).max(), np.abs(again.qd - near.qd).max()))

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from benchmarks.circling import PERIOD, circling
 
-from holdfast import ControlLaw, closure, compile_rollout
+from holdfast import ControlLaw, compile_rollout
 from holdfast.bench import rollout_entries
 from holdfast.bench.clock import Effort, timed
 from holdfast.bench.systems import make_system
+from holdfast.dynamics import closure
 from tests.simulation.rollout.problems import state_of
 
 pytestmark = pytest.mark.long

@@ -18,12 +18,12 @@ from holdfast import (
     State,
     StateError,
     close,
-    closure,
     diagnose,
     forward_dynamics,
 )
 from holdfast.assembly.assemble import assemble
 from holdfast.assembly.nearest_posture import distance
+from holdfast.dynamics import closure
 from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.object_level import motion_basis
 from holdfast.robots import HOME, ROBOTS, stewart_platform, three_finger_hand

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from benchmarks.circling import DAMPING, PERIOD, STIFFNESS, circling, rate_of, waves
 
-from holdfast import closure, forward_dynamics
+from holdfast import forward_dynamics
+from holdfast.dynamics import closure
 
 
 def test_never_at_rest():

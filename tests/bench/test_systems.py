@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from holdfast import State, closure, forward_dynamics
+from holdfast import State, forward_dynamics
 from holdfast.bench.systems import make_system
+from holdfast.dynamics import closure
 
 CLOSED = 1e-9
 SIZES = ((3, 7), (64, 7), (2, 6), (2, 96))

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holdfast import METHODS
 from holdfast.cli import main
+from holdfast.dynamics import METHODS
 from tests.io.mutations import CASES, arm_with, small_case
 from tests.systems import two_collinear_stretched_6r
 

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 
 import holdfast
-from holdfast import ClosedChain, CompiledChain, CompiledResult, ForwardResult, Grasp, Inputs, Pose, State
+from holdfast import ClosedChain, Grasp, Inputs, Pose, State
+from holdfast.compiled import CompiledChain, CompiledResult
 from holdfast.compiler.interpret import interpret_schedule
+from holdfast.dynamics import ForwardResult
 from holdfast.dynamics.arm.posture import posture
 from holdfast.model.arm import Arm
 from holdfast.spatial import rotation
@@ -164,7 +166,7 @@ def closed_again(problem: Problem, case: dict, seed: object) -> Problem:
     chain = chain.with_bases(bases)
     given = problem.inputs.shaped(chain)
     state = State(q, random.normal(size=len(q)), at.wxyz_xyz, random.normal(size=6))
-    state = holdfast.project_velocity(chain, state, inputs=given)
+    state = holdfast.dynamics.project_velocity(chain, state, inputs=given)
     case["object"] |= {"R": at.R.tolist(), "p": at.p.tolist()}
     for arm, (name, made) in zip(case["arms"], chain.arms.items(), strict=True):
         arm["base"] |= {"R": made.base.R.tolist(), "p": made.base.p.tolist()}

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import holdfast
-from holdfast import SingularChainError, StateError, Status
+from holdfast import SingularChainError, StateError
+from holdfast.dynamics import Status
 from tests.compiled import problems
 from tests.compiled.problems import STATE, chain_named, compiled, forces, numbers, one, outputs
 from tests.compiler.programs import all_same_bits

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import holdfast
-from holdfast import Link, MethodNotApplicable, SingularChainError, StateError, Status
+from holdfast import Link, MethodNotApplicable, SingularChainError, StateError
+from holdfast.dynamics import Status
 from holdfast.dynamics.closed.stacked import Stacked
 from holdfast.spatial.spatial_vector import shift_wrench
 from tests.acceptance.comparison import errors, relative

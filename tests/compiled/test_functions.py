@@ -26,6 +26,7 @@ from holdfast.spatial.scalar import Array
 from tests.compiled import problems
 from tests.compiled.problems import chain_named, chain_of, compiled, numbers, one
 from tests.dynamics.problems import CASES, random_problem, stored
+from tests.surface import PUBLIC
 from tests.systems.as_chain import Problem
 
 BOUND = 1e-11
@@ -121,24 +122,26 @@ def reference(
     if function == "inverse_dynamics":
         return {"": holdfast.inverse_dynamics(chain, state, given["qdd"], given["grasp_wrench"], inputs)}
     if function == "closure":
-        gaps = holdfast.closure(chain, state, inputs)
+        gaps = holdfast.dynamics.closure(chain, state, inputs)
         return {f"{arm}.{field}": x for arm, gap in gaps.items() for field, x in gap._asdict().items()}
     if function == "kinetic_energy":
-        return {"": np.array(holdfast.kinetic_energy(chain, state, inputs))}
+        return {"": np.array(holdfast.dynamics.kinetic_energy(chain, state, inputs))}
     if function == "potential_energy":
-        return {"": np.array(holdfast.potential_energy(chain, state))}
+        return {"": np.array(holdfast.dynamics.potential_energy(chain, state))}
     if function == "momentum":
-        return {"": holdfast.momentum(chain, state, about, inputs)}
+        return {"": holdfast.dynamics.momentum(chain, state, about, inputs)}
     if function in ("centre_of_mass", "object_mobility"):
-        return {"": getattr(holdfast, function)(chain, state)}
+        return {"": getattr(holdfast.dynamics, function)(chain, state)}
     if function == "project":
         found = after_step(chain, state, inputs.shaped(chain))
         return {name: getattr(found, name) for name in ARGUMENTS[function]}
     if function == "tip_poses":
-        tips = {name: holdfast.tip_pose(arm, state.q[chain.joints[name]]) for name, arm in chain.arms.items()}
+        tips = {name: holdfast.dynamics.tip_pose(arm, state.q[chain.joints[name]]) for name, arm in chain.arms.items()}
         return {f"{name}.{field}": getattr(tip, field) for name, tip in tips.items() for field in ("R", "p")}
     if function == "link_poses":
-        links = {name: holdfast.link_poses(arm, state.q[chain.joints[name]]) for name, arm in chain.arms.items()}
+        links = {
+            name: holdfast.dynamics.link_poses(arm, state.q[chain.joints[name]]) for name, arm in chain.arms.items()
+        }
         stacked = {
             name: {field: np.array([getattr(x, field) for x in of]) for field in "Rp"} for name, of in links.items()
         }
@@ -342,7 +345,7 @@ def test_forward_of_inverse(name):
     given = numbers(chain, 9) | problems.forces(chain, 9)
     del given["object_wrench"]
     result = fast.forward_dynamics(**given)
-    assert set(result.status) <= {holdfast.Status.OK, holdfast.Status.INDETERMINATE_FORCES}
+    assert set(result.status) <= {holdfast.dynamics.Status.OK, holdfast.dynamics.Status.INDETERMINATE_FORCES}
     acting = {k: x for k, x in given.items() if k in ("link_wrench", "base_twist", "base_acceleration")}
     tau = fast.inverse_dynamics(given["q"], given["qd"], result.qdd, result.grasp_wrench, **acting)
     np.testing.assert_allclose(tau, given["tau"], atol=1e-9 * np.abs(result.grasp_wrench).max())
@@ -390,7 +393,7 @@ def test_turned_tips(angle):
     chain = replace(base.chain, arms=arms)
     s = base.state
     found = alone(chain).closure(s.q, s.qd, s.object_pose, s.object_twist)
-    for name, expected in holdfast.closure(chain, s).items():
+    for name, expected in holdfast.dynamics.closure(chain, s).items():
         position = found[name].position
         if angle == np.pi:  # any perpendicular axis serves, either way round
             assert np.linalg.norm(position) == pytest.approx(np.linalg.norm(expected.position), abs=1e-7)
@@ -415,14 +418,17 @@ def test_types():
 
 def test_every_function_of_the_dynamics():
     """All that is public is compiled, or says by name why it is not, and what there is."""
-    public = {name for name, home in holdfast._LATER.items() if home.startswith("holdfast.dynamics.")}
-    verbs = {name for name in public if isinstance(getattr(holdfast, name), FunctionType)} | {"holding_torques"}
-    compiled_too = {name for name in verbs if callable(getattr(ChainFunctions, name, None))} | {"forward_dynamics"}
-    assert verbs - compiled_too == set(REASONS)
-    assert set(COMPUTATIONS) <= compiled_too | {"mass_matrix", "jacobian", "tip_poses"}
+    rooms = ("holdfast.dynamics.", "holdfast.forces.")
+    public = {path: verb for path, verb in PUBLIC.items() if isinstance(verb, FunctionType)}
+    verbs = {path for path, verb in public.items() if verb.__module__.startswith(rooms)} | {"holding_torques"}
+    last = {path: path.rpartition(".")[2] for path in verbs}
+    compiled_too = {path for path in verbs if callable(getattr(ChainFunctions, last[path], None))}
+    assert verbs - compiled_too - {"forward_dynamics"} == set(REASONS)
+    assert set(COMPUTATIONS) <= {last[path] for path in compiled_too} | {"mass_matrix", "jacobian", "tip_poses"}
     fast = named("all kinds")
-    for name in REASONS:
-        with pytest.raises(MethodNotApplicable, match=f"^compile: '{name}' runs as reference only: .*holdfast.{name}"):
+    for path in REASONS:
+        name = last[path]
+        with pytest.raises(MethodNotApplicable, match=f"^compile: '{name}' runs as reference only: .*holdfast.{path} "):
             getattr(fast, name)
         assert not hasattr(fast, name)
     with pytest.raises(AttributeError, match="'ChainFunctions' object has no attribute 'dynamo'"):
@@ -561,6 +567,6 @@ def test_jacobian_that_nothing_changes():
     box = holdfast.HeldObject.box(1.0, 0.1, 0.1, 0.1)
     chain = holdfast.ClosedChain({"gantry": gantry}, box, {"gantry": holdfast.Grasp("rigid")})
     compiled = holdfast.compile(chain)
-    expected = holdfast.tip_jacobian(gantry, none)
+    expected = holdfast.dynamics.tip_jacobian(gantry, none)
     np.testing.assert_array_equal(compiled.jacobian(none)["gantry"], expected)
     np.testing.assert_array_equal(compiled.jacobian(np.zeros((3, 2)))["gantry"], [expected] * 3)

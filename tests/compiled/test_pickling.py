@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import holdfast
-from holdfast import Status
+from holdfast.dynamics import Status
 from tests.compiled import problems
 from tests.compiled.problems import chain_named, compiled, numbers, one, outputs
 from tests.compiler.programs import all_same_bits

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import holdfast
-from holdfast import Arm, ClosedChain, Grasp, Joint, Link, ModelError, Pose, SingularChainError, StateError, Status
+from holdfast import Arm, ClosedChain, Grasp, Joint, Link, ModelError, Pose, SingularChainError, StateError
+from holdfast.dynamics import Status
 from tests.compiled import problems
 from tests.compiled.problems import FIELDS, STATE, Given, chain_named, compiled, numbers, one, outputs
 from tests.compiler.programs import all_same_bits

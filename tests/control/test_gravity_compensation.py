@@ -8,7 +8,7 @@ import pytest
 from holdfast import State, forward_dynamics
 from holdfast.control.grasp_forces import commanded_wrenches
 from holdfast.control.gravity_compensation import GravityCompensation
-from holdfast.dynamics.split import split
+from holdfast.forces.force_split import split
 from tests.control.two_pandas import two_pandas
 from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain

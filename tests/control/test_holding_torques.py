@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from holdfast import Arm, ClosedChain, Friction, State, StateError, forward_dynamics, project_velocity
+from holdfast import Arm, ClosedChain, Friction, State, StateError, forward_dynamics
 from holdfast.assembly.assemble import assemble
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.control.holding_torques import holding_torques
+from holdfast.dynamics import project_velocity
 from holdfast.dynamics.result import Status
-from holdfast.dynamics.split import split
+from holdfast.forces.force_split import split
 from holdfast.robots import stewart_platform, three_finger_hand
 from tests.control.two_pandas import two_pandas
 from tests.systems import well_conditioned_system

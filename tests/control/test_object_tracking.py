@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from holdfast import Pose, State, close, forward_dynamics, project_velocity
+from holdfast import Pose, State, close, forward_dynamics
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest, Target
-from holdfast.dynamics.split import split
+from holdfast.dynamics import project_velocity
+from holdfast.forces.force_split import split
 from holdfast.simulation.simulate import simulate
 from holdfast.spatial import rotation
 from tests.control.two_pandas import two_pandas

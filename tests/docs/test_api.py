@@ -6,11 +6,9 @@ import tomllib
 
 import pytest
 
-import holdfast
-import holdfast.robots
-import holdfast.robots.urdf
 from holdfast.cli.commands import COMMANDS
 from tests.docs.pages import DOCS, PAGES, ROOT
+from tests.surface import PUBLIC
 
 FOR_DEVELOPERS = {"bench", "dev", "docs"}
 DIRECTIVE = re.compile(r"^\.\. (?:auto\w+|py:data):: (holdfast[\w.]*)$", re.MULTILINE)
@@ -29,14 +27,9 @@ def target(name: str) -> object:
 
 
 def test_every_public_name():
-    """Each name of `holdfast.__all__` stands on an API page, under that name."""
-    assert {f"holdfast.{name}" for name in holdfast.__all__} - set(DOCUMENTED) == set()
-
-
-def test_every_robot():
-    """So do the built-in robots; of the URDF reader what users call."""
-    callable_names = {name for name in holdfast.robots.__all__ if name.islower() or name == "Mechanism"}
-    assert {f"holdfast.robots.{name}" for name in callable_names} - set(DOCUMENTED) == set()
+    """Each function, class and table of the top and of the themes stands on an API page, under that name."""
+    homes = {path for path in PUBLIC if path.startswith("robots.") and path.removeprefix("robots.").isupper()}
+    assert {f"holdfast.{path}" for path in PUBLIC.keys() - homes} - set(DOCUMENTED) == set()
 
 
 def test_every_command():

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from holdfast import METHODS
+from holdfast.dynamics import METHODS
 from tests.docs.pages import DOCS, ROOT
 
 PAGE = (DOCS / "theory" / "equations.md").read_text(encoding="utf-8")

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import Arm, ClosedChain, ClosureError, Grasp, Pose, State, close, closure, project, project_velocity
+from holdfast import Arm, ClosedChain, ClosureError, Grasp, Pose, State, close, project
+from holdfast.dynamics import closure, project_velocity
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.stacked import Stacked, block_diagonal
 from holdfast.dynamics.constraint import constraint_rows, coordinate_sizes

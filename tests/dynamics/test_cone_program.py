@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from holdfast.dynamics.cone_program import AffineMargin, largest_least
+from holdfast.forces.cone_program import AffineMargin, largest_least
 
 MU = 0.5
 

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import Inputs, Pose, State, StateError, closure, forward_dynamics
+from holdfast import Inputs, Pose, State, StateError, forward_dynamics
+from holdfast.dynamics import closure
 from holdfast.dynamics.consistency import require_rates
 from holdfast.spatial import rotation
 from tests.dynamics.problems import motion_of, pushed

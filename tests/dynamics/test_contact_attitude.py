@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import Grasp, Pose, StateError, contact_attitudes
+from holdfast import Grasp, Pose, StateError
+from holdfast.dynamics import contact_attitudes
 from holdfast.spatial import rotation
 from tests.dynamics.problems import later, motion_of
 from tests.systems.problems import random_problem, stored

@@ -8,16 +8,8 @@ import numpy as np
 import pytest
 
 import holdfast
-from holdfast import (
-    METHODS,
-    ClosedChain,
-    Diagnosis,
-    MethodNotApplicable,
-    SingularChainError,
-    State,
-    diagnose,
-    forward_dynamics,
-)
+from holdfast import ClosedChain, MethodNotApplicable, SingularChainError, State, diagnose, forward_dynamics
+from holdfast.dynamics import METHODS, Diagnosis
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.closed.stacked import Stacked
 from tests.dynamics.problems import motion_of

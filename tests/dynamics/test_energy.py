@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from holdfast import centre_of_mass, forward_dynamics, kinetic_energy, momentum, potential_energy, power
+from holdfast import forward_dynamics
+from holdfast.dynamics import centre_of_mass, kinetic_energy, momentum, potential_energy, power
 from holdfast.dynamics.energy import bodies
 from tests.dynamics.problems import later
 from tests.oracles import stepping

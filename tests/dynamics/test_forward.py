@@ -16,11 +16,10 @@ from holdfast import (
     SingularChainError,
     State,
     StateError,
-    Status,
     forward_dynamics,
     inverse_dynamics,
-    state_from_joints,
 )
+from holdfast.dynamics import Status, state_from_joints
 from tests.model.parts import BOX, arm
 from tests.systems import planar_parallelogram
 from tests.systems.as_chain import as_chain

@@ -19,16 +19,13 @@ from holdfast import (
     Pose,
     State,
     StateError,
-    Status,
-    closure,
     forward_dynamics,
-    kinetic_energy,
-    momentum,
 )
+from holdfast.dynamics import Status, closure, kinetic_energy, momentum
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.stacked import Stacked
+from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.impulse import attach, grasp_here, release
-from holdfast.dynamics.split import length_scale
 from holdfast.model.grasp import WrenchLimits
 from holdfast.spatial import rotation
 from holdfast.spatial.spatial_vector import shift_wrench, unrotate

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from holdfast.dynamics.closed.stacked import Stacked
-from holdfast.dynamics.split import length_scale
+from holdfast.dynamics.constraint import length_scale
 from tests.dynamics.problems import motion_of
 from tests.oracles.maximal_kkt import solve_min_norm
 from tests.systems import planar_parallelogram, planar_three_arms

@@ -7,17 +7,10 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, minimize
 
-from holdfast import (
-    ClosedChain,
-    ForwardResult,
-    Inputs,
-    State,
-    forward_dynamics,
-    grasp_margins,
-    largest_margin,
-    margin_range,
-)
+from holdfast import ClosedChain, Inputs, State, forward_dynamics
+from holdfast.dynamics import ForwardResult
 from holdfast.dynamics.rank import constraint_rank
+from holdfast.forces import grasp_margins, largest_margin, margin_range
 from holdfast.model.grasp import WrenchLimits
 from tests.dynamics.problems import motion_of
 from tests.dynamics.test_margin_range import hinged, regrasped

@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import ClosedChain, Friction, Grasp, Pose, StateError, Status, forward_dynamics
+from holdfast import ClosedChain, Friction, Grasp, Pose, StateError, forward_dynamics
+from holdfast.dynamics import Status
 from holdfast.dynamics.closed.stacked import Stacked
-from holdfast.dynamics.margin_range import MarginRange, margin_range
-from holdfast.dynamics.margins import grasp_margins
 from holdfast.dynamics.rank import constraint_rank
+from holdfast.forces.margin_interval import MarginRange, margin_range
+from holdfast.forces.margins import grasp_margins
 from holdfast.model.grasp import WrenchLimits
 from tests.dynamics.problems import motion_of
 from tests.systems import planar_three_arms

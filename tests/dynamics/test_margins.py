@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from holdfast import ClosedChain, Friction, Grasp, Joint, State, StateError
-from holdfast.dynamics.margins import contact_margin, grasp_margins, joint_margins
+from holdfast.forces.margins import contact_margin, grasp_margins, joint_margins
 from holdfast.model.grasp import WrenchLimits
 from holdfast.spatial.spatial_vector import rotate
 from tests.model.parts import BOX, arm

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from holdfast import MethodNotApplicable, StateError, state_from_joints
+from holdfast import MethodNotApplicable, StateError
+from holdfast.dynamics import state_from_joints
 from tests.systems.problems import CASES, random_problem, stored
 
 RIGID = [name for name, case in CASES.items() if case["tags"]["all_rigid"]]

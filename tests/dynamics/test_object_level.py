@@ -5,17 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import (
-    ClosedChain,
-    Grasp,
-    HeldObject,
-    Pose,
-    SingularChainError,
-    State,
-    motion_basis,
-    object_inertia,
-    object_mobility,
-)
+from holdfast import ClosedChain, Grasp, HeldObject, Pose, SingularChainError, State
+from holdfast.dynamics import motion_basis, object_inertia, object_mobility
 from holdfast.dynamics.closed.stacked import Stacked
 from tests.dynamics.problems import motion_of
 from tests.model.parts import arm

@@ -39,7 +39,7 @@ def excess(p: Problem, give: float = GIVE, **options) -> float:
         found = holdfast.forward_dynamics(p.chain, p.state, p.tau, **options)
     except holdfast.SingularChainError:
         return 1.0
-    unique = found.status is holdfast.Status.OK
+    unique = found.status is holdfast.dynamics.Status.OK
     case, softness = as_case(p.chain, p.state, p.tau), 0.0 if unique else 1e-20
     answer = solve(case, digits=50, softness=softness)
     f = np.array(answer["f"]) if unique else found.grasp_wrench
@@ -133,7 +133,7 @@ def test_smallest_wrenches():
             kept = [turn.T @ row[:3], turn.T @ row[3:]]
             kept = np.concatenate(kept) * [float(i in grasp.transmitted) for i in range(6)]
             row[:] = np.concatenate([turn @ kept[:3], turn @ kept[3:]])
-        found = holdfast.split(chain, state, f)
+        found = holdfast.forces.split(chain, state, f)
         smallest = _by_singular_values(chain, state, f, found.length)
         assert np.abs(found.motion - smallest).max() < 1e-9 * max(1.0, np.abs(f).max())
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from holdfast.dynamics.energy import Body, bodies
-from holdfast.dynamics.wrist import last_joint_wrenches, wrist_wrenches
+from holdfast.forces.wrist import last_joint_wrenches, wrist_wrenches
 from holdfast.spatial.spatial_vector import rotate, shift_wrench
 from tests.laws.moving import moving
 from tests.laws.systems import mixed

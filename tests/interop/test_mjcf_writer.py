@@ -6,19 +6,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from holdfast import (
-    Arm,
-    ClosedChain,
-    HeldObject,
-    Joint,
-    Link,
-    ModelError,
-    Pose,
-    State,
-    StateError,
-    forward_dynamics,
-    project_velocity,
-)
+from holdfast import Arm, ClosedChain, HeldObject, Joint, Link, ModelError, Pose, State, StateError, forward_dynamics
+from holdfast.dynamics import project_velocity
 from holdfast.dynamics.diagnose import diagnose
 from holdfast.interop.mjcf_writer import to_mjcf
 from holdfast.robots import ROBOTS, stewart_platform, three_finger_hand

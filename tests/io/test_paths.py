@@ -13,6 +13,7 @@ from holdfast.interop.mcap_writer import write_mcap
 from holdfast.robots.urdf import read_urdf
 from tests.io.recorded import filled
 from tests.robots.two_armed import TWO_ARMED
+from tests.surface import PUBLIC
 from tests.view.runs import lifted
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -28,13 +29,13 @@ def readers(folder: Path) -> dict:
     torso = {"base": "torso", "lock_others": True}
     return {
         hf.load_result: (folder / "run", {}),
-        hf.load_cases: (EXAMPLES.parent / "tests" / "data" / "cases.json", {}),
+        hf.io.load_cases: (EXAMPLES.parent / "tests" / "data" / "cases.json", {}),
         hf.load_scene: (EXAMPLES / "two_pandas.toml", {}),
         hf.load_urdf: (folder / "two.urdf", {"tip": "left_grasp", **torso}),
-        hf.urdf_chain: (folder / "two.urdf", {"tip": "left_grasp", **torso}),
+        hf.robots.urdf_chain: (folder / "two.urdf", {"tip": "left_grasp", **torso}),
         hf.load_urdf_arms: (folder / "two.urdf", {"arms": {"left": ("torso", "left_grasp")}, "lock_others": True}),
         read_urdf: (folder / "two.urdf", {}),
-        hf.load_mjcf: (folder / "arm.xml", {}),
+        hf.interop.load_mjcf: (folder / "arm.xml", {}),
     }
 
 
@@ -44,10 +45,10 @@ def writers(folder: Path) -> dict:
     chain, run = lifted()
     result = hf.load_result(folder / "run")
     return {
-        hf.export_csv: ((result,), "run.csv"),
-        hf.export_parquet: ((result,), "run.parquet"),
-        hf.export_page: ((hf.film_of_run(chain, run, rate=2.0),), "page.html"),
-        hf.save_plots: ((chain, run), "."),
+        hf.io.export_csv: ((result,), "run.csv"),
+        hf.io.export_parquet: ((result,), "run.parquet"),
+        hf.plot.export_page: ((hf.plot.film_of_run(chain, run, rate=2.0),), "page.html"),
+        hf.plot.save_plots: ((chain, run), "."),
         write_mcap: ((chain, run), "run.mcap"),
     }
 
@@ -55,7 +56,7 @@ def writers(folder: Path) -> dict:
 def test_none_is_left_out(tmp_path):
     """Every public function with a path among its arguments is tried here."""
     tried = {function.__name__ for function in (*readers(tmp_path / "a"), *writers(tmp_path / "b"))}
-    public = {name: getattr(hf, name) for name in hf.__all__ if inspect.isfunction(getattr(hf, name))}
+    public = {path.rpartition(".")[2]: x for path, x in PUBLIC.items() if inspect.isfunction(x)}
     takes_a_path = {
         name
         for name, function in public.items()
@@ -85,16 +86,16 @@ def test_written_by_text(tmp_path):
             continue
         assert list(folder.iterdir())
         before = sorted(tmp_path.rglob("*"))
-        for given in NO_PATHS[:-1] if write in (hf.save_plots, hf.export_page) else NO_PATHS:
+        for given in NO_PATHS[:-1] if write in (hf.plot.save_plots, hf.plot.export_page) else NO_PATHS:
             with pytest.raises(hf.HoldfastError):
                 write(*arguments, given)
         assert sorted(tmp_path.rglob("*")) == before
 
 
-@pytest.mark.parametrize("export", [hf.export_csv, hf.export_parquet])
+@pytest.mark.parametrize("export", [hf.io.export_csv, hf.io.export_parquet])
 def test_tables_of_what_is_no_result(tmp_path, export):
     """A run in memory, a folder's name: the message says how to come by a result."""
-    if export is hf.export_parquet:
+    if export is hf.io.export_parquet:
         pytest.importorskip("pyarrow")
     with pytest.raises(hf.ResultError, match=r"got a Trajectory, which does not know.* Try `holdfast simulate"):
         export(lifted()[1], tmp_path / "run.csv")
@@ -109,7 +110,7 @@ def test_pictures_of_what_is_no_run(tmp_path):
     filled(tmp_path / "run", 2)
     empty = replace(run, **{name: getattr(run, name)[:0] for name in hf.simulation.trajectory.array_names()})
     one_arm = hf.ClosedChain({"left": chain.arms["left"]}, chain.held_object, {})
-    uses: list[Any] = [hf.film_of_run, lambda chain, run: hf.save_plots(chain, run, tmp_path)]
+    uses: list[Any] = [hf.plot.film_of_run, lambda chain, run: hf.plot.save_plots(chain, run, tmp_path)]
     for use in uses:
         with pytest.raises(hf.StateError, match=r"expected a Trajectory.*got a Result; try its \.trajectory"):
             use(chain, hf.load_result(tmp_path / "run"))
@@ -120,5 +121,5 @@ def test_pictures_of_what_is_no_run(tmp_path):
         with pytest.raises(hf.ModelError, match="expected a ClosedChain, got a Trajectory"):
             use(run, chain)
     with pytest.raises(hf.ModelError, match=r"got a Trajectory; try film_of_run\(chain, run\)"):
-        hf.export_page(cast(Any, run), tmp_path / "page.html")
-    assert np.array_equal(hf.film_of_run(chain, run).t, hf.film_of_run(chain, run, "run").t)
+        hf.plot.export_page(cast(Any, run), tmp_path / "page.html")
+    assert np.array_equal(hf.plot.film_of_run(chain, run).t, hf.plot.film_of_run(chain, run, "run").t)

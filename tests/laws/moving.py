@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast import ClosedChain, ForwardResult, Inputs, Pose, State
+from holdfast import ClosedChain, Inputs, Pose, State
+from holdfast.dynamics import ForwardResult
 from holdfast.spatial.vector import skew
 from tests.spatial.dual import duals
 from tests.systems.as_chain import Problem

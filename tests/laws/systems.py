@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from holdfast import ForwardResult
+from holdfast.dynamics import ForwardResult
 from tests.systems.as_chain import Problem
 from tests.systems.problems import random_problem
 

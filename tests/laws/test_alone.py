@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import METHODS, forward_dynamics, inverse_dynamics
+from holdfast import forward_dynamics, inverse_dynamics
+from holdfast.dynamics import METHODS
 from tests.laws.systems import mixed
 from tests.laws.transformed import with_arms
 from tests.systems.problems import random_problem, relative_gap

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from holdfast import forward_dynamics, inverse_dynamics, split
+from holdfast import forward_dynamics, inverse_dynamics
 from holdfast.dynamics.closed.stacked import Stacked
+from holdfast.forces import split
 from holdfast.spatial.spatial_vector import shift_twist
 from tests.dynamics.problems import motion_of
 from tests.laws.systems import mixed, sample

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from holdfast import StateError, forward_dynamics, momentum
+from holdfast import StateError, forward_dynamics
+from holdfast.dynamics import momentum
 from holdfast.dynamics.energy import bodies
 from holdfast.dynamics.momentum_balance import momentum_rate
 from holdfast.spatial.spatial_vector import shift_wrench

@@ -94,7 +94,7 @@ class Problem:
         body = hf.HeldObject(3.0, inertia(), 0.1 * unit())
         free = hf.ClosedChain(arms, body, {})
         q, held = random.normal(size=free.joint_count, scale=0.5), pose(0.3)
-        tips = {name: hf.tip_pose(arm, q[free.joints[name]]) for name, arm in arms.items()}
+        tips = {name: hf.dynamics.tip_pose(arm, q[free.joints[name]]) for name, arm in arms.items()}
         about_x, about_y = rotation.exp(np.array([0.7, 0.0, 0.0])), rotation.exp(np.array([0.0, -0.4, 0.0]))
         turned = {name: about_x @ about_y if kind == "universal" else np.eye(3) for name, kind in KINDS.items()}
         grasps = {
@@ -103,7 +103,7 @@ class Problem:
         }
         self.chain = hf.ClosedChain(arms, body, grasps)
         rates = random.normal(size=self.chain.joint_count), random.normal(size=6)
-        self.state = hf.project_velocity(self.chain, hf.State(q, rates[0], held.wxyz_xyz, rates[1]))
+        self.state = hf.dynamics.project_velocity(self.chain, hf.State(q, rates[0], held.wxyz_xyz, rates[1]))
         self.tau = random.normal(size=self.chain.joint_count, scale=5.0)
 
     def mechanism(self) -> Mechanism:
@@ -210,7 +210,7 @@ def test_inverse_dynamics(problem):
 
 def test_energies(problem, truth):
     """Kinetic energy is the oracle's."""
-    assert hf.kinetic_energy(problem.chain, problem.state) == pytest.approx(truth["energy"], rel=1e-13)
+    assert hf.dynamics.kinetic_energy(problem.chain, problem.state) == pytest.approx(truth["energy"], rel=1e-13)
 
 
 def test_projection(problem):
@@ -219,7 +219,7 @@ def test_projection(problem):
     random = np.random.default_rng(2)
     off = hf.State(state.q + 1e-4 * random.normal(size=len(state.q)), state.qd, state.object_pose, state.object_twist)
     for closed in (hf.project(chain, off)[0], hf.close(chain, off)):
-        gaps = hf.closure(chain, closed)
+        gaps = hf.dynamics.closure(chain, closed)
         assert {name: len(gap.position) for name, gap in gaps.items()} == {"left": 4, "right": 6, "third": 4}
         assert max(np.abs(gap.position).max() for gap in gaps.values()) < 1e-12
         assert max(np.abs(gap.velocity).max() for gap in gaps.values()) < 1e-12
@@ -234,8 +234,8 @@ def test_machine_code(problem):
     found = hf.forward_dynamics(chain, state, problem.tau)
     assert relative(fast.qdd, found.qdd) < 1e-11
     assert relative(fast.grasp_wrench, found.grasp_wrench) < 1e-11
-    assert compiled.kinetic_energy(**given) == pytest.approx(hf.kinetic_energy(chain, state), rel=1e-12)
-    expected, gaps = hf.closure(chain, state), compiled.closure(**given)
+    assert compiled.kinetic_energy(**given) == pytest.approx(hf.dynamics.kinetic_energy(chain, state), rel=1e-12)
+    expected, gaps = hf.dynamics.closure(chain, state), compiled.closure(**given)
     for name in chain.grasps:
         np.testing.assert_allclose(gaps[name].position, expected[name].position, atol=1e-14)
         np.testing.assert_allclose(gaps[name].velocity, expected[name].velocity, atol=1e-13)
@@ -248,6 +248,7 @@ def test_simulation(problem):
     assert run.stopped is None
     assert np.max(run.position_gap) < 1e-12
     energies = [
-        hf.kinetic_energy(chain, state) + hf.potential_energy(chain, state) for state in (run.state(0), run.state(-1))
+        hf.dynamics.kinetic_energy(chain, state) + hf.dynamics.potential_energy(chain, state)
+        for state in (run.state(0), run.state(-1))
     ]
     assert energies[1] == pytest.approx(energies[0], rel=1e-9)

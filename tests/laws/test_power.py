@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from holdfast import kinetic_energy, momentum, power
+from holdfast.dynamics import kinetic_energy, momentum, power
 from holdfast.dynamics.energy import bodies
 from holdfast.spatial.spatial_vector import shift_twist
 from tests.dynamics.problems import motion_of

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from holdfast import METHODS, Pose
+from holdfast import Pose
+from holdfast.dynamics import METHODS
 from tests.laws.systems import mixed, sample
 from tests.laws.transformed import both, links_reframed, mirrored, object_reframed, rescaled, turned, with_arms
 from tests.systems.problems import ANSWERS, random_problem, relative_gap

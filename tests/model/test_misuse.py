@@ -13,7 +13,7 @@ EYE, ZERO, REST = np.eye(3), np.zeros(3), [1, 0, 0, 0, 0, 0, 0]
 LINK, JOINT = hf.Link(1.0, ZERO, EYE), hf.Joint()
 ARM, OBJECT = hf.Arm([JOINT], [LINK]), hf.HeldObject(1.0, EYE)
 CHAIN, STATE = hf.ClosedChain({"a": ARM}, OBJECT, {"a": hf.Grasp("rigid")}), hf.State([0.0], [0.0], REST)
-PATH = hf.RestToRest(REST)
+PATH = hf.control.RestToRest(REST)
 
 # Nothing takes any of these: no number, no vector, no name, no part.
 NEVER = {
@@ -74,11 +74,17 @@ PLACES = {
     "State.q": (lambda x: hf.State(x, [0.0], REST), NEVER),
     "State.object_pose": (lambda x: hf.State([0.0], [0.0], x), NEVER | {"far from unit": [1e200] * 7}),
     "Inputs": (lambda x: hf.Inputs(x).shaped(CHAIN), NEVER),
-    "GravityCompensation.chain": (hf.GravityCompensation, NOT_A_NUMBER),
-    "GravityCompensation.squeeze": (lambda x: hf.GravityCompensation(CHAIN, x), NEVER | {"text": "1", "truth": True}),
-    "ObjectTracking.path": (lambda x: hf.ObjectTracking(CHAIN, x), NEVER | {"path": PATH}),
-    "ObjectTracking.damping": (lambda x: hf.ObjectTracking(CHAIN, PATH.at, damping=x), NEVER),
-    "TorqueSchedule.coefficients": (lambda x: hf.TorqueSchedule([0.0], x), NEVER | {"masked table": [NEVER["masked"]]}),
+    "GravityCompensation.chain": (hf.control.GravityCompensation, NOT_A_NUMBER),
+    "GravityCompensation.squeeze": (
+        lambda x: hf.control.GravityCompensation(CHAIN, x),
+        NEVER | {"text": "1", "truth": True},
+    ),
+    "ObjectTracking.path": (lambda x: hf.control.ObjectTracking(CHAIN, x), NEVER | {"path": PATH}),
+    "ObjectTracking.damping": (lambda x: hf.control.ObjectTracking(CHAIN, PATH.at, damping=x), NEVER),
+    "TorqueSchedule.coefficients": (
+        lambda x: hf.control.TorqueSchedule([0.0], x),
+        NEVER | {"masked table": [NEVER["masked"]]},
+    ),
     "forward_dynamics chain": (lambda x: hf.forward_dynamics(x, STATE, [0.0]), NEVER),
     "forward_dynamics state": (lambda x: hf.forward_dynamics(CHAIN, x, [0.0]), NEVER),
     "forward_dynamics tau": (lambda x: hf.forward_dynamics(CHAIN, STATE, x), NOT_A_NUMBER),

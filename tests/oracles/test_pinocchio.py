@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import Arm, ClosedChain, Grasp, HeldObject, Pose, State, forward_dynamics, project_velocity
+from holdfast import Arm, ClosedChain, Grasp, HeldObject, Pose, State, forward_dynamics
+from holdfast.dynamics import project_velocity
 from holdfast.dynamics.arm.bias import bias_torque
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix

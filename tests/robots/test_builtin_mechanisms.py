@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from holdfast import ClosedChain, ModelError, State, close, closure, object_mobility
+from holdfast import ClosedChain, ModelError, State, close
+from holdfast.dynamics import closure, object_mobility
 from holdfast.dynamics.rank import constraint_rank
 from holdfast.robots import stewart_platform, three_finger_hand
 

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from holdfast import ClosureError, SceneError, closure
+from holdfast import ClosureError, SceneError
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.control.object_tracking import ObjectTracking
+from holdfast.dynamics import closure
 from holdfast.robots import PANDA_HOME
 from holdfast.scenario.build import load_scene
 

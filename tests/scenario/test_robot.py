@@ -6,8 +6,9 @@ import shutil
 import numpy as np
 import pytest
 
-from holdfast import ClosureError, SceneError, closure, load_urdf_arms
+from holdfast import ClosureError, SceneError, load_urdf_arms
 from holdfast.cli import main
+from holdfast.dynamics import closure
 from holdfast.dynamics.arm.posture import posture
 from holdfast.scenario.build import load_scene
 from tests.robots.two_armed import TWO_ARMED

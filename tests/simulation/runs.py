@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from holdfast import ClosedChain, State, closure, kinetic_energy, potential_energy
+from holdfast import ClosedChain, State
+from holdfast.dynamics import closure, kinetic_energy, potential_energy
 from holdfast.simulation.adaptive import Tolerance, first_proposal, next_step
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant, evaluate

@@ -6,8 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from holdfast import Inputs, kinetic_energy, momentum, potential_energy, split
-from holdfast.dynamics.wrist import wrist_wrenches
+from holdfast import Inputs
+from holdfast.dynamics import kinetic_energy, momentum, potential_energy
+from holdfast.forces import split
+from holdfast.forces.wrist import wrist_wrenches
 from holdfast.simulation.balance import interval_integrals, momentum_imbalance
 from holdfast.simulation.simulate import simulate
 from holdfast.simulation.summary import summarise

@@ -5,7 +5,7 @@ import pytest
 
 from holdfast import Friction, ModelError
 from holdfast.control.torque_schedule import TorqueSchedule
-from holdfast.dynamics.margins import grasp_margins
+from holdfast.forces.margins import grasp_margins
 from holdfast.model.grasp import WrenchLimits
 from holdfast.simulation.margins import giving_way
 from holdfast.simulation.simulate import simulate

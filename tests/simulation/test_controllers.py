@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holdfast import ControlLaw, HoldfastError, ModelError, StateError, TorqueSchedule, simulate
+from holdfast import ControlLaw, HoldfastError, ModelError, StateError, simulate
+from holdfast.control import TorqueSchedule
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.simulation.rollout.compiled_steppers import WORTH_COMPILING
 from tests.simulation.rollout.problems import problem

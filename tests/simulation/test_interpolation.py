@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from holdfast import StateError, closure
+from holdfast import StateError
+from holdfast.dynamics import closure
 from holdfast.simulation.events import Release
 from holdfast.simulation.runge_kutta import dop853
 from holdfast.simulation.simulate import simulate

@@ -20,8 +20,8 @@ from holdfast import (
     StepTooLongError,
     forward_dynamics,
     simulate,
-    state_from_joints,
 )
+from holdfast.dynamics import state_from_joints
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import SMOOTHING_RATE, evaluate, friction_slope, friction_torque
 from holdfast.simulation.runge_kutta import RK4, SCHEMES, scheme

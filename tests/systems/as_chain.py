@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from holdfast import ClosedChain, ForwardResult, Inputs, Pose, State, forward_dynamics, tip_pose
+from holdfast import ClosedChain, Inputs, Pose, State, forward_dynamics
+from holdfast.dynamics import ForwardResult, tip_pose
 from holdfast.io import typed
 from holdfast.io.case_file import CaseData, build_case
 

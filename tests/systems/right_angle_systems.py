@@ -49,7 +49,7 @@ def right_angle_system(seed: object, tilt: float = 0.0) -> Problem:
     chain = mounted(ClosedChain(arms, held, grasps, [0.0, 0.0, -9.81]), q, at)
     still = State(q, np.zeros(len(q)), at.wxyz_xyz)
     moving = State(q, random.normal(size=len(q)), at.wxyz_xyz, random.normal(size=6))
-    state = holdfast.project_velocity(chain, moving) if random.random() < 0.5 else still
+    state = holdfast.dynamics.project_velocity(chain, moving) if random.random() < 0.5 else still
     return Problem(chain, state, 5.0 * random.normal(size=len(q)), Inputs())
 
 

@@ -108,7 +108,7 @@ class ChainFunctions:
     def closure(
         self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, threads: int = 1, **parameters: Any
     ) -> dict[str, GraspResidual]:
-        """Return how far each grasp is from holding, as `holdfast.closure`.
+        """Return how far each grasp is from holding, as `holdfast.dynamics.closure`.
 
         Args:
             q: (n,) or (batch, n) joint positions [rad or m].
@@ -181,7 +181,7 @@ class ChainFunctions:
     def momentum(
         self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, threads: int = 1, **parameters: Any
     ) -> Array:
-        """Return [angular; linear] momentum of links and object about a world point, as `holdfast.momentum`.
+        """Return [angular; linear] momentum of links and object about a world point, as `holdfast.dynamics.momentum`.
 
         Args:
             q: (n,) or (batch, n) joint positions [rad or m].
@@ -202,7 +202,7 @@ class ChainFunctions:
         return self._function("momentum")((q, qd, object_pose, object_twist), parameters, threads)["momentum"]
 
     def centre_of_mass(self, q: Any, object_pose: Any, *, threads: int = 1, **parameters: Any) -> Array:
-        """Return the mass centre of links and object, as `holdfast.centre_of_mass`.
+        """Return the mass centre of links and object, as `holdfast.dynamics.centre_of_mass`.
 
         Args:
             q: (n,) or (batch, n) joint positions [rad or m].
@@ -220,7 +220,7 @@ class ChainFunctions:
         return self._function("centre_of_mass")((q, object_pose), parameters, threads)["centre_of_mass"]
 
     def object_mobility(self, q: Any, object_pose: Any, *, threads: int = 1, **parameters: Any) -> Array:
-        """Return the closed chain's mobility at C, as `holdfast.object_mobility`: alpha(C) changes by P w.
+        """Return the closed chain's mobility at C, as `holdfast.dynamics.object_mobility`: alpha(C) changes by P w.
 
         Args:
             q: (n,) or (batch, n) joint positions [rad or m], taken as they are.
@@ -238,7 +238,7 @@ class ChainFunctions:
         return self._function("object_mobility")((q, object_pose), parameters, threads)["object_mobility"]
 
     def tip_poses(self, q: Any, *, threads: int = 1, **parameters: Any) -> dict[str, Frames]:
-        """Return where every arm's tip frame is in the world, as `holdfast.tip_pose`.
+        """Return where every arm's tip frame is in the world, as `holdfast.dynamics.tip_pose`.
 
         Args:
             q: (n,) or (batch, n) joint positions [rad or m].
@@ -257,7 +257,7 @@ class ChainFunctions:
         }
 
     def link_poses(self, q: Any, *, threads: int = 1, **parameters: Any) -> dict[str, Frames]:
-        """Return where every arm's link frames are in the world, as `holdfast.link_poses`.
+        """Return where every arm's link frames are in the world, as `holdfast.dynamics.link_poses`.
 
         Args:
             q: (n,) or (batch, n) joint positions [rad or m].

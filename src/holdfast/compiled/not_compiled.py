@@ -9,29 +9,30 @@ _SINGULAR_VALUES = "it decides by singular values, which are NumPy's"
 _OF_A_RESULT = "it reads one ForwardResult"
 
 REASONS = {
-    "attach": "another grasp is another code; try holdfast.attach, and compile the chain that it returns",
     "close": f"{_ROUNDS}; where grasps are nearly closed try `project`, which takes two",
-    "contact_attitudes": "it is a few products of one grasp; try `tip_poses`",
     "diagnose": f"{_SINGULAR_VALUES}; `forward_dynamics` gives rank, status and condition",
-    "grasp_margins": "its conditions differ from grasp to grasp; the systems of a rollout have their `margin`",
+    "dynamics.attach": "another grasp is another code; try holdfast.dynamics.attach, and compile the chain that it returns",
+    "dynamics.contact_attitudes": "it is a few products of one grasp; try `tip_poses`",
+    "dynamics.joint_mass_matrix": "it is of one arm; `mass_matrix` gives those of all arms",
+    "dynamics.momentum_rate": _OF_A_RESULT,
+    "dynamics.motion_basis": _SINGULAR_VALUES,
+    "dynamics.object_inertia": "it refuses an object held fast, by eigenvalues; try numpy.linalg.inv of `object_mobility`",
+    "dynamics.power": f"{_OF_A_RESULT}; the systems of a rollout have their `work`",
+    "dynamics.project_velocity": f"{_SINGULAR_VALUES}; `project` takes the velocities nearest in kinetic energy",
+    "dynamics.release": "another grasp is another code; try holdfast.dynamics.release, and compile the chain that it returns",
+    "dynamics.state_from_joints": "it is of rigid grasps only; try `tip_poses`",
+    "dynamics.tip_jacobian": "it is of one arm; `jacobian` gives those of all arms",
+    "dynamics.tip_pose": "it is of one arm; `tip_poses` gives those of all arms",
+    "forces.grasp_margins": "its conditions differ from grasp to grasp; the systems of a rollout have their `margin`",
+    "forces.joint_margins": "it is a difference of numbers that are given",
+    "forces.largest_margin": f"it is a convex programme: {_ROUNDS}",
+    "forces.last_joint_wrenches": _OF_A_RESULT,
+    "forces.margin_range": f"it is a convex programme: {_ROUNDS}",
+    "forces.split": f"{_OF_A_RESULT}, and its length follows from where the contacts are",
+    "forces.wrist_wrenches": _OF_A_RESULT,
     "holding_torques": "it decides by numbers whether the grasps can hold",
-    "joint_margins": "it is a difference of numbers that are given",
-    "joint_mass_matrix": "it is of one arm; `mass_matrix` gives those of all arms",
-    "largest_margin": f"it is a convex programme: {_ROUNDS}",
-    "last_joint_wrenches": _OF_A_RESULT,
-    "margin_range": f"it is a convex programme: {_ROUNDS}",
-    "momentum_rate": _OF_A_RESULT,
-    "motion_basis": _SINGULAR_VALUES,
-    "object_inertia": "it refuses an object held fast, by eigenvalues; try numpy.linalg.inv of `object_mobility`",
-    "power": f"{_OF_A_RESULT}; the systems of a rollout have their `work`",
-    "project_velocity": f"{_SINGULAR_VALUES}; `project` takes the velocities nearest in kinetic energy",
-    "release": "another grasp is another code; try holdfast.release, and compile the chain that it returns",
-    "split": f"{_OF_A_RESULT}, and its length follows from where the contacts are",
-    "state_from_joints": "it is of rigid grasps only; try `tip_poses`",
-    "tip_jacobian": "it is of one arm; `jacobian` gives those of all arms",
-    "tip_pose": "it is of one arm; `tip_poses` gives those of all arms",
-    "wrist_wrenches": _OF_A_RESULT,
 }
+_PATHS = {path.rpartition(".")[2]: path for path in REASONS}
 
 
 class NotCompiledError(MethodNotApplicable, AttributeError):
@@ -40,8 +41,8 @@ class NotCompiledError(MethodNotApplicable, AttributeError):
 
 def missing(name: str, kind: str) -> AttributeError:
     """Return the error for an attribute that a compiled chain has not."""
-    if name in REASONS:
+    if path := _PATHS.get(name):
         return NotCompiledError(
-            f"compile: '{name}' runs as reference only: {REASONS[name]}. holdfast.{name} computes it from the chain"
+            f"compile: '{name}' runs as reference only: {REASONS[path]}. holdfast.{path} computes it from the chain"
         )
     return AttributeError(f"'{kind}' object has no attribute '{name}'")

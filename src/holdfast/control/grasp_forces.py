@@ -6,7 +6,8 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import pseudo_gravity
 from holdfast.dynamics.closed.object_motion import object_motion
-from holdfast.dynamics.split import length_scale, motion_wrenches
+from holdfast.dynamics.constraint import length_scale
+from holdfast.forces.force_split import motion_wrenches
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import rotate, shift_wrench

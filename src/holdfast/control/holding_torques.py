@@ -13,8 +13,8 @@ import numpy as np
 from holdfast.control.computed_torque import joint_accelerations
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
+from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.inverse import inverse_dynamics
-from holdfast.dynamics.split import length_scale
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain

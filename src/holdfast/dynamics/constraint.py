@@ -15,6 +15,8 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import twist_shift
 
+SMALLEST_LENGTH = 1e-3  # m: contacts closer together than this set no scale
+
 
 class ConstraintRows(NamedTuple):
     """Rows of K [J, -A] over all joints and V(C), one block a grasp, in order.
@@ -39,6 +41,18 @@ def coordinate_sizes(motion: ChainMotion) -> Array:
     length = max(float(np.linalg.norm(r)) for arm in motion.arms.values() for r in arm.at.reach) or 1.0
     joints = [1.0 if joint.turns else length for arm in motion.chain.arms.values() for joint in arm.joints]
     return np.array([*joints, 1.0, 1.0, 1.0, length, length, length])
+
+
+def length_scale(offsets: list[Array]) -> float:
+    """Return L: rms distance of the contact points from their centroid [m].
+
+    One contact, or contacts in one point, have no such distance: 1 m is taken.
+    """
+    if len(offsets) < 2:
+        return 1.0
+    points = np.array(offsets)
+    L = float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    return L if L > SMALLEST_LENGTH else 1.0
 
 
 def constraint_rows(motion: ChainMotion) -> ConstraintRows:

@@ -10,9 +10,9 @@ import numpy as np
 from holdfast.dynamics import rank as rank_of
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
+from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.indeterminate import free_wrenches, pattern
 from holdfast.dynamics.lost_direction import LostDirection, lost_directions
-from holdfast.dynamics.split import length_scale
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array

@@ -23,10 +23,10 @@ from holdfast.dynamics.consistency import (
     position_residual,
     require_closed,
 )
+from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.indeterminate import free_wrenches, with_smallest_forces
 from holdfast.dynamics.projection import constraint_impulses
 from holdfast.dynamics.result import Status
-from holdfast.dynamics.split import length_scale
 from holdfast.errors import ClosureError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain

@@ -9,8 +9,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
 from holdfast.dynamics.closed.stacked import block_diagonal
-from holdfast.dynamics.constraint import constraint_rows
-from holdfast.dynamics.split import length_scale
+from holdfast.dynamics.constraint import constraint_rows, length_scale
 from holdfast.spatial.scalar import Array
 
 NULL_SINGULAR_VALUE = 1e-9

@@ -15,10 +15,10 @@ import numpy as np
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.arm.posture import Posture, posture
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
+from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.indeterminate import felt_wrenches, pattern
 from holdfast.dynamics.lost_direction import LOST, described, tip_directions
 from holdfast.dynamics.rank import constraint_pivots
-from holdfast.dynamics.split import length_scale
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp

@@ -1,1 +1,5 @@
 """To and from other libraries: MuJoCo's MJCF, Pinocchio's orders."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

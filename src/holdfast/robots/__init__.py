@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from holdfast.model.arm import Arm
+from holdfast.robots.descriptions import load_robot_description
 from holdfast.robots.gen3 import GEN3_HOME, gen3
 from holdfast.robots.iiwa14 import IIWA14_HOME, iiwa14
 from holdfast.robots.mechanisms import Mechanism, stewart_platform, three_finger_hand
 from holdfast.robots.panda import PANDA_HOME, panda
 from holdfast.robots.recognise import BUILT_IN
 from holdfast.robots.ur5e import UR5E_HOME, ur5e
+from holdfast.robots.urdf import urdf_chain
 from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.scalar import Array
 
@@ -27,8 +29,10 @@ __all__ = [
     "Mechanism",
     "gen3",
     "iiwa14",
+    "load_robot_description",
     "panda",
     "stewart_platform",
     "three_finger_hand",
     "ur5e",
+    "urdf_chain",
 ]

@@ -1,1 +1,5 @@
 """Simulation: closed chains through time, always on the constraint."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -14,10 +14,10 @@ from typing import Literal, Self, get_args
 
 import numpy as np
 
-from holdfast.dynamics.margin_range import margin_range
-from holdfast.dynamics.margins import conditions, grasp_margins, joint_limits, joint_margins
 from holdfast.dynamics.result import Status
 from holdfast.errors import ModelError
+from holdfast.forces.margin_interval import margin_range
+from holdfast.forces.margins import conditions, grasp_margins, joint_limits, joint_margins
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp

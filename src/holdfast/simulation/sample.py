@@ -8,10 +8,10 @@ import numpy as np
 
 from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.energy import Body, bodies
-from holdfast.dynamics.margin_range import margin_range
-from holdfast.dynamics.margins import grasp_margins
-from holdfast.dynamics.split import split
-from holdfast.dynamics.wrist import wrist_wrenches
+from holdfast.forces.force_split import split
+from holdfast.forces.margin_interval import margin_range
+from holdfast.forces.margins import grasp_margins
+from holdfast.forces.wrist import wrist_wrenches
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import Sums
 from holdfast.simulation.instant import Instant

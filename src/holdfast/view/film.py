@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from holdfast.dynamics.arm.posture import Posture, posture
-from holdfast.dynamics.margins import grasp_margins
 from holdfast.dynamics.near_singular import arm_strength
-from holdfast.dynamics.split import split
 from holdfast.errors import ModelError
+from holdfast.forces.force_split import split
+from holdfast.forces.margins import grasp_margins
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.environment import BaseMotion, Environment

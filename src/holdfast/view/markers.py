@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.split import length_scale
+from holdfast.dynamics.constraint import length_scale
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.robots.looks import arm_length

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from holdfast import METHODS, MethodNotApplicable, Status
+from holdfast import MethodNotApplicable
+from holdfast.dynamics import METHODS, Status
 from holdfast.dynamics.arm import free_dynamics
 from tests.oracles.maximal_kkt import solve
 from tests.systems import planar_three_arms

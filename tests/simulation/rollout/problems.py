@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from holdfast import ClosedChain, ControlLaw, Inputs, Rollout, RolloutSystems, State, compile_rollout
+from holdfast import ClosedChain, ControlLaw, Inputs, State, compile_rollout
+from holdfast.simulation import Rollout, RolloutSystems
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant, evaluate
 from tests.systems import well_conditioned_system

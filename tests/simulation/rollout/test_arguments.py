@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holdfast import ControlLaw, ModelError, Rollout, RolloutSystems, StateError, compile_rollout
+from holdfast import ControlLaw, ModelError, StateError, compile_rollout
 from holdfast.compiler.errors import CompileError
+from holdfast.simulation import Rollout, RolloutSystems
 from tests.compiler.programs import same_bits
 from tests.simulation.rollout.problems import arrays, given_torques, problem, started
 

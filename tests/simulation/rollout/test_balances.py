@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holdfast import Rollout, RolloutSystems, closure, kinetic_energy, momentum, potential_energy
+from holdfast.dynamics import closure, kinetic_energy, momentum, potential_energy
+from holdfast.simulation import Rollout, RolloutSystems
 from tests.simulation.rollout.problems import given_torques, problem, started, state_of, swinging
 
 DURATION = 0.08

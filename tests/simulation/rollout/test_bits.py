@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holdfast import Rollout, RolloutSystems
 from holdfast.compiler.targets import cpu
+from holdfast.simulation import Rollout, RolloutSystems
 from tests.compiler.programs import same_bits
 from tests.simulation.rollout.problems import elsewhere, given_torques, problem, started, swinging
 

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from holdfast import ControlLaw, FrozenError, Rollout, RolloutSystems, State, StateError, compile_rollout
+from holdfast import ControlLaw, FrozenError, State, StateError, compile_rollout
+from holdfast.simulation import Rollout, RolloutSystems
 from holdfast.spatial.scalar import minimum, sin, where
 from tests.compiler.programs import same_bits
 from tests.simulation.rollout.problems import arrays, elsewhere, given_torques, problem

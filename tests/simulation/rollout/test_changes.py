@@ -7,7 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from holdfast import ControlLaw, Inputs, Rollout, State, StateError, compile_rollout
+from holdfast import ControlLaw, Inputs, State, StateError, compile_rollout
+from holdfast.simulation import Rollout
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.runge_kutta import MIDPOINT, RK4
 from holdfast.simulation.stepper import ReferenceStepper

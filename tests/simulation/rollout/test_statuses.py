@@ -8,18 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from holdfast import (
-    ControlLaw,
-    Friction,
-    Rollout,
-    RolloutStatus,
-    RolloutSystems,
-    SingularChainError,
-    State,
-    WrenchLimits,
-    compile_rollout,
-    grasp_margins,
-)
+from holdfast import ControlLaw, Friction, SingularChainError, State, WrenchLimits, compile_rollout
+from holdfast.forces import grasp_margins
+from holdfast.simulation import Rollout, RolloutStatus, RolloutSystems
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.runge_kutta import RK4
 from holdfast.simulation.stepper import ReferenceStepper

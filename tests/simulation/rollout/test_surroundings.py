@@ -20,20 +20,16 @@ from holdfast import (
     ModelError,
     Pose,
     Release,
-    Rollout,
-    RolloutStatus,
-    RolloutSystems,
     State,
     StateError,
-    Trajectory,
-    closure,
     compile_rollout,
-    kinetic_energy,
     project,
     simulate,
 )
 from holdfast.compiler.errors import CompileError
+from holdfast.dynamics import closure, kinetic_energy
 from holdfast.scenario.surroundings import SwayingBase
+from holdfast.simulation import Rollout, RolloutStatus, RolloutSystems, Trajectory
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.compiled_steppers import FusedStepper, stepper_for

@@ -18,8 +18,8 @@ from holdfast.compiler.kernel import BatchKernel
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External, Schedule
 from holdfast.control.controller import ControlLaw
-from holdfast.dynamics.margins import joint_limits
 from holdfast.errors import StateError
+from holdfast.forces.margins import joint_limits
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.model.grasp import WrenchLimits
@@ -107,7 +107,7 @@ class StepKernel:
 
         def compiled(of: str, schedule: Callable[[], Schedule]) -> BatchKernel:
             known = law.key and moving is not None
-            key = key_of(f"{of}/{what}", structure, "simulation", "control", "scenario") if known else ""
+            key = key_of(f"{of}/{what}", structure, "forces", "simulation", "control", "scenario") if known else ""
             return BatchKernel(externals, schedule, key, quick=quick)
 
         system = structure, law, self.motions

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.dynamics.margins import joint_limits, margins_of_joints
 from holdfast.errors import FrozenError
+from holdfast.forces.margins import joint_limits, margins_of_joints
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout.kernel import Systems

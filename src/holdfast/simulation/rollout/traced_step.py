@@ -20,12 +20,12 @@ from holdfast.compiler.schedule import FIRST_BAD
 from holdfast.control.controller import ControlLaw
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.energy import power_of
-from holdfast.dynamics.margins import (
+from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, Gap, after_step, largest_gaps
+from holdfast.forces.margins import (
     JointLimits,
     least_margin,
     margins_of_joints,
 )
-from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, Gap, after_step, largest_gaps
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp_kinds import GRASP_KINDS
 from holdfast.model.wrench_condition import largest_force_and_moment

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from holdfast.dynamics.constraint import length_scale
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -15,7 +16,6 @@ from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import rotate, shift_wrench
 from holdfast.state import State
 
-SMALLEST_LENGTH = 1e-3  # m: contacts closer together than this set no scale
 SMALLEST_FORCE = 1e-9  # of the sum of the grasp forces: below it no share is defined
 
 
@@ -88,18 +88,6 @@ def motion_wrenches(chain: ClosedChain, R: Array, offsets: list[Array], net: Arr
     lam = root * least_solution(unit[:, None] * to_C * root, unit * net)
     ends = np.cumsum([len(K) for K, _ in columns])[:-1]
     return array([K.T @ part for (K, _), part in zip(columns, np.split(lam, ends), strict=True)])
-
-
-def length_scale(offsets: list[Array]) -> float:
-    """Return L: rms distance of the contact points from their centroid [m].
-
-    One contact, or contacts in one point, have no such distance: 1 m is taken.
-    """
-    if len(offsets) < 2:
-        return 1.0
-    points = np.array(offsets)
-    L = float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    return L if L > SMALLEST_LENGTH else 1.0
 
 
 def _load_share(forces: Array) -> Array | None:

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
-from holdfast.dynamics.cone_program import AffineMargin, felt_directions, largest_least
+from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.indeterminate import free_wrenches
-from holdfast.dynamics.margins import conditions, grasp_margins
 from holdfast.dynamics.result import ForwardResult, Status, require_result_of
-from holdfast.dynamics.split import length_scale
+from holdfast.forces.cone_program import AffineMargin, felt_directions, largest_least
+from holdfast.forces.margins import conditions, grasp_margins
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import unrotate

@@ -13,13 +13,13 @@ import numpy as np
 
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
-from holdfast.dynamics.cone_program import AffineMargin, Largest, largest_within
+from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.indeterminate import felt_wrenches
 from holdfast.dynamics.inverse import inverse_dynamics
-from holdfast.dynamics.margin_range import affine_margins
-from holdfast.dynamics.margins import grasp_margins
 from holdfast.dynamics.result import ForwardResult, require_result_of
-from holdfast.dynamics.split import length_scale
+from holdfast.forces.cone_program import AffineMargin, Largest, largest_within
+from holdfast.forces.margin_interval import affine_margins
+from holdfast.forces.margins import grasp_margins
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State

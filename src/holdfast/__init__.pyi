@@ -1,0 +1,54 @@
+"""holdfast: exact dynamics for robot arms that hold one object together."""
+
+from . import assembly as assembly
+from . import compiled as compiled
+from . import control as control
+from . import dynamics as dynamics
+from . import errors as errors
+from . import forces as forces
+from . import interop as interop
+from . import io as io
+from . import plot as plot
+from . import robots as robots
+from . import simulation as simulation
+from .assembly.assemble import assemble as assemble
+from .compiled.chain import compile as compile
+from .control.controller import ControlLaw as ControlLaw
+from .control.holding_torques import holding_torques as holding_torques
+from .dynamics.closing import close as close
+from .dynamics.diagnose import diagnose as diagnose
+from .dynamics.forward import forward_dynamics as forward_dynamics
+from .dynamics.inverse import inverse_dynamics as inverse_dynamics
+from .dynamics.projection import project as project
+from .errors import ClosureError as ClosureError
+from .errors import FrozenError as FrozenError
+from .errors import HoldfastError as HoldfastError
+from .errors import MethodNotApplicable as MethodNotApplicable
+from .errors import MissingExtra as MissingExtra
+from .errors import ModelError as ModelError
+from .errors import ResultError as ResultError
+from .errors import SceneError as SceneError
+from .errors import SingularChainError as SingularChainError
+from .errors import StateError as StateError
+from .errors import StepTooLongError as StepTooLongError
+from .io.result_reader import load_result as load_result
+from .model.arm import Arm as Arm
+from .model.closed_chain import ClosedChain as ClosedChain
+from .model.grasp import Friction as Friction
+from .model.grasp import Grasp as Grasp
+from .model.grasp import WrenchLimits as WrenchLimits
+from .model.held_object import HeldObject as HeldObject
+from .model.joint import Joint as Joint
+from .model.link import Link as Link
+from .robots.urdf import load_urdf as load_urdf
+from .robots.urdf import load_urdf_arms as load_urdf_arms
+from .scenario.build import load_scene as load_scene
+from .simulation.events import Attach as Attach
+from .simulation.events import Release as Release
+from .simulation.rollout.compile_rollout import compile_rollout as compile_rollout
+from .simulation.simulate import simulate as simulate
+from .spatial.pose import Pose as Pose
+from .state import Inputs as Inputs
+from .state import State as State
+
+__version__: str

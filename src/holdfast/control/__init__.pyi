@@ -1,0 +1,6 @@
+"""Controllers: functions (t, state, memory) -> (torques, memory)."""
+
+from .gravity_compensation import GravityCompensation as GravityCompensation
+from .object_tracking import ObjectTracking as ObjectTracking
+from .paths import RestToRest as RestToRest
+from .torque_schedule import TorqueSchedule as TorqueSchedule

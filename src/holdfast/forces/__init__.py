@@ -1,0 +1,5 @@
+"""Forces at the grasps: margins, the split into motion and internal forces, loads of wrists."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,5 @@
+"""Files: problem cases, result folders."""
+
+from .case_file import load_cases as load_cases
+from .export import export_csv as export_csv
+from .export import export_parquet as export_parquet

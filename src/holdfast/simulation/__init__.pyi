@@ -1,0 +1,7 @@
+"""Simulation: closed chains through time, always on the constraint."""
+
+from .rollout.rollout import Rollout as Rollout
+from .rollout.systems import RolloutRecord as RolloutRecord
+from .rollout.systems import RolloutStatus as RolloutStatus
+from .rollout.systems import RolloutSystems as RolloutSystems
+from .trajectory import Trajectory as Trajectory
