@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from holdfast.compiled.externals import BASE_MOTION, LINKS, externals, shapes
@@ -11,6 +12,7 @@ from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External, Schedule
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.chain_solution import ChainSolution, chain_solution
+from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.model.closed_chain import ClosedChain
@@ -59,16 +61,25 @@ class SolutionWithStatus(NamedTuple):
         rank: independent rows of the constraint.
         status: as `status_of_rank` numbers them.
         condition: of the constraint.
+        held: (grasps, 6) which components of the grasps are held, where they are chosen.
     """
 
     whole: ChainSolution
     rank: Scalar
     status: Scalar
     condition: Scalar
+    held: Array | None
 
 
 def solve_with_status(
-    chain: ClosedChain, state: State, tau: Array, inputs: Inputs, generic_rank: Array, route: Route
+    chain: ClosedChain,
+    state: State,
+    tau: Array,
+    inputs: Inputs,
+    generic_rank: Array,
+    route: Route,
+    held: Array | None = None,
+    choose: bool = False,
 ) -> SolutionWithStatus:
     """Return forward dynamics by `sequential`, and its status.
 
@@ -79,11 +90,16 @@ def solve_with_status(
         inputs: shaped inputs.
         generic_rank: () of the constraint, -1 if it is not known.
         route: how each arm answers at its tip.
+        held: (grasps, 6) which components of the grasps may be held; None: all.
+        choose: hold the strongest of them, as many as the generic rank says.
     """
-    motion = chain_motion(chain, state, tau, inputs)
+    motion = holding(chain_motion(chain, state, tau, inputs), held)
+    if choose:
+        motion = replace(motion, generic_rank=generic_rank[()])
     found = sequential(motion, route)
     status = status_of_rank(found.rank, generic_rank[()], chain.constraint_row_count)
-    return SolutionWithStatus(chain_solution(motion, found, route), found.rank, status, 1.0 / found.weakest_pivot)
+    whole = chain_solution(motion, found, route)
+    return SolutionWithStatus(whole, found.rank, status, 1.0 / found.weakest_pivot, found.held)
 
 
 def status_of_rank(rank: Scalar, generic_rank: Scalar, row_count: int) -> Scalar:

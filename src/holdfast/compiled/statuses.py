@@ -41,7 +41,7 @@ def settle(compiled: CompiledChain, found: Mapping[str, Array], result: Compiled
         tried = open_[:MOST_TRIED].tolist()
         row = next((i for i in tried if is_closed(*system(compiled.chain, found, i))), None)
         first = tried[0] if row is None else row
-        generic = generic_rank(*system(compiled.chain, found, first), int(ranks[first]))
+        generic = rank.generic_rank_near(*system(compiled.chain, found, first), int(ranks[first]))
         if row is not None:
             compiled.know_rank(generic)
     singular = open_[ranks[open_] < generic]
@@ -58,14 +58,6 @@ def is_closed(chain: ClosedChain, state: State) -> bool:
     with np.errstate(all="ignore"):
         gaps = [gap.position for gap in closure(chain, state).values()]
     return bool(all(np.abs(gap).max(initial=0.0) <= POSITION_TOLERANCE for gap in gaps))
-
-
-def generic_rank(chain: ClosedChain, state: State, found: int) -> int:
-    """Return the rank that a chain has in general, given a state where it is low."""
-    found_rank = rank.regularity(chain, state, found)
-    if found_rank.kind == "singular" and found_rank.generic_rank == found:
-        return found + 1  # no neighbour has more, but some velocities begin no motion
-    return found_rank.generic_rank
 
 
 def system(chain: ClosedChain, found: Mapping[str, Array], row: int) -> tuple[ClosedChain, State]:

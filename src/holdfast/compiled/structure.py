@@ -31,12 +31,14 @@ class Options:
         link_inertia: links' masses, mass centres and inertias become run-time parameters.
         link_wrenches: external wrenches on the links become an input.
         base_motion: twist and acceleration of the bases are run-time parameters, rather than zero.
+        held: steps hold as many rows of the constraint as its generic rank says, see `held_rows`.
     """
 
     route: Route = "auto"
     link_inertia: bool = False
     link_wrenches: bool = False
     base_motion: bool = False
+    held: bool = False
 
 
 def optional_parameters(parameters: Sequence[str], what: str, route: Route = "auto") -> Options:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import get_args
 
 import numpy as np
@@ -11,6 +12,7 @@ from holdfast.dynamics import indeterminate, rank
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion
 from holdfast.dynamics.closed.chain_solution import chain_solution
 from holdfast.dynamics.closed.general import FreeDynamics
+from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.closed.tip_response import NO_INERTIA, Route
 from holdfast.dynamics.consistency import require_closed
@@ -33,6 +35,7 @@ def forward_dynamics(
     route: Route = "auto",
     check: bool = True,
     generic_rank: int | None = None,
+    held: Array | None = None,
 ) -> ForwardResult:
     """Return joint accelerations, the force at every grasp and the object's acceleration.
 
@@ -49,12 +52,15 @@ def forward_dynamics(
         route: for `sequential`: "recursive", "mass_matrix" or "auto".
         check: False skips the consistency check (integrators project instead).
         generic_rank: rank of the constraint away from singular configurations, if known.
+        held: (grasps, 6) which components of the grasps to hold, as a result nearby says it (`ForwardResult.held`);
+            for states beside the constraint, whose rank means nothing where rows depend on each other.
 
     Returns:
         A `ForwardResult`.
 
     Raises:
-        StateError: wrong shapes, or the state breaks a grasp.
+        StateError: wrong shapes, or the state breaks a grasp, or is so far beside the constraint that its rank there
+            is another.
         SingularChainError: the constraint's rank drops here.
         MethodNotApplicable: the chosen algorithm does not cover this chain.
     """
@@ -72,17 +78,23 @@ def forward_dynamics(
     if chosen.rigid_only:
         _require_rigid(chain, chosen)
 
+    if held is not None:
+        motion = holding(motion, held)
+    elif generic_rank is not None and generic_rank < chain.constraint_row_count:
+        motion = replace(motion, generic_rank=generic_rank)
     with np.errstate(all="ignore"):  # what comes out of it is looked at below
         regular = sequential(motion, route)
     for name, pivots in zip(chain.grasps, regular.pivots, strict=True):
         _require_inertia(name, pivots)
     _require_finite(regular)
+    if held is None and motion.generic_rank is None:
+        rank.require_trusted(chain, state, rank.Pivots(int(regular.rank), 1.0 / float(regular.weakest_pivot)))
     status = rank.status_at(chain, state, int(regular.rank), generic_rank)
     try:  # without a grasp there is nothing to solve for: object and arms are alone
         found = regular if chosen.solve is sequential or not chain.grasps else chosen.solve(motion)
     except MethodNotApplicable as cause:
         raise MethodNotApplicable(f"{chosen.name}: {cause}") from cause
-    if status is Status.INDETERMINATE_FORCES:
+    if status is Status.INDETERMINATE_FORCES and held is None:  # beside the constraint no force is free
         found = indeterminate.with_smallest_forces(motion, found)
     return _assemble(motion, found, regular, status, chosen.name)
 
@@ -132,4 +144,5 @@ def _assemble(motion: ChainMotion, found: Solution, regular: Solution, status: S
         status=status,
         condition=1.0 / float(regular.weakest_pivot),
         method=method,
+        held=regular.held,
     )

@@ -18,6 +18,7 @@ import numpy as np
 from holdfast.dynamics.arm.motion import ArmMotion, at_rest
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest, chain_motion
 from holdfast.dynamics.closed.contact import Contact
+from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.closed.object_filter import object_filter
 from holdfast.dynamics.closed.tip_response import TipResponse, tip_response
 from holdfast.dynamics.consistency import tip_from_contact
@@ -129,7 +130,7 @@ class Gap(NamedTuple):
     velocity: Scalar
 
 
-def after_step(chain: ClosedChain, state: State, inputs: Inputs) -> State:
+def after_step(chain: ClosedChain, state: State, inputs: Inputs, held: Array | None = None) -> State:
     """Return a step's end moved back onto position and velocity constraints.
 
     Two of `project`'s rounds on the positions, which close a sound step to rounding, then velocities once.
@@ -138,11 +139,13 @@ def after_step(chain: ClosedChain, state: State, inputs: Inputs) -> State:
         chain: the chain.
         state: where an integrator's step ends.
         inputs: shaped inputs; base motion enters.
+        held: (grasps, 6) which components of the grasps the step holds, see `held_rows`; None: all.
     """
     for _ in range(STEP_ROUNDS):
-        motion = chain_at_rest(chain, state)
+        motion = holding(chain_at_rest(chain, state), held)
         state = closer(motion, state, position_mismatch(motion, state))
-    return project_velocities(chain_motion(chain, state, np.zeros(chain.joint_count), inputs), state)
+    motion = chain_motion(chain, state, np.zeros(chain.joint_count), inputs)
+    return project_velocities(holding(motion, held), state)
 
 
 def closer(motion: ChainMotion, state: State, gaps: list[Array]) -> State:

@@ -7,27 +7,34 @@ configuration is singular, and the pointwise answer is not the trajectory's.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.closed.object_filter import object_filter
+from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.closed.tip_response import tip_response
 from holdfast.dynamics.closing import close
+from holdfast.dynamics.consistency import closure
 from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.dynamics.object_level import motion_basis
-from holdfast.dynamics.projection import moved
+from holdfast.dynamics.projection import CLOSED, FARTHEST, moved
 from holdfast.dynamics.result import Status
-from holdfast.errors import ClosureError, SingularChainError
+from holdfast.errors import ClosureError, SingularChainError, StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
-from holdfast.state import State
+from holdfast.state import Inputs, State
 
 NEIGHBOURS = 8
 NEIGHBOUR_DISTANCE = 0.1  # rad, or part of the arms' reach
 TANGENT_STEP = 0.05  # the same
+# A row that follows from others has a relative pivot of about gap^2 beside the constraint, gap in m or rad. What is
+# larger than that by far is no such row.
+ROW_PER_GAP = 100.0  # root of the relative pivot, over the gap
+SUSPECT_GAP = 1e-1  # root of the largest relative pivot worth asking about
 
 
 class Regularity(NamedTuple):
@@ -87,6 +94,79 @@ def generic_constraint_rank(chain: ClosedChain, state: State) -> int:
         if best == chain.constraint_row_count:
             break
     return best
+
+
+def closed_near(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> State | None:
+    """Return the nearest closed state: where a rank means something. None if there is none within 1e-2.
+
+    A little off the grasps a row that follows from others has a pivot of the order of the gap's square.
+
+    Args:
+        chain: the chain.
+        state: near the grasps.
+        inputs: base motion, if the bases move.
+    """
+    if not _largest_gap(chain, state) <= FARTHEST:
+        return None
+    try:
+        return close(chain, state, limits=False, inputs=inputs)
+    except ClosureError:
+        return None
+
+
+def require_trusted(chain: ClosedChain, state: State, found: Pivots) -> None:
+    """Refuse a rank that was found beside the constraint, if it is another on it.
+
+    Args:
+        chain: the chain.
+        state: where it was found.
+        found: what was found.
+
+    Raises:
+        StateError: saying how far off the state is, and both ranks.
+    """
+    if found.condition * SUSPECT_GAP**2 < 1.0:
+        return  # a gap that could do this is refused, or seen, elsewhere
+    gap = _largest_gap(chain, state)
+    if gap <= CLOSED or found.condition * (ROW_PER_GAP * gap) ** 2 < 1.0:
+        return
+    closed = closed_near(chain, state)
+    there = found.rank if closed is None else constraint_rank(chain, closed)
+    if there != found.rank:
+        raise StateError(
+            f"the grasps are open by {gap:.3g} (m or rad), too far for the rank of their constraint: {found.rank} of"
+            f" {chain.constraint_row_count} here, {there} where they are closed, as some rows follow from others. Try"
+            f" holdfast.close(chain, state) first, or generic_rank={there} for states beside the constraint"
+        )
+
+
+def _largest_gap(chain: ClosedChain, state: State) -> float:
+    """Return the largest position gap of any grasp [m or rad]."""
+    gaps = [gap.position for gap in closure(chain, state).values()]
+    return max((float(np.abs(gap).max()) for gap in gaps), default=0.0)
+
+
+def generic_rank_near(chain: ClosedChain, state: State, here: int) -> int:
+    """Return the rank that the constraint has in general, from a state where it has rank `here`.
+
+    One more than that if no neighbour has more, and yet some velocities begin no motion.
+    """
+    found = regularity(chain, state, here)
+    return here + 1 if found.kind == "singular" and found.generic_rank == here else found.generic_rank
+
+
+def held_near(chain: ClosedChain, state: State, generic_rank: int) -> Array | None:
+    """Return which components of the grasps to hold at a state that nearly closes them, (grasps, 6); see `held_rows`.
+
+    None where no row follows from others, where the grasps do not close, or at a singular configuration.
+    """
+    if generic_rank >= chain.constraint_row_count:
+        return None
+    closed = closed_near(chain, state)
+    if closed is None:
+        return None
+    found = sequential(replace(chain_at_rest(chain, closed), generic_rank=generic_rank))
+    return found.held if found.rank == generic_rank else None
 
 
 def velocities_are_motions(chain: ClosedChain, state: State) -> bool:

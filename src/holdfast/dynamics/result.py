@@ -60,6 +60,8 @@ class ForwardResult(Frozen):
             square of the distance. Velocities, torques and `method` do not enter. (Compiled code returns
             infinity with SINGULAR.)
         method: the algorithm's name.
+        held: (grasps, 6) 1 for the components along each grasp's axes that are held, 0 for those that are free or
+            follow from others; None unless the generic rank was given and is below the constraint's rows.
     """
 
     chain: ClosedChain
@@ -73,6 +75,7 @@ class ForwardResult(Frozen):
     status: Status
     condition: float
     method: str
+    held: Array | None = None
 
     def __getitem__(self, arm: str) -> ArmResult:
         """Return one arm's part."""

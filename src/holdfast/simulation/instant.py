@@ -99,6 +99,7 @@ def evaluate(
     memory: Any,
     *,
     generic_rank: int | None = None,
+    held: Array | None = None,
     check: bool = False,
 ) -> Instant:
     """Return the chain at one time and state.
@@ -110,6 +111,7 @@ def evaluate(
         state: positions and velocities.
         memory: the controller's.
         generic_rank: as for `forward_dynamics`.
+        held: as for `forward_dynamics`.
         check: refuse a state that breaks the grasps.
 
     Raises:
@@ -120,7 +122,9 @@ def evaluate(
     tau, memory = torques_and_memory(controller(t, state, memory))
     tau = checks.numbers(tau, (chain.joint_count,), "controller: torques", StateError)
     friction = friction_torque(joint_friction(chain), state.qd)
-    found = forward_dynamics(chain, state, tau - friction, inputs=inputs, check=check, generic_rank=generic_rank)
+    found = forward_dynamics(
+        chain, state, tau - friction, inputs=inputs, check=check, generic_rank=generic_rank, held=held
+    )
     if not found.condition <= WORST_CONDITION:
         raise SingularChainError(
             f"the grasp constraint is nearly singular: condition {found.condition:.3g}, expected <="

@@ -9,6 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from holdfast.control.controller import Controller
+from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.consistency import require_closed
+from holdfast.dynamics.rank import closed_near
 from holdfast.model.grasp import Grasp
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.checkpoint import Origin
@@ -109,8 +112,11 @@ def first_segment(settings: RunSettings, start: Origin) -> Segment:
         SingularChainError: the configuration is singular.
     """
     # judged with its neighbours; later a rank below its rank is a singularity
-    first = evaluate(settings.environment, settings.controller, start.t, start.state, start.memory, check=True)
-    return Segment(settings, settings.environment, settings.controller, first.result.rank)
+    environment = settings.environment
+    chain, inputs = environment.at(start.t)
+    tau = np.zeros(chain.joint_count)
+    require_closed(chain_motion(chain, start.state, tau, inputs.shaped(chain)), start.state)
+    return Segment(settings, environment, settings.controller, _rank_near(environment, settings.controller, start))
 
 
 def segment_with(before: Segment, grasps: Mapping[str, Grasp], start: Origin) -> Segment:
@@ -120,8 +126,19 @@ def segment_with(before: Segment, grasps: Mapping[str, Grasp], start: Origin) ->
         SingularChainError: the configuration is singular with these grasps.
     """
     segment = resumed_segment(before.settings, grasps, -1)
-    first = evaluate(segment.environment, segment.controller, start.t, start.state, start.memory)
-    return replace(segment, generic_rank=first.result.rank)
+    return replace(segment, generic_rank=_rank_near(segment.environment, segment.controller, start))
+
+
+def _rank_near(environment: Environment, controller: Controller, start: Origin) -> int:
+    """Return the rank of the constraint where the start closes the grasps, if its configuration is not singular.
+
+    Raises:
+        StateError: the controller's torques do not fit.
+        SingularChainError: the configuration is singular.
+    """
+    chain, inputs = environment.at(start.t)
+    state = closed_near(chain, start.state, inputs) or start.state
+    return evaluate(environment, controller, start.t, state, start.memory).result.rank
 
 
 def resumed_segment(settings: RunSettings, grasps: Mapping[str, Grasp], generic_rank: int) -> Segment:

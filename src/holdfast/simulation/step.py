@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, STEP_ROUNDS, after_step, largest_gaps, moved
+from holdfast.dynamics.rank import held_near
 from holdfast.errors import ClosureError, StateError
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant
@@ -153,8 +154,16 @@ def displaced(state: State, y: Array) -> State:
     return State(there.q, state.qd + y[n : 2 * n], there.object_pose, state.object_twist + y[2 * n + 6 : 2 * n + 12])
 
 
-def back_on_constraint(environment: Environment, t: float, state: State) -> tuple[State, Gaps]:
+def back_on_constraint(
+    environment: Environment, t: float, state: State, held: Array | None = None
+) -> tuple[State, Gaps]:
     """Return the state projected onto the grasps, and the gaps.
+
+    Args:
+        environment: the chain and what acts on it.
+        t: time [s].
+        state: near the grasps.
+        held: (grasps, 6) which components of the grasps are held, see `held_rows`; None: all.
 
     Raises:
         ClosureError: they are open by more than a step may leave them, or stay so.
@@ -167,7 +176,7 @@ def back_on_constraint(environment: Environment, t: float, state: State) -> tupl
             f"the grasps are open by {before.position:.3g} (m or rad), expected a step's rounding; try a smaller time"
             " step"
         )
-    closed = after_step(chain, state, given)
+    closed = after_step(chain, state, given, held)
     after = largest_gaps(chain, closed, given)
     if after.position > LEFT_OPEN:
         raise ClosureError(
@@ -175,6 +184,15 @@ def back_on_constraint(environment: Environment, t: float, state: State) -> tupl
             " close them; try a smaller time step"
         )
     return closed, Gaps(np.array([before.position, after.position]), np.array([before.velocity, after.velocity]))
+
+
+def rows_held_near(environment: Environment, t: float, state: State, generic_rank: int) -> Array | None:
+    """Return which components of the grasps to hold at a state a little off them, (grasps, 6).
+
+    They are chosen at the nearest closed state. None where no row follows from others, or nothing closes the grasps.
+    """
+    chain, _ = environment.at(t)
+    return held_near(chain, state, generic_rank)
 
 
 def _finite(y: Array) -> Array:

@@ -23,7 +23,16 @@ from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.runge_kutta import RK4, Tableau
-from holdfast.simulation.step import Closing, Gaps, Question, Stage, answered, back_on_constraint, course_of
+from holdfast.simulation.step import (
+    Closing,
+    Gaps,
+    Question,
+    Stage,
+    answered,
+    back_on_constraint,
+    course_of,
+    rows_held_near,
+)
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
@@ -102,12 +111,13 @@ class ReferenceStepper:
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
         """Return the chain at a given state; see `Stepper`."""
-        state, gaps = back_on_constraint(self.environment, t, state)
+        held = rows_held_near(self.environment, t, state, self.generic_rank)
+        state, gaps = back_on_constraint(self.environment, t, state, held)
         return self.evaluate(t, state, memory), gaps
 
     def evaluate(self, t: float, state: State, memory: Any) -> Instant:
         """Return the chain at a given state taken as it is; see `Stepper`."""
-        return evaluate(self.environment, self.controller, t, state, memory, generic_rank=self.generic_rank)
+        return self._evaluated(t, state, memory, None)
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
         """Return where one step leads; see `Stepper`."""
@@ -115,7 +125,7 @@ class ReferenceStepper:
 
     def _to(self, now: Instant, end: float) -> Advance:
         try:
-            step = answered(course_of(now, end, self.scheme), lambda question: self._answer(question, now.memory))
+            step = answered(course_of(now, end, self.scheme), lambda question: self._answer(question, now))
         except (SingularChainError, ClosureError, StateError) as cause:
             return Advance(end, None, NO_GAPS, np.zeros(4), failure=cause)
         except ModelError:  # the arm is sound: what its inertia is computed from has overflowed
@@ -124,12 +134,18 @@ class ReferenceStepper:
         error = self.tolerance.ratio(step.estimates, now.state, step.later.state)
         return Advance(end, step.later, step.gaps, step.work, error)
 
-    def _answer(self, question: Question, memory: Any) -> Any:
-        """Return what a step asks; the controller's memory moves on once a step, at the step's start."""
+    def _answer(self, question: Question, now: Instant) -> Any:
+        """Return what a step from `now` asks; the controller's memory moves on once a step, at the step's start."""
+        held = now.result.held  # through the whole step
         if isinstance(question, Closing):
-            return back_on_constraint(self.environment, question.t, question.state)
-        there = self.evaluate(question.t, question.state, memory)
-        return there.rates(question.turn) if isinstance(question, Stage) else there
+            return back_on_constraint(self.environment, question.t, question.state, held)
+        if isinstance(question, Stage):
+            return self._evaluated(question.t, question.state, now.memory, held).rates(question.turn)
+        return self.evaluate(question.t, question.state, now.memory)
+
+    def _evaluated(self, t: float, state: State, memory: Any, held: Array | None) -> Instant:
+        environment, controller, rank = self.environment, self.controller, self.generic_rank
+        return evaluate(environment, controller, t, state, memory, generic_rank=rank, held=held)
 
 
 MOST_PARTS = 32

@@ -27,12 +27,15 @@ class ChainMotion:
         arms: every arm in motion, by name.
         contacts: the grasps in motion, in the order of the arms that have one.
         body: the object in motion.
+        generic_rank: of the constraint away from singular configurations, where as many rows are to be held
+            (`held_rows`); None: each row's pivot decides.
     """
 
     chain: ClosedChain
     arms: dict[str, ArmMotion]
     contacts: list[Contact]
     body: ObjectMotion
+    generic_rank: Scalar = None
 
     @property
     def holding(self) -> list[ArmMotion]:
@@ -53,6 +56,7 @@ class Solution:
         pivots: per arm, articulated inertias (or squared Cholesky diagonals), where they are found.
         rank: independent rows of the grasp constraint, where it is found.
         weakest_pivot: the smallest relative pivot met.
+        held: (grasps, 6) which components of the grasps are held, where they are chosen; see `held_rows`.
     """
 
     qdd: list[Array]
@@ -63,6 +67,7 @@ class Solution:
     pivots: list[Array] = field(default_factory=list)
     rank: Scalar = None
     weakest_pivot: Scalar = 1.0
+    held: Array | None = None
 
 
 def pseudo_gravity(chain: ClosedChain) -> Array:

@@ -32,6 +32,8 @@ class Contact:
         velocity_gap: (6 - n_g,) K (A V(C) - V+): zero when the velocities agree.
         a: (6,) a(C) = [0; w x (w x l)].
         g: (6,) Hdot^T W = [w x h W; 0], w of the body that carries the axes h.
+        held: (6,) 1 for the components along `R` that are held, 0 for those that follow from others (see
+            `held_rows`); None where every transmitted one is held and its pivot decides.
     """
 
     grasp: Grasp
@@ -43,6 +45,7 @@ class Contact:
     velocity_gap: Array
     a: Array
     g: Array
+    held: Array | None = None
 
     def transmitted(self, x: Array) -> Array:
         """Return K x: the part of a world-axes 6-vector along the transmitted directions."""

@@ -17,6 +17,7 @@ from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.spatial.scalar import Array, Scalar, array
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 from holdfast.spatial.symmetric import Symmetric6
+from holdfast.spatial.vector import outer
 
 
 class Measurement(NamedTuple):
@@ -31,6 +32,8 @@ class Measurement(NamedTuple):
         angular: which rows are moments.
         most: the arm's joint count, which the rank of R cannot exceed.
         carried: whether the rows are all of alpha(G).
+        held: (rows,) 1 for the rows that are held, 0 for those left out, which are zero in C, R and r; None where
+            nothing is known of them.
     """
 
     C: Array
@@ -40,6 +43,7 @@ class Measurement(NamedTuple):
     angular: tuple[bool, ...]
     most: int
     carried: bool
+    held: Array | None = None
 
     @property
     def parallel(self) -> bool:
@@ -75,11 +79,13 @@ class Update(NamedTuple):
         back_substitute: s (6,), the wrench at G of everything behind -> the arm's own, C^T lambda.
         kept: how many of its rows are independent of those before.
         weakest: the smallest pivot kept, relative to a typical one.
+        independent: (rows,) 1 for the rows that are kept, where the contact says which are held.
     """
 
     back_substitute: Callable[[Array], Array]
     kept: Scalar
     weakest: Scalar
+    independent: Array | None = None
 
 
 def measurement(c: Contact, tip: TipResponse) -> Measurement:
@@ -93,15 +99,19 @@ def measurement(c: Contact, tip: TipResponse) -> Measurement:
     turning, moving = block_sizes(tip.mobility)
     summed = moving + tip.length * tip.length * turning  # levers are sums of links
     lever, most = c.offset @ c.offset, len(tip.pivots)
-    if len(c.rows) == 6:
+    if len(c.rows) == 6 and c.held is None:
         R = tip.mobility.mobility_shifted(-c.offset).dense()
         extent = array([turning, summed + lever * turning, moving + lever * turning, 0.0 * turning])
         return Measurement(np.eye(6), R, shift_twist(-c.offset, r), extent, ANGULAR, most, True)
     rows = list(c.rows)
     C = array([shift_wrench(c.offset, row) for row in c.K])  # (K A)^T = A^T K^T
     R = tip.mobility.rotated(c.R.T).dense()[rows][:, rows]
+    r = c.transmitted(r)
+    held = None if c.held is None else c.held[rows]
+    if held is not None:
+        C, R, r = (C.T * held).T, R * outer(held, held), r * held
     angular = tuple(ANGULAR[i] for i in rows)
-    return Measurement(C, R, c.transmitted(r), array([turning, summed, moving, lever]), angular, most, False)
+    return Measurement(C, R, r, array([turning, summed, moving, lever]), angular, most, False, held)
 
 
 ANGULAR = (True, True, True, False, False, False)

@@ -27,6 +27,7 @@ from holdfast.dynamics.closed.object_motion import FreeBody, acceleration_at_C
 from holdfast.dynamics.closed.rigid_update import rigid_update, terminal_update
 from holdfast.dynamics.closed.row_updates import row_updates
 from holdfast.dynamics.closed.tip_response import TipResponse
+from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.scalar import Array, Scalar, array, each, maximum, minimum, scan
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.spatial.symmetric import symmetric6
@@ -43,6 +44,7 @@ class ObjectSolution(NamedTuple):
         mobility: (6, 6) P after the last arm: what a wrench at C moves, world axes.
         rank: rows of the constraint that are independent, contact freedoms included.
         weakest_pivot: the smallest pivot of S kept, relative to a typical one.
+        independent: per grasp, (rows,) 1 for the rows that are kept, if the contacts say which are held.
     """
 
     wrenches: list[Array]
@@ -50,9 +52,12 @@ class ObjectSolution(NamedTuple):
     mobility: Array
     rank: Scalar
     weakest_pivot: Scalar
+    independent: list[Array | None]
 
 
-def object_filter(contacts: list[Contact], tips: list[TipResponse], body: FreeBody) -> ObjectSolution:
+def object_filter(
+    contacts: list[Contact], tips: list[TipResponse], body: FreeBody, tolerance: float = RANK_TOLERANCE
+) -> ObjectSolution:
     """Return grasp wrenches and object acceleration, O(l).
 
     An external wrench w on the object stays apart: alpha(G) = x + P w at the end, s = w at the
@@ -62,6 +67,7 @@ def object_filter(contacts: list[Contact], tips: list[TipResponse], body: FreeBo
         contacts: the grasps, in the order of the arms that have one.
         tips: those arms' answers at their tips.
         body: the object.
+        tolerance: relative size of a pivot that counts as zero, where the contacts say which rows are held.
     """
     about = each(lambda c: c.about(body.centre, body.centripetal), contacts)
     seen = each(measurement, about, tips)
@@ -81,7 +87,9 @@ def object_filter(contacts: list[Contact], tips: list[TipResponse], body: FreeBo
     else:
         (factors,) = each(factored, [P], [by_rows(size)]) if first else [FactoredMobility(body.D, body.w)]
         (x, factors, kept, weakest), rows = scan(
-            lambda carry, m: arm_by_rows(carry, m, size), (x, factors, kept, weakest), [seen[i] for i in then]
+            lambda carry, m: arm_by_rows(carry, m, size, tolerance),
+            (x, factors, kept, weakest),
+            [seen[i] for i in then],
         )
         alpha, P = x + factors.apply(body.wrench), factors.dense()
         s, from_rows = scan(back_substituted, body.wrench, rows[::-1])
@@ -91,7 +99,9 @@ def object_filter(contacts: list[Contact], tips: list[TipResponse], body: FreeBo
     found = dict(zip(order, [*from_sums[::-1], *from_rows[::-1]], strict=True))
     wrenches = each(wrench_at_contact, about, [found[i] for i in range(len(contacts))])
     mobility = symmetric6(P).mobility_shifted(-body.centre).dense()
-    return ObjectSolution(wrenches, acceleration_at_C(body.centre, body.centripetal, alpha), mobility, kept, weakest)
+    acceleration = acceleration_at_C(body.centre, body.centripetal, alpha)
+    chosen: list[Array | None] = [update.independent for update in rows] if len(then) == len(contacts) else []
+    return ObjectSolution(wrenches, acceleration, mobility, kept, weakest, chosen)
 
 
 def rigid_arm(carry: tuple[Array, Array, Array, Scalar, Scalar], m: Measurement) -> tuple[tuple[Any, ...], Update]:
@@ -103,11 +113,11 @@ def rigid_arm(carry: tuple[Array, Array, Array, Scalar, Scalar], m: Measurement)
 
 
 def arm_by_rows(
-    carry: tuple[Array, FactoredMobility, Scalar, Scalar], m: Measurement, size: Array
+    carry: tuple[Array, FactoredMobility, Scalar, Scalar], m: Measurement, size: Array, tolerance: float
 ) -> tuple[tuple[Any, ...], Update]:
     """Return the filter after an arm taken by its rows, and its back-substitution."""
     x, P, kept, weakest = carry
-    x, P, update = row_updates(x, P, m, size)
+    x, P, update = row_updates(x, P, m, size, tolerance)
     return (x, P, kept + update.kept, minimum(weakest, update.weakest)), update
 
 

@@ -15,24 +15,36 @@ ROUNDING = 1e-15
 SAME = 1e-12  # scaled pivots closer than this are taken for equal
 
 
-def row_updates(x: Array, P: FactoredMobility, m: Measurement, size: Array) -> tuple[Array, FactoredMobility, Update]:
+def row_updates(
+    x: Array, P: FactoredMobility, m: Measurement, size: Array, tolerance: float = RANK_TOLERANCE
+) -> tuple[Array, FactoredMobility, Update]:
     """Return x, P after one arm, and its back-substitution.
 
     Per independent row c alpha(G) = r - d lambda: sigma = c P c^T + d, k = P c^T, nu = (r - c x) /
     sigma, x += k nu, P -= k k^T / sigma; back: lambda = nu - (k . s) / sigma, s += c^T lambda.
+
+    Args:
+        x: acceleration of G of the object and the arms before.
+        P: their mobility there.
+        m: the arm's measurement.
+        size: (3,) how mobile P is, for judging pivots.
+        tolerance: relative size of a pivot that counts as zero.
     """
     rows: list[tuple[Array, Array, Scalar]] = []
+    independent: Array | None = None if m.held is None else np.zeros(len(m.held))
     kept: Scalar = 0
     weakest: Scalar = 1.0
     for d, row in zip(*independent_rows(m, m.pivot_sizes(size), m.typical_pivots(size)), strict=True):
         c, r, scale, typical = row[:6], row[6], row[7], row[8]
-        P, k, sigma, alive = updated(P, c, d, RANK_TOLERANCE * scale)
+        P, k, sigma, alive = updated(P, c, d, tolerance * scale)
         inverse = where(alive, 1.0 / where(alive, sigma, 1.0), 0.0)
         nu = (r - c @ x) * inverse
         x = x + nu * k
         rows.append((c, inverse * k, nu))
         kept = kept + where(alive, 1, 0)
         weakest = minimum(weakest, where(alive, sigma / where(alive, typical, 1.0), 1.0))
+        if independent is not None:
+            independent = independent + row[10:] * where(alive, 1.0, 0.0)
 
     def back_substitute(s: Array) -> Array:
         from_arm = np.zeros(6)
@@ -40,7 +52,7 @@ def row_updates(x: Array, P: FactoredMobility, m: Measurement, size: Array) -> t
             from_arm = from_arm + (nu - gain @ (s + from_arm)) * c
         return from_arm
 
-    return x, P, Update(back_substitute, kept, weakest)
+    return x, P, Update(back_substitute, kept, weakest, independent)
 
 
 def independent_rows(m: Measurement, scale: Array, typical: Array) -> tuple[list[Scalar], Array]:
@@ -51,10 +63,12 @@ def independent_rows(m: Measurement, scale: Array, typical: Array) -> tuple[list
 
     Returns:
         (rows,) d >= 0, and (rows, 10): L^-1 [C, r], each row's scale, its typical pivot, and one over
-        the part of the scale that is R's, in the chosen order.
+        the part of the scale that is R's, in the chosen order. Where rows are held, six columns or fewer more say which
+        of them each was.
     """
     inverse_sizes = array([where(size > 0.0, 1.0 / where(size > 0.0, size, 1.0), 0.0) for size in m.own_sizes()])
-    R, rows = m.R, np.column_stack([m.C, m.r, scale, typical, inverse_sizes])
+    which = [] if m.held is None else [np.eye(len(m.held))]
+    R, rows = m.R, np.column_stack([m.C, m.r, scale, typical, inverse_sizes, *which])
     count = len(R)
     d: list[Scalar] = []
     for j in range(count):
@@ -72,6 +86,6 @@ def independent_rows(m: Measurement, scale: Array, typical: Array) -> tuple[list
         below = R[j + 1 :, j] * where(alive, 1.0 / where(alive, R[j, j], 1.0), 0.0)
         rest = R[j + 1 :, j + 1 :] - outer(below, R[j, j + 1 :])
         R = np.concatenate([R[: j + 1], np.hstack([R[j + 1 :, : j + 1], rest])])
-        less = np.column_stack([outer(below, rows[j, :7]), np.zeros((len(below), 3))])
+        less = np.column_stack([outer(below, rows[j, :7]), np.zeros((len(below), rows.shape[1] - 7))])
         rows = np.concatenate([rows[: j + 1], rows[j + 1 :] - less])
     return d, rows

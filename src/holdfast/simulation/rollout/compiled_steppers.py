@@ -29,7 +29,7 @@ from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.rows import Moment, failure, gaps_of, instant_of, refuse, state_of, state_rows
 from holdfast.simulation.rollout.user_functions import law_program
 from holdfast.simulation.runge_kutta import EULER, Tableau, rotation_vector_rate
-from holdfast.simulation.step import Closing, Gaps, Question, Stage, answered_together, course_of
+from holdfast.simulation.step import Closing, Gaps, Question, Stage, answered_together, course_of, rows_held_near
 from holdfast.simulation.stepper import NO_GAPS, Advance, ReferenceStepper, Stepper
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
@@ -72,6 +72,7 @@ class FusedStepper:
         """Return where one step leads; see `Stepper`."""
         systems = self.kernel.systems(state_rows([now.state] * len(ends)), now.memory)
         systems["slope"][...] = now.rates(np.zeros(3))
+        hold_rows(systems, now.result.held)
         self._run(systems, now.t, np.array(ends) - now.t, held=False)
         return [self._advance(systems, row, end, now.memory) for row, end in enumerate(ends)]
 
@@ -84,6 +85,7 @@ class FusedStepper:
 
     def _at(self, t: float, state: State, memory: Any, held: bool) -> tuple[Instant, Gaps]:
         systems = self.kernel.systems(state_rows([state]), memory)
+        hold_rows(systems, None if held else rows_held_near(self.environment, t, state, self.generic_rank))
         self._run(systems, t, np.zeros(1), held)
         refuse(systems)
         return self._instant(systems, 0, t, memory), gaps_of(systems, 0)
@@ -98,7 +100,7 @@ class FusedStepper:
 
     def _instant(self, systems: Systems, row: int, t: float, memory: Any) -> Instant:
         chain, inputs = self.environment.at(t)
-        return instant_of(systems, row, Moment(t, chain, inputs.shaped(chain), None, memory), self.generic_rank)
+        return instant_of(systems, row, Moment(t, chain, inputs.shaped(chain), None, memory))
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,19 +141,20 @@ class StagewiseStepper:
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
         """Return the chain at a given state, projected onto the grasps; see `Stepper`."""
-        ((closed, gaps),) = self._closed([t], [state])
+        held = rows_held_near(self.environment, t, state, self.generic_rank)
+        ((closed, gaps),) = self._closed([t], [state], held)
         return self.evaluate(t, closed, memory), gaps
 
     def evaluate(self, t: float, state: State, memory: Any) -> Instant:
         """Return the chain at a given state, taken as it is."""
-        found, (moment,) = self._evaluated([t], [state], memory)
-        return instant_of(found, 0, moment, self.generic_rank)
+        found, (moment,) = self._evaluated([t], [state], memory, None)
+        return instant_of(found, 0, moment)
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
         """Return where one step leads; see `Stepper`."""
         courses = [course_of(now, end, self.scheme) for end in ends]
         try:
-            steps = answered_together(courses, partial(self._answers, now.memory))
+            steps = answered_together(courses, partial(self._answers, now))
         except HoldfastError as cause:
             if len(ends) == 1:
                 return [Advance(ends[0], None, NO_GAPS, np.zeros(4), failure=cause)]
@@ -162,28 +165,28 @@ class StagewiseStepper:
             for end, step, error in zip(ends, steps, errors, strict=True)
         ]
 
-    def _answers(self, memory: Any, questions: Sequence[Question]) -> list[Any]:
-        """Return what steps ask, all of them the same."""
-        times, states = [one.t for one in questions], [one.state for one in questions]
+    def _answers(self, now: Instant, questions: Sequence[Question]) -> list[Any]:
+        """Return what steps from `now` ask, all of them the same."""
+        times, states, held = [one.t for one in questions], [one.state for one in questions], now.result.held
         if isinstance(questions[0], Closing):
-            return self._closed(times, states)
-        found, moments = self._evaluated(times, states, memory)
+            return self._closed(times, states, held)
+        found, moments = self._evaluated(times, states, now.memory, held if isinstance(questions[0], Stage) else None)
         return [
-            _slope(found["slope"][row], one)
-            if isinstance(one, Stage)
-            else instant_of(found, row, moments[row], self.generic_rank)
+            _slope(found["slope"][row], one) if isinstance(one, Stage) else instant_of(found, row, moments[row])
             for row, one in enumerate(questions)
         ]
 
-    def _closed(self, times: list[float], states: list[State]) -> list[tuple[State, Gaps]]:
+    def _closed(self, times: list[float], states: list[State], rows: Array | None) -> list[tuple[State, Gaps]]:
         """Return the states projected onto the grasps, and the gaps."""
-        systems = self._run(states, [self._moment(t) for t in times], None, held=False)
+        systems = self._run(states, [self._moment(t) for t in times], None, rows, held=False)
         return [(state_of(systems, row), gaps_of(systems, row)) for row in range(len(states))]
 
-    def _evaluated(self, times: list[float], states: list[State], memory: Any) -> tuple[Systems, list[Moment]]:
+    def _evaluated(
+        self, times: list[float], states: list[State], memory: Any, rows: Array | None
+    ) -> tuple[Systems, list[Moment]]:
         """Return what follows from the states under the controller's torques."""
         moments = [self._moment(t, state, memory) for t, state in zip(times, states, strict=True)]
-        return self._run(states, moments, memory, held=True), moments
+        return self._run(states, moments, memory, rows, held=True), moments
 
     def _moment(self, t: float, state: State | None = None, memory: Any = None) -> Moment:
         """Return what the machine code is given at a time; without a state its torques do not matter.
@@ -206,14 +209,24 @@ class StagewiseStepper:
         tau = checks.numbers(tau, (chain.joint_count,), "controller: torques", StateError)
         return Moment(t, chain, shaped, tau, kept)
 
-    def _run(self, states: list[State], moments: list[Moment], memory: Any, held: bool) -> Systems:
-        """Return the systems after a step of length zero, or refuse it."""
+    def _run(self, states: list[State], moments: list[Moment], memory: Any, rows: Array | None, held: bool) -> Systems:
+        """Return the systems after a step of length zero, or refuse it.
+
+        Args:
+            states: where they are.
+            moments: what they are given.
+            memory: the law's.
+            rows: (grasps, 6) which components of the grasps are held; None: those chosen where they are.
+            held: take the states as they are.
+        """
         systems = self.kernel.systems(state_rows(states), memory)
+        hold_rows(systems, rows)
         inputs = {
             "begin": np.array([m.t for m in moments]),
             "step": np.array(0.0),
             "held": np.array(float(held)),
             "object_wrench": np.array([m.inputs.object_wrench for m in moments]),
+            "keep_rows": np.array(float(rows is not None)),
         }
         if self.controller is not None:
             inputs["control.tau"] = np.array([m.tau for m in moments])
@@ -228,6 +241,12 @@ class StagewiseStepper:
         self.kernel.run(systems, inputs, parameters)
         refuse(systems)
         return systems
+
+
+def hold_rows(systems: Systems, held: Array | None) -> None:
+    """Let systems whose steps hold chosen rows hold these, (grasps, 6); None: leave them as they are."""
+    if held is not None:
+        systems["held_rows"][...] = held
 
 
 def _slope(found: Array, at: Stage) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -33,25 +34,33 @@ STEP_INPUTS = ("begin", "step", "held", "least_margin", "least_joint_margin")
 PARAMETERS = ("gravity", "generic_rank", "object_mass", "object_com", "object_inertia", "base_R", "base_p")
 
 
-def carried_shapes(chain: ClosedChain, law: ControlLaw) -> dict[str, Shape]:
-    """Return what a system is between two steps, by name; arrays without numbers are left out."""
+def carried_shapes(chain: ClosedChain, law: ControlLaw, held: bool) -> dict[str, Shape]:
+    """Return what a system is between two steps, by name; arrays without numbers are left out.
+
+    Args:
+        chain: the chain.
+        law: its law.
+        held: whether steps hold chosen rows of the constraint.
+    """
     n, grasps, memory = chain.joint_count, (len(chain.grasps),), (len(law.memory),)
     own: dict[str, Shape] = {"slope": (2 * n + 16,), "drive": (n,), "memory": memory}
     own |= {"rank": (), "condition": (), "margin": grasps}
     found = {name: (shapes(chain) | own)[name] for name in traced_step.STEP_RESULTS}
     found |= {"work": (4,), "gaps": (4,), "code": (), "count": (), "before": memory}
     found |= {"worst_margin": grasps, "worst_time": grasps}
+    found |= {"held_rows": (*grasps, 6)} if held else {}
     return {name: shape for name, shape in found.items() if math.prod(shape)}
 
 
 def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]:
     """Return the arrays of a step: inputs, parameters, and what is carried on."""
     chain, options = structure.chain, structure.options
-    own: dict[str, Shape] = dict.fromkeys((*STEP_INPUTS, "generic_rank"), ())
+    own: dict[str, Shape] = dict.fromkeys((*STEP_INPUTS, "keep_rows", "generic_rank"), ())
     own |= {"contact": (len(chain.grasps), 6), "limits": (4, chain.joint_count)}
     of_law = {f"control.{name}": tuple(shape) for name, shape in law.parameters.items()}
     inputs = [*STEP_INPUTS, "object_wrench", *of_law]
     inputs += ["link_wrench"] if options.link_wrenches else []
+    inputs += ["keep_rows"] if options.held else []
     parameters = [
         *PARAMETERS,
         *(LINKS if options.link_inertia else ()),
@@ -61,7 +70,8 @@ def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]
         "contact",
         "limits",
     ]
-    carried = {f"last.{name}": External(shape, "carried") for name, shape in carried_shapes(chain, law).items()}
+    states = carried_shapes(chain, law, options.held)
+    carried = {f"last.{name}": External(shape, "carried") for name, shape in states.items()}
     return externals(inputs, parameters, (), shapes(chain) | own | of_law) | carried
 
 
@@ -99,7 +109,8 @@ class StepKernel:
     ) -> None:
         """Take what is to be stepped; compiled at the first step, sooner if `quick`."""
         self.chain, self.law, self.motions = chain, law, dict(motions or {})
-        structure = Structure(chain, options or Options())
+        held = 0 <= generic_rank < chain.constraint_row_count
+        structure = Structure(chain, replace(options or Options(), held=held))
         externals = step_externals(structure, law)
         friction = hashlib.sha256(joint_friction(chain).tobytes()).hexdigest()
         moving = exact_fingerprint(self.motions)
@@ -114,11 +125,12 @@ class StepKernel:
         slopes = partial(traced_step.evaluation, *system)
         self._step = compiled(f"step/{tableau.name}", lambda: step_schedule(*system, tableau))
         self._slopes = compiled("evaluation", lambda: traced(externals, slopes))
-        self.carried = carried_shapes(chain, law)
+        self.carried = carried_shapes(chain, law, structure.options.held)
         self.externals = externals
         own = parameters_of(chain, generic_rank) | {"contact": _contact(chain), "limits": np.array(joint_limits(chain))}
         self.parameters = {name: own[name] for name, e in externals.items() if e.role == "parameter"}
-        self._margins = dict.fromkeys(("least_margin", "least_joint_margin"), np.array(-np.inf))
+        none = np.array(-np.inf)
+        self._defaults: Systems = {"least_margin": none, "least_joint_margin": none, "keep_rows": np.array(0.0)}
         self._layout = [(name, e.size, len(e.shape)) for name, e in externals.items()]
 
     def systems(self, state: Mapping[str, Array], memory: Array | None = None, count: int | None = None) -> Systems:
@@ -137,6 +149,8 @@ class StepKernel:
             found["memory"][...] = self.law.memory if memory is None else memory
         if "worst_margin" in found:
             found["worst_margin"][...] = np.inf
+        if "held_rows" in found:
+            found["held_rows"][...] = 1.0
         return found
 
     def run(
@@ -161,7 +175,7 @@ class StepKernel:
             slopes_only: take no step, but find the slopes where the systems are anew, under other inputs.
         """
         carried = {f"last.{name}": x for name, x in systems.items()}
-        given = {**self.parameters, **self._margins, **parameters, **inputs, **carried}
+        given = {**self.parameters, **self._defaults, **parameters, **inputs, **carried}
         arrays = [np.asarray(given[name], dtype=float, order="C") for name, _, _ in self._layout]
         table = np.zeros((len(arrays), 2), dtype=np.int64)
         for row, x, (_, size, rank) in zip(table, arrays, self._layout, strict=True):

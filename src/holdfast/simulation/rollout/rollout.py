@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,11 +10,12 @@ import numpy as np
 from holdfast.compiled import arrays
 from holdfast.compiled.externals import STATE
 from holdfast.compiled.faults import faulty, largest_positions
-from holdfast.compiled.statuses import generic_rank, system
+from holdfast.compiled.statuses import MOST_TRIED, system
 from holdfast.compiled.structure import Options
 from holdfast.compiler.schedule import External
 from holdfast.control.controller import ControlLaw
 from holdfast.dynamics.consistency import POSITION_TOLERANCE
+from holdfast.dynamics.rank import closed_near, constraint_rank, generic_rank_near, held_near
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -35,6 +36,7 @@ from holdfast.simulation.rollout.traced_step import BROKEN, LIMITED, OPEN, SINGU
 from holdfast.simulation.rollout.user_functions import Motions, travelling_law, travelling_motion
 from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.spatial.scalar import Array
+from holdfast.state import State
 
 HALVINGS = 50  # of a step, when the instant of a slip or limit is sought
 StopMargins = Mapping[int, float]  # margins below which a system stops, by the code that it gets
@@ -65,8 +67,12 @@ class Rollout:
     ) -> None:
         self.chain, self.law, self.scheme, self.generic_rank = chain, law, scheme, generic_rank
         self.base_motion, self.options = base_motion, options
-        rank = -1 if generic_rank is None else generic_rank
-        self._kernel = StepKernel(chain, law, scheme_of(scheme), rank, motions=base_motion, options=options)
+        self._kernel = self._kernel_for(generic_rank)
+
+    def _kernel_for(self, generic_rank: int | None) -> StepKernel:
+        """Return the step for a generic rank; where it is low, one that holds so many rows of the constraint."""
+        rank, tableau = -1 if generic_rank is None else generic_rank, scheme_of(self.scheme)
+        return StepKernel(self.chain, self.law, tableau, rank, motions=self.base_motion, options=self.options)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what makes the rollout again: machine code is compiled, or found on disk."""
@@ -306,11 +312,12 @@ class Rollout:
 
     def _started(self, systems: RolloutSystems, threads: int) -> RolloutSystems:
         """Return systems at states as they are brought onto the grasps, and all that is known there."""
-        first = systems.copy()
+        if self.generic_rank is None and (near := next(self._closed(systems), None)) is not None:
+            self.generic_rank = generic_rank_near(*near, constraint_rank(*near))
+            self._kernel = self._kernel_for(self.generic_rank)
+        if "held_rows" in self._kernel.carried:
+            self._hold_rows(systems, threads)
         self._advance(systems, systems.step_length, 1, NO_STOPS, threads)
-        if self.generic_rank is None and self._know_rank(systems):
-            systems = first
-            self._advance(systems, systems.step_length, 1, NO_STOPS, threads)
         for name in ("work", "count"):
             systems.arrays[name][...] = 0.0
         return systems
@@ -323,21 +330,28 @@ class Rollout:
         systems.set_step_length(step_length)
         self._kernel.run(systems.arrays, inputs | _step_inputs(systems, least), parameters, steps, threads)
 
-    def _know_rank(self, systems: RolloutSystems) -> bool:
-        """Find the generic rank, near a system whose rank is low if all are; return whether one's is lower."""
-        if not systems.running.any():
-            return False
-        found = np.where(systems.running, systems.arrays["rank"], -1.0)
-        row, most = int(np.argmax(found)), int(found.max())
-        if most < self.chain.constraint_row_count:
-            _, parameters = kernel_arguments(self._kernel, systems.call_inputs)
-            at = {name: systems.arrays[name] for name in STATE} | self._kernel.parameters | parameters
+    def _hold_rows(self, systems: RolloutSystems, threads: int) -> None:
+        """Bring systems near the grasps by rows that suit one of them; each then chooses its own."""
+        assert self.generic_rank is not None
+        rank, begun = self.generic_rank, systems.copy()
+        one = next((held for near in self._closed(systems) if (held := held_near(*near, rank)) is not None), np.ones(6))
+        begun.arrays["held_rows"] = one * np.ones((len(systems), len(self.chain.grasps), 6))
+        systems.arrays["held_rows"] = np.ones_like(begun.arrays["held_rows"])
+        self._advance(begun, begun.step_length, 1, NO_STOPS, threads)
+        there = begun.running
+        for name in (*STATE, "held_rows"):
+            systems.arrays[name][there] = begun.arrays[name][there]
+
+    def _closed(self, systems: RolloutSystems) -> Iterator[tuple[ClosedChain, State]]:
+        """Yield chain and state, closed, of the first systems whose grasps nearly hold."""
+        _, parameters = kernel_arguments(self._kernel, systems.call_inputs)
+        at = {name: systems.arrays[name] for name in STATE} | self._kernel.parameters | parameters
+        for row in np.flatnonzero(systems.running)[:MOST_TRIED].tolist():
             chain, state = system(self.chain, at, row)
             chain, _ = Environment(chain, self.base_motion).at(float(systems.t[row]))
-            most = generic_rank(chain, state, most)
-        self.generic_rank = most
-        self._kernel.parameters["generic_rank"] = np.array(float(most))
-        return bool((found[systems.running] < most).any())
+            closed = closed_near(chain, state)
+            if closed is not None:
+                yield chain, closed
 
 
 def _step_inputs(systems: RolloutSystems, least: StopMargins) -> dict[str, Array]:

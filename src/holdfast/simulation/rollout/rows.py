@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from holdfast.compiled.externals import STATE
-from holdfast.dynamics.forward import forward_dynamics
+from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion, pseudo_gravity
+from holdfast.dynamics.closed.chain_solution import chain_solution
+from holdfast.dynamics.indeterminate import with_smallest_forces
 from holdfast.dynamics.projection import FARTHEST
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.errors import ClosureError, HoldfastError, SingularChainError, StateError
@@ -55,37 +57,48 @@ def state_of(systems: Systems, row: int) -> State:
     return state
 
 
-def instant_of(systems: Systems, row: int, at: Moment, generic_rank: int) -> Instant:
+def instant_of(systems: Systems, row: int, at: Moment) -> Instant:
     """Return one system as an instant.
 
     Args:
         systems: after a step, or a step of length zero.
         row: which.
         at: what the system was given.
-        generic_rank: of the grasp constraint.
     """
     x = {name: array[row].copy() for name, array in systems.items()}
     tau, memory = (x["drive"], x.get("memory", at.memory)) if at.tau is None else (at.tau, at.memory)
     chain, state, rank = at.chain, state_of(systems, row), int(x["rank"])
-    if rank < chain.constraint_row_count:
-        # machine code gives one solution for the forces, the reference the smallest
+    unique = rank == chain.constraint_row_count
+    if not unique:  # machine code gives one solution for the forces, the reference the smallest
         net = tau - friction_torque(joint_friction(chain), state.qd)
-        found = forward_dynamics(chain, state, net, inputs=at.inputs, check=False, generic_rank=generic_rank)
-    else:
-        found = ForwardResult(
-            chain,
-            x["qdd"],
-            x["grasp_wrench"],
-            x["object_acceleration"],
-            x.get("contact_acceleration", np.zeros(0)),
-            x["base_wrench"],
-            rank,
-            chain.joint_count + 6 + chain.contact_freedom_count - rank,
-            Status.OK,
-            float(x["condition"]),
-            "sequential",
-        )
+        x["grasp_wrench"], x["base_wrench"] = _smallest_forces(chain_motion(chain, state, net, at.inputs), x)
+    found = ForwardResult(
+        chain,
+        x["qdd"],
+        x["grasp_wrench"],
+        x["object_acceleration"],
+        x.get("contact_acceleration", np.zeros(0)),
+        x["base_wrench"],
+        rank,
+        chain.joint_count + 6 + chain.contact_freedom_count - rank,
+        Status.OK if unique else Status.INDETERMINATE_FORCES,
+        float(x["condition"]),
+        "sequential",
+        x.get("held_rows"),
+    )
     return Instant(at.t, state, chain, at.inputs, tau, memory, found, x["slope"][-4:])
+
+
+def _smallest_forces(motion: ChainMotion, x: dict[str, Array]) -> tuple[Array, Array]:
+    """Return the smallest grasp wrenches with which a system moves as it does, and the base wrenches with them."""
+    chain = motion.chain
+    found = Solution(
+        [x["qdd"][chain.joints[name]] for name in chain.grasps],
+        [x["grasp_wrench"][chain.names.index(name)] for name in chain.grasps],
+        x["object_acceleration"] - pseudo_gravity(chain),
+    )
+    whole = chain_solution(motion, with_smallest_forces(motion, found), "auto")
+    return whole.grasp_wrench, whole.base_wrench
 
 
 def gaps_of(systems: Systems, row: int) -> Gaps:

@@ -110,6 +110,11 @@ class TracedSystem:
         """Where it is."""
         return State(*(self.last(name) for name in STATE))
 
+    @property
+    def held(self) -> Array | None:
+        """Which components of the grasps it holds through the step, (grasps, 6), if they were chosen."""
+        return self.given.get("last.held_rows")
+
     def last(self, name: str) -> Array:
         """Return what was known at the end of the step before."""
         found = self.given.get(f"last.{name}")
@@ -119,29 +124,41 @@ class TracedSystem:
         """Return the time so many steps after the beginning of this one."""
         return self.given["begin"][()] + (self.last("count")[()] + steps) * self.given["step"][()]
 
-    def evaluate(self, t: Scalar, state: State, memory: Array) -> Evaluation:
-        """Return torques, then forward dynamics and the power."""
+    def evaluate(self, t: Scalar, state: State, memory: Array, choose: bool) -> Evaluation:
+        """Return torques, then forward dynamics and the power.
+
+        Args:
+            t: time [s].
+            state: where.
+            memory: the law's.
+            choose: take the rows to hold anew, if any are chosen, rather than those of the step's beginning.
+        """
+        held = self.held
+        if choose and held is not None:
+            held = select(self.given["keep_rows"][()] > 0.5, held, np.ones(held.shape))
         drive, kept = law_outputs(self.law, self.real, t, state, memory, self.given)
         lost = friction_torque(self.friction, state.qd)
         chain, inputs = self.environment.at(t)
-        found = solve_with_status(chain, framed(state), drive - lost, inputs, self.given["generic_rank"], self.route)
+        choose = choose and held is not None
+        rank = self.given["generic_rank"]
+        found = solve_with_status(chain, framed(state), drive - lost, inputs, rank, self.route, held, choose)
         power = work_rates(power_of(chain, state, drive, found.whole.base_wrench, inputs), lost, state.qd)
         self.worst = maximum(self.worst, array([found.condition, found.status]))
         return Evaluation(state, found, drive, kept, power)
 
     def answer(self, question: Question) -> Any:
         """Return what a step asks; of a system that is held, at the state as it is."""
-        held = self.given["held"][()] > 0.5
+        still = self.given["held"][()] > 0.5
         t, at = question.t, question.state
         if isinstance(question, Arrival):
-            return self.evaluate(t, at, self.last("memory"))
+            return self.evaluate(t, at, self.last("memory"), choose=True)
         # a turn by nothing may cost the last bit
-        at = State(at.q, at.qd, select(held, self.last("object_pose"), at.object_pose), at.object_twist)
+        at = State(at.q, at.qd, select(still, self.last("object_pose"), at.object_pose), at.object_twist)
         if isinstance(question, Stage):
-            return self.evaluate(t, at, self.last("memory")).slope(question.turn)
+            return self.evaluate(t, at, self.last("memory"), choose=False).slope(question.turn)
         chain, inputs = self.environment.at(t)
-        closed = after_step(chain, at, inputs)
-        end = State(*(select(held, getattr(at, name), getattr(closed, name)) for name in STATE))
+        closed = after_step(chain, at, inputs, self.held)
+        end = State(*(select(still, getattr(at, name), getattr(closed, name)) for name in STATE))
         return end, [largest_gaps(chain, one, inputs) for one in (at, end)]
 
 
@@ -152,15 +169,19 @@ def step(structure: Structure, law: ControlLaw, motions: Motions, tableau: Table
     course = take_step(system.state, system.last("slope"), given["step"][()], times, tableau)
     now, (drift, gaps), work, _ = answered(course, system.answer)
     end, found = now.state, now.found
-    kept = {name: getattr(end, name) for name in STATE} | {
-        "slope": now.slope(np.zeros(3)),
-        **{name: getattr(found.whole, name) for name in STEP_RESULTS if hasattr(found.whole, name)},
-        "drive": now.drive,
-        "memory": now.memory,
-        "rank": array(found.rank),
-        "condition": array(found.condition),
-        "margin": grasp_margins(system.real, given, end.object_frame.R, found.whole.grasp_wrench),
-    }
+    kept = (
+        {name: getattr(end, name) for name in STATE}
+        | {
+            "slope": now.slope(np.zeros(3)),
+            **{name: getattr(found.whole, name) for name in STEP_RESULTS if hasattr(found.whole, name)},
+            "drive": now.drive,
+            "memory": now.memory,
+            "rank": array(found.rank),
+            "condition": array(found.condition),
+            "margin": grasp_margins(system.real, given, end.object_frame.R, found.whole.grasp_wrench),
+        }
+        | ({} if found.held is None else {"held_rows": found.held})
+    )
     code = stop_code(system, kept, system.worst, drift, gaps)
     return carried(system, kept, code, work, times[-1], concatenate([drift, gaps]))
 
@@ -253,7 +274,7 @@ def carried(
 def evaluation(structure: Structure, law: ControlLaw, motions: Motions, given: Given) -> dict[str, Array]:
     """Return the slope where a system is, under other torques or parameters; the law's memory moves on anew."""
     system = TracedSystem(structure, law, motions, given)
-    now = system.evaluate(system.time(0.0), system.state, system.last("before"))
+    now = system.evaluate(system.time(0.0), system.state, system.last("before"), choose=False)
     on = system.last("code")[()] < 0.5
     return {
         "last.slope": select(on, now.slope(np.zeros(3)), system.last("slope")),

@@ -1,0 +1,142 @@
+"""Chains whose constraint has rows that follow from others everywhere: a step holds the same ones throughout."""
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.dynamics.rank import closed_near, constraint_pivots
+from holdfast.simulation.stepper import ReferenceStepper
+from tests.oracles.planar_mechanism import random_mechanism
+from tests.systems.bricard import bars, bricard, line_symmetric
+
+FREE = hf.ControlLaw(lambda t, state, memory, given: (0.0 * state.qd, memory), key="tests: no torques")
+MODELS = [(0.0, 0.0), (0.3, 1.1), (0.7, -0.4), (1.5, 0.0), (-2.0, 0.9)]
+
+
+def free(t, state, memory):
+    """No torques, by a controller that is asked from Python."""
+    return 0.0 * state.qd, memory
+
+
+def energy_error(run) -> float:
+    """Return the largest error of the energy, relative to the largest kinetic energy."""
+    energy = run.kinetic + run.potential
+    return float(np.abs(energy - energy[0]).max() / run.kinetic.max())
+
+
+@pytest.fixture(scope="module")
+def converged():
+    """Bricard's mechanism after 1 s."""
+    chain, state = bricard()
+    return hf.simulate(chain, state, free, 1.0, 2e-2, scheme="dop853", rtol=1e-12)
+
+
+def test_printed_figure(converged):
+    """Exudyn's sum, of a second-order method in 1 ms steps; two of it are the freedom and the redundant row."""
+    chain, _ = bricard()
+    moved = bars(chain, converged.state(-1)) - bars(chain, converged.state(0))
+    turned = []
+    for bar in bars(chain, converged.state(-1)):
+        w = 0.5 * np.sqrt(1.0 + np.trace(bar[:, :3]))
+        axial = [bar[2, 1] - bar[1, 2], bar[0, 2] - bar[2, 0], bar[1, 0] - bar[0, 1]]
+        turned.append([w - 1.0, *(np.array(axial) / (4 * w))])
+    assert np.sqrt(np.sum(moved[:, :, 3] ** 2) + np.sum(np.square(turned))) + 2 == pytest.approx(
+        4.172189649307425, abs=5e-6
+    )
+    assert energy_error(converged) < 1e-13
+    assert converged.position_gap.max() < 1e-9 and converged.condition.max() < 100
+
+
+@pytest.mark.parametrize("turns", MODELS[:3])
+@pytest.mark.parametrize("controller", [free, FREE], ids=["stagewise", "fused"])
+def test_order(converged, turns, controller):
+    """Fourth order, however the contact frames are turned about the hinges; within 1e-5 in 2 ms steps by far."""
+    chain, state = bricard(turns)
+    errors = []
+    for step in (2e-2, 1e-2):
+        run = hf.simulate(chain, state, controller, 1.0, step)
+        assert run.stopped is None
+        errors.append(np.abs(run.q[-1] - converged.q[-1]).max())
+    assert np.log2(errors[0] / errors[1]) > 3.8
+    assert errors[1] * (2e-3 / 1e-2) ** 4 < 1e-9
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_line_symmetric_loops(seed):
+    """With a freedom left, energy and closure determine the motion; half the step has a sixteenth of the error."""
+    chain, state = line_symmetric(seed)
+    runs = [hf.simulate(chain, state, free, 0.4, step) for step in (8e-3, 4e-3)]
+    errors = [energy_error(run) for run in runs]
+    assert errors[1] < 1e-9 and errors[0] / errors[1] > 2**3.8
+    for run in runs:
+        assert max(np.abs(gap.position).max() for gap in hf.dynamics.closure(chain, run.state(-1)).values()) < 1e-14
+
+
+@pytest.mark.parametrize("seed", [3, 20, 24])
+def test_planar_mechanisms_in_space(seed):
+    """As in the complex plane, where the constraint has no row too many."""
+    mechanism = random_mechanism(seed)
+    chain, state = mechanism.chain()
+    run = hf.simulate(chain, state, free, 0.25, 2.5e-3)
+    x, u = mechanism.after(0.25)
+    assert hf.forward_dynamics(chain, state, np.zeros(chain.joint_count)).rank < chain.constraint_row_count
+    assert np.abs(run.q[-1] - x[:-3]).max() < 1e-9
+    assert np.abs(run.qd[-1] - u[:-3]).max() < 1e-8
+
+
+def test_all_steppers_and_rollouts_agree():
+    """The reference, machine code stage by stage, whole steps of it, and rollouts, which choose rows themselves."""
+    chain, state = bricard(MODELS[1])
+    runs = [
+        hf.simulate(chain, state, free, 0.2, 1e-2, make_stepper=ReferenceStepper),
+        hf.simulate(chain, state, free, 0.2, 1e-2),
+        hf.simulate(chain, state, FREE, 0.2, 1e-2),
+    ]
+    rollout = hf.compile_rollout(chain, FREE)
+    systems = rollout.start(np.tile(state.q, (3, 1)), state.qd, state.object_pose, state.object_twist)
+    rollout.step(systems, 1e-2, steps=20)
+    assert rollout.generic_rank == 11
+    for run in runs[1:]:
+        assert np.abs(run.q - runs[0].q).max() < 1e-13 and np.abs(run.qd - runs[0].qd).max() < 1e-12
+        assert np.abs(run.grasp_wrench - runs[0].grasp_wrench).max() < 1e-10
+    assert np.abs(systems.q - runs[0].q[-1]).max() < 1e-13 and np.abs(systems.qd - runs[0].qd[-1]).max() < 1e-12
+
+
+def test_resumed_to_the_bit():
+    """Rows are chosen from the state alone, so a run that goes on from a checkpoint is the run that was not cut."""
+    chain, state = bricard()
+    kept = []
+    whole = hf.simulate(chain, state, free, 0.1, 1e-2, on_checkpoint=kept.append)
+    resumed = hf.simulate(chain, state, free, 0.1, 1e-2, start=kept[len(kept) // 2])
+    assert resumed.q[-1].tobytes() == whole.q[-1].tobytes()
+    assert resumed.grasp_wrench[-1].tobytes() == whole.grasp_wrench[-1].tobytes()
+
+
+def test_rank_is_that_of_the_closed_state():
+    """However the state is displaced before it is projected back; a run that starts beside the grasps knows it too."""
+    chain, state = bricard(MODELS[1])
+    moved = hf.simulate(chain, state, free, 0.5, 1e-2).state(-1)
+    random = np.random.default_rng(0)
+    for size in (1e-6, 1e-5, 1e-4):
+        beside = hf.State(moved.q + size * random.normal(size=4), moved.qd, moved.object_pose, moved.object_twist)
+        closed = closed_near(chain, beside)
+        assert closed is not None and constraint_pivots(chain, closed).rank == 11
+        projected, _ = hf.project(chain, beside)
+        assert constraint_pivots(chain, projected).rank == 11
+    rollout = hf.compile_rollout(chain, FREE)
+    rollout.start(beside.q, beside.qd, beside.object_pose, beside.object_twist)
+    assert rollout.generic_rank == 11
+
+
+def test_a_single_call_beside_the_constraint():
+    """Where the rank is another on it, the message gives both and the gap; with the rank known the answer is near."""
+    chain, state = bricard(MODELS[1])
+    moved = hf.simulate(chain, state, free, 0.6, 1e-2).state(-1)
+    beside = hf.State(moved.q + np.array([1e-4, 0, 0, 0]), moved.qd, moved.object_pose, moved.object_twist)
+    expected = r"open by 7\.58e-05 .*: 12 of 12 here, 11 where they are closed.*generic_rank=11"
+    with pytest.raises(hf.StateError, match=expected):
+        hf.forward_dynamics(chain, beside, np.zeros(4), check=False)
+    near = hf.forward_dynamics(chain, beside, np.zeros(4), check=False, generic_rank=11)
+    exact = hf.forward_dynamics(chain, moved, np.zeros(4))
+    assert near.rank == exact.rank == 11
+    assert np.abs(near.qdd - exact.qdd).max() < 1e-2
