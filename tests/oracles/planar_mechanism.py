@@ -7,6 +7,7 @@ angles and the object's position, with the loops' closure as constraints, are in
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -128,12 +129,17 @@ class PlanarMechanism:
         return chain, State(self.start[:-3], self.rates[:-3], pose, twist)
 
 
-def random_mechanism(seed: int) -> PlanarMechanism:
-    """Return two to four arms of one to three joints around an object, with a freedom left and a random velocity."""
+def random_mechanism(seed: int, others: Sequence[str] = ("rigid", "hinge", "ball")) -> PlanarMechanism:
+    """Return two to four arms of one to three joints around an object, with a freedom left and a random velocity.
+
+    Args:
+        seed: of the random numbers.
+        others: how all arms but the first may hold; what is not rigid is a pivot in the plane.
+    """
     random = np.random.default_rng(seed)
     while True:
         counts = random.integers(1, 4, size=random.integers(2, 5))
-        kinds = random.choice(["rigid", "hinge", "ball"], size=len(counts))
+        kinds = random.choice(others, size=len(counts))
         kinds[0] = random.choice(["rigid", "hinge"])  # balls alone let the object leave its plane
         freedoms = counts.sum() + 3 - sum(3 if kind == "rigid" else 2 for kind in kinds)
         if 1 <= freedoms <= 4:

@@ -84,6 +84,20 @@ def test_planar_mechanisms_in_space(seed):
     assert np.abs(run.qd[-1] - u[:-3]).max() < 1e-8
 
 
+@pytest.mark.parametrize("seed", [0, 2])
+def test_soft_fingers(seed):
+    """Their spin rows follow from the others too, but hold no position: other rows are held in position."""
+    mechanism = random_mechanism(seed, ["softfinger"])
+    chain, state = mechanism.chain()
+    run = hf.simulate(chain, state, free, 0.25, 2.5e-3)
+    assert run.stopped is None
+    assert np.abs(run.q[-1] - mechanism.after(0.25)[0][:-3]).max() < 1e-7
+    rollout = hf.compile_rollout(chain, FREE)
+    systems = rollout.start(state.q, state.qd, state.object_pose, state.object_twist)
+    rollout.step(systems, 2.5e-3, steps=100)
+    assert np.abs(systems.q[0] - run.q[-1]).max() < 1e-11
+
+
 def test_all_steppers_and_rollouts_agree():
     """The reference, machine code stage by stage, whole steps of it, and rollouts, which choose rows themselves."""
     chain, state = bricard(MODELS[1])

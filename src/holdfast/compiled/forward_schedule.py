@@ -61,7 +61,7 @@ class SolutionWithStatus(NamedTuple):
         rank: independent rows of the constraint.
         status: as `status_of_rank` numbers them.
         condition: of the constraint.
-        held: (grasps, 6) which components of the grasps are held, where they are chosen.
+        held: which components of the grasps are held, where they are chosen.
     """
 
     whole: ChainSolution
@@ -90,7 +90,7 @@ def solve_with_status(
         inputs: shaped inputs.
         generic_rank: () of the constraint, -1 if it is not known.
         route: how each arm answers at its tip.
-        held: (grasps, 6) which components of the grasps may be held; None: all.
+        held: which components of the grasps may be held; None: all.
         choose: hold the strongest of them, as many as the generic rank says.
     """
     motion = holding(chain_motion(chain, state, tau, inputs), held)

@@ -52,7 +52,7 @@ def forward_dynamics(
         route: for `sequential`: "recursive", "mass_matrix" or "auto".
         check: False skips the consistency check (integrators project instead).
         generic_rank: rank of the constraint away from singular configurations, if known.
-        held: (grasps, 6) which components of the grasps to hold, as a result nearby says it (`ForwardResult.held`);
+        held: which components of the grasps to hold, as a result nearby says it (`ForwardResult.held`);
             for states beside the constraint, whose rank means nothing where rows depend on each other.
 
     Returns:

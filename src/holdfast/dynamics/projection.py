@@ -139,10 +139,10 @@ def after_step(chain: ClosedChain, state: State, inputs: Inputs, held: Array | N
         chain: the chain.
         state: where an integrator's step ends.
         inputs: shaped inputs; base motion enters.
-        held: (grasps, 6) which components of the grasps the step holds, see `held_rows`; None: all.
+        held: which components of the grasps the step holds, see `held_rows`; None: all.
     """
     for _ in range(STEP_ROUNDS):
-        motion = holding(chain_at_rest(chain, state), held)
+        motion = holding(chain_at_rest(chain, state), held, positions=True)
         state = closer(motion, state, position_mismatch(motion, state))
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), inputs)
     return project_velocities(holding(motion, held), state)

@@ -156,7 +156,7 @@ def generic_rank_near(chain: ClosedChain, state: State, here: int) -> int:
 
 
 def held_near(chain: ClosedChain, state: State, generic_rank: int) -> Array | None:
-    """Return which components of the grasps to hold at a state that nearly closes them, (grasps, 6); see `held_rows`.
+    """Return which components of the grasps to hold at a state that nearly closes them; see `held_rows`.
 
     None where no row follows from others, where the grasps do not close, or at a singular configuration.
     """

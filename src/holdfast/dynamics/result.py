@@ -60,8 +60,9 @@ class ForwardResult(Frozen):
             square of the distance. Velocities, torques and `method` do not enter. (Compiled code returns
             infinity with SINGULAR.)
         method: the algorithm's name.
-        held: (grasps, 6) 1 for the components along each grasp's axes that are held, 0 for those that are free or
-            follow from others; None unless the generic rank was given and is below the constraint's rows.
+        held: (grasps, 1 or 2, 6) 1 for the components along each grasp's axes that are held, in velocity and, if
+            others, in position; 0 for those that are free or follow from others. None unless the generic rank was
+            given and is below the constraint's rows.
     """
 
     chain: ClosedChain

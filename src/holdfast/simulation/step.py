@@ -163,7 +163,7 @@ def back_on_constraint(
         environment: the chain and what acts on it.
         t: time [s].
         state: near the grasps.
-        held: (grasps, 6) which components of the grasps are held, see `held_rows`; None: all.
+        held: which components of the grasps are held, see `held_rows`; None: all.
 
     Raises:
         ClosureError: they are open by more than a step may leave them, or stay so.
@@ -187,7 +187,7 @@ def back_on_constraint(
 
 
 def rows_held_near(environment: Environment, t: float, state: State, generic_rank: int) -> Array | None:
-    """Return which components of the grasps to hold at a state a little off them, (grasps, 6).
+    """Return which components of the grasps to hold at a state a little off them; see `held_rows`.
 
     They are chosen at the nearest closed state. None where no row follows from others, or nothing closes the grasps.
     """

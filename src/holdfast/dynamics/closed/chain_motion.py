@@ -56,7 +56,7 @@ class Solution:
         pivots: per arm, articulated inertias (or squared Cholesky diagonals), where they are found.
         rank: independent rows of the grasp constraint, where it is found.
         weakest_pivot: the smallest relative pivot met.
-        held: (grasps, 6) which components of the grasps are held, where they are chosen; see `held_rows`.
+        held: which components of the grasps are held, where they are chosen; see `held_rows`.
     """
 
     qdd: list[Array]

@@ -31,23 +31,40 @@ if TYPE_CHECKING:
 TOLERANCES = (1e-2, 1e-4, 1e-8, RANK_TOLERANCE)
 
 
-def strongest_rows(
-    contacts: list[Contact], tips: list[TipResponse], body: FreeBody, generic_rank: Scalar
-) -> ObjectSolution:
-    """Return the solution that holds the strongest independent rows, at a closed state. O(l).
+def with_strongest_rows(
+    motion: ChainMotion, tips: list[TipResponse], generic_rank: Scalar
+) -> tuple[ObjectSolution, Array]:
+    """Return the solution that holds the strongest independent rows, at a closed state, and those rows. O(l).
 
-    The rows held are its `independent` ones. Its rank is the generic one, or less at a singular configuration.
+    Its rank is the generic one, or less at a singular configuration.
 
     Args:
-        contacts: the grasps; rows that they already leave out stay out.
+        motion: the chain; rows that its contacts already leave out stay out.
         tips: the arms' answers at their tips.
-        body: the object.
         generic_rank: of the constraint away from singular configurations.
+
+    Returns:
+        The solution, and (grasps, 1, 6) 1 for the components along each grasp's axes that are held. With grasps that
+        constrain a rate only (grasps, 2, 6): in velocity, then in position, where there are fewer rows.
     """
+    contacts, body = motion.contacts, motion.body.free
+    found = _strongest(contacts, tips, body, generic_rank)
+    held = [_components(contacts, found.independent)]
+    if any(c.grasp.of_kind.rate_rows for c in contacts):
+        of_positions = [replace(c, rows=c.grasp.of_kind.position_rows) for c in contacts]
+        held.append(_components(of_positions, _strongest(of_positions, tips, body, None).independent))
+    return found, np.stack(held, axis=1)
+
+
+def _strongest(
+    contacts: list[Contact], tips: list[TipResponse], body: FreeBody, generic_rank: Scalar | None
+) -> ObjectSolution:
+    """Return the solution with the largest pivots that has the generic rank; None: the rank here."""
     rows = [c if c.held is not None else replace(c, held=np.ones(6)) for c in contacts]
     *stronger, found = [object_filter(rows, tips, body, tolerance) for tolerance in TOLERANCES]
+    rank = found.rank if generic_rank is None else generic_rank
     for one in stronger[::-1]:
-        found = _chosen(one.rank >= generic_rank, one, found)
+        found = _chosen(one.rank >= rank, one, found)
     return found
 
 
@@ -67,25 +84,22 @@ def _chosen(first: Scalar, a: ObjectSolution, b: ObjectSolution) -> ObjectSoluti
     )
 
 
-def held_components(contacts: Sequence[Contact], independent: Sequence[Any]) -> Array | None:
-    """Return (grasps, 6) 1 for the components along each grasp's axes that are held, from masks of its rows.
-
-    None where no rows were chosen.
-    """
-    if any(mask is None for mask in independent) or not independent:
-        return None
+def _components(contacts: Sequence[Contact], independent: Sequence[Any]) -> Array:
+    """Return (grasps, 6) masks of components from masks of rows."""
     pairs = zip(contacts, independent, strict=True)
     return array([[mask[c.rows.index(i)] if i in c.rows else 0.0 for i in range(6)] for c, mask in pairs])
 
 
-def holding(motion: ChainMotion, held: Array | None) -> ChainMotion:
+def holding(motion: ChainMotion, held: Array | None, *, positions: bool = False) -> ChainMotion:
     """Return the chain in motion with only some components of the grasps held.
 
     Args:
         motion: the chain.
-        held: (grasps, 6) as `held_components` returns them; None: all, as they are.
+        held: as `with_strongest_rows` returns it; None: all, as they are.
+        positions: hold those that are held in position.
     """
     if held is None:
         return motion
-    contacts = [replace(c, held=mask) for c, mask in zip(motion.contacts, held, strict=True)]
+    masks = held[:, -1 if positions else 0]
+    contacts = [replace(c, held=mask) for c, mask in zip(motion.contacts, masks, strict=True)]
     return replace(motion, contacts=contacts)

@@ -7,7 +7,7 @@ measurement of alpha(C), so the arms are passed through one after the other, out
 from __future__ import annotations
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
-from holdfast.dynamics.closed.held_rows import held_components, strongest_rows
+from holdfast.dynamics.closed.held_rows import with_strongest_rows
 from holdfast.dynamics.closed.object_filter import object_filter
 from holdfast.dynamics.closed.tip_response import Route, responded, tip_response
 from holdfast.spatial.scalar import each
@@ -22,9 +22,9 @@ def sequential(motion: ChainMotion, route: Route = "auto") -> Solution:
     """
     tips = each(lambda arm: tip_response(arm, route), motion.holding)
     if motion.generic_rank is None:
-        found = object_filter(motion.contacts, tips, motion.body.free)
+        found, held = object_filter(motion.contacts, tips, motion.body.free), None
     else:
-        found = strongest_rows(motion.contacts, tips, motion.body.free, motion.generic_rank)
+        found, held = with_strongest_rows(motion, tips, motion.generic_rank)
     answers = each(responded, tips, found.wrenches)
     return Solution(
         qdd=[qdd for qdd, _ in answers],
@@ -34,5 +34,5 @@ def sequential(motion: ChainMotion, route: Route = "auto") -> Solution:
         pivots=[tip.pivots for tip in tips],
         rank=found.rank,
         weakest_pivot=found.weakest_pivot,
-        held=held_components(motion.contacts, found.independent),
+        held=held,
     )

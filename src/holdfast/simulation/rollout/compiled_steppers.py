@@ -216,7 +216,7 @@ class StagewiseStepper:
             states: where they are.
             moments: what they are given.
             memory: the law's.
-            rows: (grasps, 6) which components of the grasps are held; None: those chosen where they are.
+            rows: which components of the grasps are held; None: those chosen where they are.
             held: take the states as they are.
         """
         systems = self.kernel.systems(state_rows(states), memory)
@@ -244,7 +244,7 @@ class StagewiseStepper:
 
 
 def hold_rows(systems: Systems, held: Array | None) -> None:
-    """Let systems whose steps hold chosen rows hold these, (grasps, 6); None: leave them as they are."""
+    """Let systems whose steps hold chosen rows hold these; None: leave them as they are."""
     if held is not None:
         systems["held_rows"][...] = held
 

@@ -48,7 +48,8 @@ def carried_shapes(chain: ClosedChain, law: ControlLaw, held: bool) -> dict[str,
     found = {name: (shapes(chain) | own)[name] for name in traced_step.STEP_RESULTS}
     found |= {"work": (4,), "gaps": (4,), "code": (), "count": (), "before": memory}
     found |= {"worst_margin": grasps, "worst_time": grasps}
-    found |= {"held_rows": (*grasps, 6)} if held else {}
+    if held:  # in velocity and, where they are others, in position; see `dynamics.closed.held_rows`
+        found["held_rows"] = (*grasps, 2 if any(g.of_kind.rate_rows for g in chain.grasps.values()) else 1, 6)
     return {name: shape for name, shape in found.items() if math.prod(shape)}
 
 

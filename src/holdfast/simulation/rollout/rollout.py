@@ -335,8 +335,8 @@ class Rollout:
         assert self.generic_rank is not None
         rank, begun = self.generic_rank, systems.copy()
         one = next((held for near in self._closed(systems) if (held := held_near(*near, rank)) is not None), np.ones(6))
-        begun.arrays["held_rows"] = one * np.ones((len(systems), len(self.chain.grasps), 6))
-        systems.arrays["held_rows"] = np.ones_like(begun.arrays["held_rows"])
+        systems.arrays["held_rows"] = np.ones((len(systems), *self._kernel.carried["held_rows"]))
+        begun.arrays["held_rows"] = one * systems.arrays["held_rows"]
         self._advance(begun, begun.step_length, 1, NO_STOPS, threads)
         there = begun.running
         for name in (*STATE, "held_rows"):

@@ -112,7 +112,7 @@ class TracedSystem:
 
     @property
     def held(self) -> Array | None:
-        """Which components of the grasps it holds through the step, (grasps, 6), if they were chosen."""
+        """Which components of the grasps it holds through the step, if they were chosen; see `held_rows`."""
         return self.given.get("last.held_rows")
 
     def last(self, name: str) -> Array:
