@@ -95,7 +95,7 @@ def forward_dynamics(
     except MethodNotApplicable as cause:
         raise MethodNotApplicable(f"{chosen.name}: {cause}") from cause
     if status is Status.INDETERMINATE_FORCES and held is None:  # beside the constraint no force is free
-        found = indeterminate.with_smallest_forces(motion, found)
+        found = indeterminate.with_smallest_forces(motion, replace(found, rank=regular.rank))
     return _assemble(motion, found, regular, status, chosen.name)
 
 

@@ -54,17 +54,23 @@ def felt_wrenches(motion: ChainMotion, length: float, *, by_joints: bool = True)
     return FeltWrenches((basis @ U) / metric[:, None], rank)
 
 
-def free_wrenches(motion: ChainMotion, length: float) -> Array:
+def free_wrenches(motion: ChainMotion, length: float, rank: int | None = None) -> Array:
     """Return a basis of grasp wrenches that no joint and no object motion feels.
 
     ker (K Omega K^T) = {lambda: J^T K^T lambda = 0 and A^T K^T lambda = 0}, with moments
     measured in newtons by `length` [m].
 
+    Args:
+        motion: the chain.
+        length: of the metric [m].
+        rank: of the constraint, where it is known: a little off the grasps what is felt least is felt all the same.
+
     Returns:
         (6l, k): columns of `FeltWrenches`.
     """
     felt = felt_wrenches(motion, length)
-    return felt.columns[:, felt.rank :]
+    freedoms = motion.chain.contact_freedom_count
+    return felt.columns[:, felt.rank if rank is None else rank - freedoms :]
 
 
 def pattern(motion: ChainMotion, wrenches: Array, length: float) -> str:
@@ -91,7 +97,7 @@ def pattern(motion: ChainMotion, wrenches: Array, length: float) -> str:
 def with_smallest_forces(motion: ChainMotion, found: Solution) -> Solution:
     """Return the solution with the grasp forces of least norm, sum |moment/L|^2 + |force|^2."""
     length = length_scale([c.offset for c in motion.contacts])
-    N = free_wrenches(motion, length)
+    N = free_wrenches(motion, length, None if found.rank is None else int(found.rank))
     metric = np.tile(np.r_[np.full(3, 1 / length), np.ones(3)], len(motion.contacts))
     f = np.concatenate(found.wrenches)
     smallest = f - N @ ((N * metric[:, None]).T @ (metric * f))

@@ -62,7 +62,7 @@ def margin_range(chain: ClosedChain, state: State, result: ForwardResult) -> Mar
     if result.status is not Status.INDETERMINATE_FORCES:
         return MarginRange(now, now, float(now.min(initial=math.inf)))
     motion = chain_at_rest(chain, state)
-    N = free_wrenches(motion, length_scale([c.offset for c in motion.contacts]))
+    N = free_wrenches(motion, length_scale([c.offset for c in motion.contacts]), int(result.rank))
     affine = affine_margins(motion, result.grasp_wrench, N)
     touched = np.array([bool(of_one) and felt_directions(of_one).shape[1] > 0 for of_one in affine])
     best = [largest_least(of_one) if free else value for of_one, free, value in zip(affine, touched, now, strict=True)]

@@ -96,6 +96,7 @@ def _smallest_forces(motion: ChainMotion, x: dict[str, Array]) -> tuple[Array, A
         [x["qdd"][chain.joints[name]] for name in chain.grasps],
         [x["grasp_wrench"][chain.names.index(name)] for name in chain.grasps],
         x["object_acceleration"] - pseudo_gravity(chain),
+        rank=int(x["rank"]),
     )
     whole = chain_solution(motion, with_smallest_forces(motion, found), "auto")
     return whole.grasp_wrench, whole.base_wrench

@@ -1,0 +1,55 @@
+"""Long runs and many mechanisms whose constraint has rows that follow from others everywhere."""
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from tests.oracles.planar_mechanism import random_mechanism
+from tests.simulation.test_overconstrained import MODELS, energy_error, free
+from tests.systems.bricard import bricard, line_symmetric
+
+pytestmark = pytest.mark.long
+
+
+@pytest.mark.parametrize(("rtol", "bound"), [(1e-12, 1e-11), (1e-13, 1e-12)])
+@pytest.mark.parametrize("turns", MODELS)
+def test_bricard(turns, rtol, bound):
+    """Ten seconds, contact frames turned about the hinges in five ways."""
+    chain, state = bricard(turns)
+    run = hf.simulate(chain, state, free, 10.0, 1e-2, scheme="dop853", rtol=rtol)
+    assert run.stopped is None and energy_error(run) <= bound
+    print(f"turns {turns}, rtol {rtol:g}: largest energy error {energy_error(run):.1e} of the kinetic energy")
+
+
+@pytest.mark.parametrize("chunk", range(10))
+def test_line_symmetric_loops(chunk):
+    """Fourth order and closure, 40 random loops a chunk; where the constraint is nearly singular it is said."""
+    orders = []
+    for seed in range(40 * chunk, 40 * chunk + 40):
+        chain, state = line_symmetric(seed)
+        runs = [hf.simulate(chain, state, free, 0.3, step) for step in (6e-3, 3e-3)]
+        if any(run.stopped is not None or run.condition.max() > 1e4 for run in runs):
+            continue
+        errors = [energy_error(run) for run in runs]
+        orders.append(np.log2(errors[0] / errors[1]))
+        assert errors[1] < 1e-12 or orders[-1] > 3.5, seed
+    assert len(orders) >= 35
+    print(f"{len(orders)} of 40 loops, orders {min(orders):.2f} .. {max(orders):.2f}")
+
+
+@pytest.mark.parametrize("chunk", range(10))
+def test_planar_mechanisms(chunk):
+    """As in the complex plane, 20 random mechanisms a chunk."""
+    compared, worst = 0, 0.0
+    for seed in range(20 * chunk, 20 * chunk + 20):
+        mechanism = random_mechanism(seed, ("rigid", "hinge", "ball", "softfinger"))
+        chain, state = mechanism.chain()
+        run = hf.simulate(chain, state, free, 0.2, 5e-3, scheme="dop853", rtol=1e-10)
+        if run.stopped is not None or run.condition.max() > 1e4:
+            continue
+        x, _ = mechanism.after(0.2)
+        error = float(np.abs(run.q[-1] - x[:-3]).max())
+        assert error < 1e-7, seed
+        compared, worst = compared + 1, max(worst, error)
+    assert compared >= 15
+    print(f"{compared} of 20 mechanisms, largest error {worst:.1e} rad")
