@@ -68,9 +68,12 @@ def traced_chain(structure: Structure, given: Given) -> ClosedChain:
     nothing else are of one type then.
     """
     chain = structure.chain
-    arms = {}
+    arms: dict[str, Arm] = {}
+    of_type: dict[str, Arm] = {}  # its constants: the same objects, which are told apart by looking at them once
     for i, (name, arm) in enumerate(chain.arms.items()):
-        made = _with_links(structure, _with_constants(arm), given, chain.joints[name])
+        key = structure.type_of(name)
+        constant = of_type.get(key) or of_type.setdefault(key, _with_constants(arm, structure))
+        made = _with_links(structure, constant, given, chain.joints[name])
         arms[name] = replace(made, base=_pose(given, "base", i), name="")
     held = enumerate(chain.grasps.items() if structure.by_grasp else ())
     grasps = {name: replace(grasp, frame=_pose(given, "grasp", i)) for i, (name, grasp) in held}
@@ -122,23 +125,24 @@ def _pose(given: Given, what: str, i: int) -> Pose:
 
 
 def _with_links(structure: Structure, arm: Arm, given: Given, joints: slice) -> Arm:
-    """Return the arm with links whose inertias are parameters, constants, or do not matter."""
-    if not structure.by_links:
-        return replace(arm, links=(Link(0.0),) * arm.joint_count)
-    if not structure.options.link_inertia:
-        return regrouped(arm)
+    """Return the arm with links whose inertias are parameters, if they are."""
+    if not structure.by_links or not structure.options.link_inertia:
+        return arm
     rows = zip(given["link_mass"][joints], given["link_com"][joints], given["link_inertia"][joints], strict=True)
     links = [replace(Link(0.0, com, I, physical=False), mass=m) for m, com, I in rows]
     return replace(arm, links=tuple(links))
 
 
-def _with_constants(arm: Arm) -> Arm:
+def _with_constants(arm: Arm, structure: Structure) -> Arm:
     """Return the arm with everything that is folded into code as constants, whose products no BLAS rounds.
 
     Names and limits, which no algorithm asks for, are left out: arms that differ in them are of one type.
     """
-    joints, links = [_constant_joint(joint) for joint in arm.joints], [_constant_link(link) for link in arm.links]
-    return replace(arm, joints=joints, links=links, tip=_constant_pose(arm.tip))
+    joints, tip = [_constant_joint(joint) for joint in arm.joints], _constant_pose(arm.tip)
+    if not structure.by_links:
+        return replace(arm, joints=joints, links=(Link(0.0),) * arm.joint_count, tip=tip)
+    made = replace(arm, joints=joints, links=[_constant_link(link) for link in arm.links], tip=tip)
+    return made if structure.options.link_inertia else regrouped(made)
 
 
 def _constant_joint(joint: Joint) -> Joint:

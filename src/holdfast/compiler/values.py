@@ -28,6 +28,7 @@ class Values:
     def __init__(self) -> None:
         self._static: dict[int, tuple[Any, int]] = {}  # by identity, kept alive: the number of its key
         self._numbers: dict[Hashable, int] = {}
+        self._arrays: dict[int, tuple[np.ndarray, Leaf, Hashable]] = {}  # of traced numbers, likewise
         self._open: set[int] = set()  # functions being looked at, which may close over themselves
 
     def leaves(self, value: Any) -> tuple[list[Leaf], Hashable]:
@@ -75,13 +76,16 @@ class Values:
     def _array(self, value: np.ndarray, found: list[Leaf]) -> Hashable:
         if value.dtype != object:
             return (value.shape, value.dtype.str, value.tobytes())
-        places: dict[Node, int] = {}
-        pattern: list[Hashable] = []
-        for x in value.flat:
-            pattern.append(places.setdefault(x, len(places)) if isinstance(x, Node) else self._key(x, found))
-        if places:
-            found.append(tuple(places))
-        return (value.shape, *pattern)
+        known = self._arrays.get(id(value))
+        if known is None:
+            places: dict[Node, int] = {}
+            pattern: list[Hashable] = [value.shape]
+            for x in value.ravel().tolist():
+                pattern.append(places.setdefault(x, len(places)) if isinstance(x, Node) else self._key(x, found))
+            known = self._arrays[id(value)] = (value, tuple(places), tuple(pattern))
+        if known[1]:
+            found.append(known[1])
+        return known[2]
 
     def _function(self, value: types.FunctionType, found: list[Leaf]) -> Hashable:
         if id(value) in self._open:
@@ -94,8 +98,13 @@ class Values:
 
     def replaced(self, value: Any, numbers: Iterable[Mapping[Node, Any]]) -> Any:
         """Return the value with other numbers in the place of its traced ones, given leaf by leaf."""
+        (found,) = self.all_replaced(value, [numbers])
+        return found
+
+    def all_replaced(self, value: Any, numbers: Iterable[Iterable[Mapping[Node, Any]]]) -> list[Any]:
+        """Return the value once for each of several replacements; see `replaced`."""
         self.leaves(value)  # from here on, what holds none is known
-        return self._again(value, iter(numbers))
+        return [self._again(value, iter(of_one)) for of_one in numbers]
 
     def _again(self, value: Any, numbers: Iterator[Mapping[Node, Any]]) -> Any:
         if isinstance(value, Node):
@@ -104,7 +113,7 @@ class Values:
             return value
         if isinstance(value, np.ndarray):
             new = next(numbers)
-            return array_of([new[x] if isinstance(x, Node) else x for x in value.flat], value.shape)
+            return array_of([new[x] if isinstance(x, Node) else x for x in value.ravel().tolist()], value.shape)
         if isinstance(value, types.FunctionType):
             return self._function_again(value, numbers)
         if isinstance(value, types.MethodType):
