@@ -1,4 +1,4 @@
-"""HOLDFAST_CPU: which processor code is made for, and what is refused."""
+"""HOLDFAST_CPU and HOLDFAST_COMPILE: what code is made for and how, and what is refused."""
 
 import re
 from pathlib import Path
@@ -25,10 +25,12 @@ def text(x):
     return x @ x, np.sin(x), x[0] * x[1] - x[2] / x[3]
 
 
+@pytest.mark.parametrize("how", ["full", "quick"])
 @pytest.mark.parametrize("level", RUNNABLE)
-def test_bits(level, monkeypatch):
+def test_bits(level, how, monkeypatch):
     """Alone, in lanes and in tails the interpreter's bits; without an instruction for fma the C library's serves."""
     monkeypatch.setenv("HOLDFAST_CPU", level)
+    monkeypatch.setenv("HOLDFAST_COMPILE", how)
     assert cpu.lanes() == LANES[level] and cpu.has_fma() == (level != "x86-64-v2")
     program = trace(text, [(5,)])
     for fused in (True, False):
@@ -71,6 +73,19 @@ def test_unknown(name, monkeypatch):
     expected = f"expected one of host, x86-64-v2, x86-64-v3, x86-64-v4, got {name!r}. Available on this machine: host"
     with pytest.raises(CompileError, match=re.escape(expected)):
         compile_program(trace(text, [(5,)]))
+
+
+def test_compiled_quickly(monkeypatch, tmp_path):
+    """Other code under another key, and nothing but `quick` and `full`."""
+    monkeypatch.setenv("HOLDFAST_CACHE", str(tmp_path / "cache"))
+    source = "define i64 @run() {\n  ret i64 42\n}"
+    for how, count in (("full", 1), ("quick", 2), ("", 2)):
+        monkeypatch.setenv("HOLDFAST_COMPILE", how)
+        cpu.Code(source, "run", key="one")
+        assert len(list((tmp_path / "cache").iterdir())) == count
+    monkeypatch.setenv("HOLDFAST_COMPILE", "fast")
+    with pytest.raises(CompileError, match="HOLDFAST_COMPILE: expected full or quick, got 'fast'"):
+        cpu.Code(source, "run", key="one")
 
 
 def test_refused_rather_than_an_illegal_instruction(monkeypatch):

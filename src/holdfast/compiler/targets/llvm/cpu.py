@@ -1,7 +1,8 @@
 """LLVM's language to machine code. The only file that loads llvmlite.
 
 `HOLDFAST_CPU` chooses the processor that code is made for: `host` (the default), or one of the levels `x86-64-v2`,
-`x86-64-v3` and `x86-64-v4`, for code that is the same on every machine of a cluster.
+`x86-64-v3` and `x86-64-v4`, for code that is the same on every machine of a cluster. `HOLDFAST_COMPILE=quick` compiles
+everything sooner, to code that runs half as long again; the bits are the same.
 """
 
 from __future__ import annotations
@@ -122,6 +123,7 @@ class Code:
             key: stands for the source on disk; without it, its source does.
             quick: compile sooner what will not run for long.
         """
+        quick = quick or _always_quick()
         made = None if key else _made(source)
         key = cache.key_of(made[0] if made else key, *_fingerprint(quick))
         stored = cache.load(key)
@@ -136,6 +138,18 @@ class Code:
             self._engine.finalize_object()
             self.addresses = {name: self._engine.get_function_address(name) for name in functions}
         self.address: int = self.addresses[functions[0]]
+
+
+def _always_quick() -> bool:
+    """Return whether everything is to be compiled sooner.
+
+    Raises:
+        CompileError: `HOLDFAST_COMPILE` says neither `quick` nor `full`.
+    """
+    how = os.environ.get("HOLDFAST_COMPILE") or "full"
+    if how not in ("full", "quick"):
+        raise CompileError(f"HOLDFAST_COMPILE: expected full or quick, got {how!r}")
+    return how == "quick"
 
 
 def _made(source: Source) -> tuple[str, Notes]:

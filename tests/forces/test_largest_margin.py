@@ -13,7 +13,7 @@ from holdfast.dynamics.rank import constraint_rank
 from holdfast.forces import grasp_margins, largest_margin, margin_range
 from holdfast.model.grasp import WrenchLimits
 from tests.dynamics.problems import motion_of
-from tests.dynamics.test_margin_range import hinged, regrasped
+from tests.forces.test_margin_range import hinged, regrasped
 from tests.simulation.gantries import BLOCK, Friction, squeezed
 from tests.systems import planar_three_arms
 from tests.systems.as_chain import Problem, as_chain
