@@ -154,3 +154,20 @@ def test_a_single_call_beside_the_constraint():
     exact = hf.forward_dynamics(chain, moved, np.zeros(4))
     assert near.rank == exact.rank == 11
     assert np.abs(near.qdd - exact.qdd).max() < 1e-2
+
+
+def test_machine_code_beside_the_constraint():
+    """Single calls raise the same, systems of a batch are INVALID, whichever comes first: never a silent answer."""
+    chain, state = bricard(MODELS[1])
+    moved = hf.simulate(chain, state, free, 0.6, 1e-2).state(-1)
+    given = {"qd": moved.qd, "tau": np.zeros(4), "object_pose": moved.object_pose, "object_twist": moved.object_twist}
+    beside = moved.q + np.array([1e-4, 0, 0, 0])
+    exact = hf.forward_dynamics(chain, moved, np.zeros(4))
+    for known in (None, 11):
+        fast = hf.compile(chain, generic_rank=known)
+        with pytest.raises(hf.StateError, match="12 of 12 here, 11 where they are closed"):
+            fast.forward_dynamics(beside, **given)
+        assert fast.generic_rank == 11
+        many = hf.compile(chain, generic_rank=known).forward_dynamics(np.array([beside, moved.q]), **given)
+        assert [status.name for status in many.status] == ["INVALID", "INDETERMINATE_FORCES"]
+        assert np.isnan(many.qdd[0]).all() and np.abs(many.qdd[1] - exact.qdd).max() < 1e-9

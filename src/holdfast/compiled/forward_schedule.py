@@ -19,6 +19,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array, Scalar, where
 from holdfast.state import Inputs, State
 
+DOUBTFUL = 1e-6  # pivot of a row that may follow from others, in a state beside the grasps
 GUARDED = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench")
 
 
@@ -97,16 +98,19 @@ def solve_with_status(
     if choose:
         motion = replace(motion, generic_rank=generic_rank[()])
     found = sequential(motion, route)
-    status = status_of_rank(found.rank, generic_rank[()], chain.constraint_row_count)
+    status = status_of_rank(found.rank, generic_rank[()], chain.constraint_row_count, found.weakest_pivot)
     whole = chain_solution(motion, found, route)
     return SolutionWithStatus(whole, found.rank, status, 1.0 / found.weakest_pivot, found.held)
 
 
-def status_of_rank(rank: Scalar, generic_rank: Scalar, row_count: int) -> Scalar:
+def status_of_rank(rank: Scalar, generic_rank: Scalar, row_count: int, weakest_pivot: Scalar) -> Scalar:
     """Return the status of a rank, as `compiled.result` numbers them.
 
-    0: all is unique. 1: the rank is constantly low. 2: it is low, and the generic rank is not
-    known (given as -1). 3: it is lower than in general, a singular configuration.
+    0: all is unique. 1: the rank is constantly low. 2: it is low, or full by a pivot that a gap of the
+    grasps might have made, and the generic rank is not known (given as -1). 3: it is lower than in general,
+    a singular configuration. 4: it is higher than in general, as it can be off the grasps only.
     """
-    low = where(generic_rank < 0.0, 2.0, where(rank < generic_rank, 3.0, 1.0))
-    return where(rank < float(row_count), low, 0.0)
+    full = float(row_count)
+    low = where(rank < generic_rank, 3.0, where(rank > generic_rank, 4.0, where(rank < full, 1.0, 0.0)))
+    unknown = where(rank < full, 2.0, where(weakest_pivot < DOUBTFUL, 2.0, 0.0))
+    return where(generic_rank < 0.0, unknown, low)

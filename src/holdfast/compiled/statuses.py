@@ -11,9 +11,8 @@ import numpy as np
 from holdfast.compiled.externals import STATE
 from holdfast.compiled.faults import fault, largest_positions
 from holdfast.compiled.forward_schedule import GUARDED
-from holdfast.compiled.result import INDETERMINATE, INVALID, SINGULAR, UNDECIDED, CompiledResult
+from holdfast.compiled.result import INDETERMINATE, INVALID, OK, SINGULAR, UNDECIDED, CompiledResult
 from holdfast.dynamics import rank
-from holdfast.dynamics.consistency import POSITION_TOLERANCE, closure
 from holdfast.errors import HoldfastError, ModelError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.pose import Pose
@@ -29,8 +28,8 @@ if TYPE_CHECKING:
 def settle(compiled: CompiledChain, found: Mapping[str, Array], result: CompiledResult) -> None:
     """Decide the statuses that machine code left open, for want of the generic rank.
 
-    It is sought near the first of the open systems that is closed, and then remembered. Systems
-    that are not closed have no rank to speak of; among themselves the first one decides.
+    It is sought at the first of the open systems that nearly closes its grasps, and then remembered. Systems
+    that do not have no rank to speak of; among themselves the first one decides.
     """
     status, ranks = np.atleast_1d(result.array("status")), np.atleast_1d(result.array("rank"))
     open_ = np.flatnonzero(status == UNDECIDED)
@@ -38,26 +37,23 @@ def settle(compiled: CompiledChain, found: Mapping[str, Array], result: Compiled
         return
     generic = compiled.generic_rank
     if generic is None:
-        tried = open_[:MOST_TRIED].tolist()
-        row = next((i for i in tried if is_closed(*system(compiled.chain, found, i))), None)
-        first = tried[0] if row is None else row
-        generic = rank.generic_rank_near(*system(compiled.chain, found, first), int(ranks[first]))
-        if row is not None:
+        tried = [system(compiled.chain, found, row) for row in open_[:MOST_TRIED].tolist()]
+        with np.errstate(all="ignore"):
+            near = ((chain, rank.closed_near(chain, state)) for chain, state in tried)
+            closed = next(((chain, there) for chain, there in near if there is not None), None)
+        if closed is None:
+            generic = rank.generic_rank_near(*tried[0], int(ranks[open_[0]]))
+        else:
+            generic = rank.generic_rank_near(*closed, rank.constraint_rank(*closed))
             compiled.know_rank(generic)
-    singular = open_[ranks[open_] < generic]
-    status[open_] = INDETERMINATE
-    status[singular] = SINGULAR
-    if singular.size:
-        for name in GUARDED:
-            x = result.array(name)
-            (x if result.batch is not None else x[None])[singular] = np.nan
-
-
-def is_closed(chain: ClosedChain, state: State) -> bool:
-    """Return whether a state satisfies its grasps' positions."""
-    with np.errstate(all="ignore"):
-        gaps = [gap.position for gap in closure(chain, state).values()]
-    return bool(all(np.abs(gap).max(initial=0.0) <= POSITION_TOLERANCE for gap in gaps))
+    of = ranks[open_]
+    status[open_] = OK if generic == compiled.chain.constraint_row_count else INDETERMINATE
+    status[open_[of < generic]] = SINGULAR
+    status[open_[of > generic]] = INVALID
+    without = open_[of != generic]
+    for name in GUARDED if without.size else ():
+        x = result.array(name)
+        (x if result.batch is not None else x[None])[without] = np.nan
 
 
 def system(chain: ClosedChain, found: Mapping[str, Array], row: int) -> tuple[ClosedChain, State]:
@@ -85,6 +81,8 @@ def require_answer(compiled: CompiledChain, found: Mapping[str, Array], result: 
     if status == SINGULAR:
         rank.status_at(*system(compiled.chain, found, 0), result.rank, compiled.generic_rank)
     if status == INVALID:
+        if compiled.generic_rank is not None and result.rank > compiled.generic_rank:
+            rank.require_trusted(*system(compiled.chain, found, 0), rank.Pivots(result.rank, np.inf))
         raise reason(compiled.chain, found)
 
 
