@@ -47,16 +47,15 @@ def test_printed_figure(converged):
     assert converged.position_gap.max() < 1e-9 and converged.condition.max() < 100
 
 
-@pytest.mark.parametrize("turns", MODELS[:3])
-@pytest.mark.parametrize("controller", [free, FREE], ids=["stagewise", "fused"])
+@pytest.mark.parametrize(("turns", "controller"), [(MODELS[0], FREE), (MODELS[1], free), (MODELS[2], free)])
 def test_order(converged, turns, controller):
     """Fourth order, however the contact frames are turned about the hinges; within 1e-5 in 2 ms steps by far."""
     chain, state = bricard(turns)
-    errors = []
+    errors, there = [], int(np.argmin(np.abs(converged.t - 0.6)))
     for step in (2e-2, 1e-2):
-        run = hf.simulate(chain, state, controller, 1.0, step)
+        run = hf.simulate(chain, state, controller, 0.6, step)
         assert run.stopped is None
-        errors.append(np.abs(run.q[-1] - converged.q[-1]).max())
+        errors.append(np.abs(run.q[-1] - converged.q[there]).max())
     assert np.log2(errors[0] / errors[1]) > 3.8
     assert errors[1] * (2e-3 / 1e-2) ** 4 < 1e-9
 
@@ -65,36 +64,35 @@ def test_order(converged, turns, controller):
 def test_line_symmetric_loops(seed):
     """With a freedom left, energy and closure determine the motion; half the step has a sixteenth of the error."""
     chain, state = line_symmetric(seed)
-    runs = [hf.simulate(chain, state, free, 0.4, step) for step in (8e-3, 4e-3)]
+    runs = [hf.simulate(chain, state, free, 0.24, step) for step in (8e-3, 4e-3)]
     errors = [energy_error(run) for run in runs]
     assert errors[1] < 1e-9 and errors[0] / errors[1] > 2**3.8
     for run in runs:
         assert max(np.abs(gap.position).max() for gap in hf.dynamics.closure(chain, run.state(-1)).values()) < 1e-14
 
 
-@pytest.mark.parametrize("seed", [3, 20, 24])
+@pytest.mark.parametrize("seed", [3, 20])
 def test_planar_mechanisms_in_space(seed):
     """As in the complex plane, where the constraint has no row too many."""
     mechanism = random_mechanism(seed)
     chain, state = mechanism.chain()
-    run = hf.simulate(chain, state, free, 0.25, 2.5e-3)
-    x, u = mechanism.after(0.25)
+    run = hf.simulate(chain, state, free, 0.1, 2.5e-3)
+    x, u = mechanism.after(0.1)
     assert hf.forward_dynamics(chain, state, np.zeros(chain.joint_count)).rank < chain.constraint_row_count
     assert np.abs(run.q[-1] - x[:-3]).max() < 1e-9
     assert np.abs(run.qd[-1] - u[:-3]).max() < 1e-8
 
 
-@pytest.mark.parametrize("seed", [0, 2])
-def test_soft_fingers(seed):
+def test_soft_fingers():
     """Their spin rows follow from the others too, but hold no position: other rows are held in position."""
-    mechanism = random_mechanism(seed, ["softfinger"])
+    mechanism = random_mechanism(0, ["softfinger"])
     chain, state = mechanism.chain()
-    run = hf.simulate(chain, state, free, 0.25, 2.5e-3)
+    run = hf.simulate(chain, state, free, 0.1, 2.5e-3)
     assert run.stopped is None
-    assert np.abs(run.q[-1] - mechanism.after(0.25)[0][:-3]).max() < 1e-7
+    assert np.abs(run.q[-1] - mechanism.after(0.1)[0][:-3]).max() < 1e-8
     rollout = hf.compile_rollout(chain, FREE)
     systems = rollout.start(state.q, state.qd, state.object_pose, state.object_twist)
-    rollout.step(systems, 2.5e-3, steps=100)
+    rollout.step(systems, 2.5e-3, steps=40)
     assert np.abs(systems.q[0] - run.q[-1]).max() < 1e-11
 
 

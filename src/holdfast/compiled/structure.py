@@ -81,18 +81,22 @@ class Structure:
         """Rows of the arms of each type, by a digest of what they share, in order of appearance."""
         found: dict[str, list[int]] = {}
         for row, name in enumerate(self.chain.names):
-            found.setdefault(self.type_of(name), []).append(row)
+            found.setdefault(self.type_of[name], []).append(row)
         return found
 
     @cached_property
     def key(self) -> str:
         """A digest of all that the code depends on: arm types in their order, and the options."""
         names = list(self.types)
-        order = [names.index(self.type_of(name)) for name in self.chain.names]
+        order = [names.index(self.type_of[name]) for name in self.chain.names]
         return _digest([repr((names, order, self.options)).encode()])
 
-    def type_of(self, name: str) -> str:
-        """Return a digest of an arm's type: arms of one type share their code."""
+    @cached_property
+    def type_of(self) -> dict[str, str]:
+        """By arm, a digest of its type: arms of one type share their code."""
+        return {name: self._digest_of(name) for name in self.chain.names}
+
+    def _digest_of(self, name: str) -> str:
         grasp = self.chain.grasps.get(name) if self.by_grasp else None
         kind = _key_of(grasp.of_kind) if grasp else "none"
         folded = _folded(self.chain.arms[name], self.options.link_inertia or not self.by_links)

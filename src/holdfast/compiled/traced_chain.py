@@ -71,7 +71,7 @@ def traced_chain(structure: Structure, given: Given) -> ClosedChain:
     arms: dict[str, Arm] = {}
     of_type: dict[str, Arm] = {}  # its constants: the same objects, which are told apart by looking at them once
     for i, (name, arm) in enumerate(chain.arms.items()):
-        key = structure.type_of(name)
+        key = structure.type_of[name]
         constant = of_type.get(key) or of_type.setdefault(key, _with_constants(arm, structure))
         made = _with_links(structure, constant, given, chain.joints[name])
         arms[name] = replace(made, base=_pose(given, "base", i), name="")
