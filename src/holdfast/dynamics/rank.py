@@ -30,7 +30,7 @@ from holdfast.state import Inputs, State
 
 NEIGHBOURS = 8
 NEIGHBOUR_DISTANCE = 0.1  # rad, or part of the arms' reach
-TANGENT_STEP = 0.05  # the same
+TANGENT_STEPS = (0.05, 0.005, 0.0005)  # the same: near a singular configuration only short ones lead on
 # A row that follows from others has a relative pivot of about gap^2 beside the constraint, gap in m or rad. What is
 # larger than that by far is no such row.
 ROW_PER_GAP = 100.0  # root of the relative pivot, over the gap
@@ -173,17 +173,22 @@ def velocities_are_motions(chain: ClosedChain, state: State) -> bool:
     """Return whether every velocity that the grasps allow begins a motion.
 
     Steps along each allowed velocity and closes the chain again: at a regular point the
-    step survives; where the rank is low only to first order (two arms stretched against
-    each other) it is taken back.
+    step survives, if it is short enough; where the rank is low only to first order (two arms
+    stretched against each other) it is taken back, however short.
     """
     still, sizes = _still(chain, state)
     basis = motion_basis(chain, state) / sizes[:, None]
     basis, _ = np.linalg.qr(basis)
     if not basis.shape[1]:
         return True  # a locked structure has no velocities to test
+    return any(_survive(chain, state, still, sizes, basis, step) for step in TANGENT_STEPS)
+
+
+def _survive(chain: ClosedChain, state: State, still: State, sizes: Array, basis: Array, step: float) -> bool:
+    """Return whether steps of a length along all directions survive closing."""
     kept = []
     for direction in basis.T:
-        there = moved(still, *np.split(TANGENT_STEP * sizes * direction, [chain.joint_count]))
+        there = moved(still, *np.split(step * sizes * direction, [chain.joint_count]))
         try:
             closed = close(chain, there, limits=False)
         except ClosureError:
@@ -191,7 +196,7 @@ def velocities_are_motions(chain: ClosedChain, state: State) -> bool:
         turn = rotation.log(closed.object_frame.R @ state.object_frame.R.T)
         shift = closed.object_pose[4:] - state.object_pose[4:]
         moved_by = np.concatenate([closed.q - state.q, turn, shift]) / sizes
-        kept.append(basis.T @ moved_by / TANGENT_STEP)
+        kept.append(basis.T @ moved_by / step)
     return bool(np.linalg.svd(np.array(kept), compute_uv=False)[-1] > 0.5)
 
 
