@@ -111,6 +111,6 @@ def status_of_rank(rank: Scalar, generic_rank: Scalar, row_count: int, weakest_p
     a singular configuration. 4: it is higher than in general, as it can be off the grasps only.
     """
     full = float(row_count)
-    low = where(rank < generic_rank, 3.0, where(rank > generic_rank, 4.0, where(rank < full, 1.0, 0.0)))
+    known = where(rank < generic_rank, 3.0, where(rank > generic_rank, 4.0, where(rank < full, 1.0, 0.0)))
     unknown = where(rank < full, 2.0, where(weakest_pivot < DOUBTFUL, 2.0, 0.0))
-    return where(generic_rank < 0.0, unknown, low)
+    return where(generic_rank < 0.0, unknown, known)

@@ -13,6 +13,7 @@ from holdfast.compiled.faults import fault, largest_positions
 from holdfast.compiled.forward_schedule import GUARDED
 from holdfast.compiled.result import INDETERMINATE, INVALID, OK, SINGULAR, UNDECIDED, CompiledResult
 from holdfast.dynamics import rank
+from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.errors import HoldfastError, ModelError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.pose import Pose
@@ -82,7 +83,8 @@ def require_answer(compiled: CompiledChain, found: Mapping[str, Array], result: 
         rank.status_at(*system(compiled.chain, found, 0), result.rank, compiled.generic_rank)
     if status == INVALID:
         if compiled.generic_rank is not None and result.rank > compiled.generic_rank:
-            rank.require_trusted(*system(compiled.chain, found, 0), rank.Pivots(result.rank, np.inf))
+            chain, state = system(compiled.chain, found, 0)
+            rank.require_trusted(chain_at_rest(chain, state), state, rank.Pivots(result.rank, np.inf))
         raise reason(compiled.chain, found)
 
 

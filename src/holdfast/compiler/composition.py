@@ -91,9 +91,8 @@ class Composition:
         done = self._traversal(group.region, group, 0, f, items[0], flat[0])
         group.region = done.after
         self._give(group, done.ports, [leaves for leaves, _ in flat])
-        values = self._values.all_replaced(done.value, [repeat(group.images[i]) for i in range(len(order))])
-        for j, value in zip(order, values, strict=True):
-            found[j] = value
+        for i, j in enumerate(order):
+            found[j] = self._values.replaced(done.value, repeat(group.images[i]))
 
     def scan(self, f: Callable[..., Any], carry: Any, items: list[tuple[Any, ...]]) -> tuple[Any, list[Any]]:
         """Return what `scan` does, its regions traced."""

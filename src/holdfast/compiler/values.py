@@ -29,6 +29,7 @@ class Values:
         self._static: dict[int, tuple[Any, int]] = {}  # by identity, kept alive: the number of its key
         self._numbers: dict[Hashable, int] = {}
         self._arrays: dict[int, tuple[np.ndarray, Leaf, Hashable]] = {}  # of traced numbers, likewise
+        self._seen: dict[int, Any] = {}  # values taken apart to be made again, likewise
         self._open: set[int] = set()  # functions being looked at, which may close over themselves
 
     def leaves(self, value: Any) -> tuple[list[Leaf], Hashable]:
@@ -98,13 +99,10 @@ class Values:
 
     def replaced(self, value: Any, numbers: Iterable[Mapping[Node, Any]]) -> Any:
         """Return the value with other numbers in the place of its traced ones, given leaf by leaf."""
-        (found,) = self.all_replaced(value, [numbers])
-        return found
-
-    def all_replaced(self, value: Any, numbers: Iterable[Iterable[Mapping[Node, Any]]]) -> list[Any]:
-        """Return the value once for each of several replacements; see `replaced`."""
-        self.leaves(value)  # from here on, what holds none is known
-        return [self._again(value, iter(of_one)) for of_one in numbers]
+        if id(value) not in self._seen:
+            self.leaves(value)  # from here on, what holds none is known
+            self._seen[id(value)] = value
+        return self._again(value, iter(numbers))
 
     def _again(self, value: Any, numbers: Iterator[Mapping[Node, Any]]) -> Any:
         if isinstance(value, Node):

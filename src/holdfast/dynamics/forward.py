@@ -88,7 +88,7 @@ def forward_dynamics(
         _require_inertia(name, pivots)
     _require_finite(regular)
     if held is None and motion.generic_rank is None:
-        rank.require_trusted(chain, state, rank.Pivots(int(regular.rank), 1.0 / float(regular.weakest_pivot)))
+        rank.require_trusted(motion, state, rank.Pivots(int(regular.rank), 1.0 / float(regular.weakest_pivot)))
     status = rank.status_at(chain, state, int(regular.rank), generic_rank)
     try:  # without a grasp there is nothing to solve for: object and arms are alone
         found = regular if chosen.solve is sequential or not chain.grasps else chosen.solve(motion)

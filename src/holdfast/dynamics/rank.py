@@ -7,17 +7,18 @@ configuration is singular, and the pointwise answer is not the trajectory's.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.closed.chain_motion import chain_at_rest
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
 from holdfast.dynamics.closed.object_filter import object_filter
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.closed.tip_response import tip_response
 from holdfast.dynamics.closing import close
-from holdfast.dynamics.consistency import closure
+from holdfast.dynamics.consistency import GraspResidual, residuals
 from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.dynamics.object_level import motion_basis
 from holdfast.dynamics.projection import CLOSED, FARTHEST, moved
@@ -106,7 +107,7 @@ def closed_near(chain: ClosedChain, state: State, inputs: Inputs | None = None) 
         state: near the grasps.
         inputs: base motion, if the bases move.
     """
-    if not _largest_gap(chain, state) <= FARTHEST:
+    if not _largest_gap(residuals(chain_at_rest(chain, state), state)) <= FARTHEST:
         return None
     try:
         return close(chain, state, limits=False, inputs=inputs)
@@ -114,11 +115,11 @@ def closed_near(chain: ClosedChain, state: State, inputs: Inputs | None = None) 
         return None
 
 
-def require_trusted(chain: ClosedChain, state: State, found: Pivots) -> None:
+def require_trusted(motion: ChainMotion, state: State, found: Pivots) -> None:
     """Refuse a rank that was found beside the constraint, if it is another on it.
 
     Args:
-        chain: the chain.
+        motion: the chain there.
         state: where it was found.
         found: what was found.
 
@@ -127,7 +128,7 @@ def require_trusted(chain: ClosedChain, state: State, found: Pivots) -> None:
     """
     if found.condition * SUSPECT_GAP**2 < 1.0:
         return  # a gap that could do this is refused, or seen, elsewhere
-    gap = _largest_gap(chain, state)
+    gap, chain = _largest_gap(residuals(motion, state)), motion.chain
     if gap <= CLOSED or found.condition * (ROW_PER_GAP * gap) ** 2 < 1.0:
         return
     closed = closed_near(chain, state)
@@ -140,10 +141,9 @@ def require_trusted(chain: ClosedChain, state: State, found: Pivots) -> None:
         )
 
 
-def _largest_gap(chain: ClosedChain, state: State) -> float:
+def _largest_gap(gaps: Mapping[str, GraspResidual]) -> float:
     """Return the largest position gap of any grasp [m or rad]."""
-    gaps = [gap.position for gap in closure(chain, state).values()]
-    return max((float(np.abs(gap).max()) for gap in gaps), default=0.0)
+    return max((float(np.abs(gap.position).max()) for gap in gaps.values()), default=0.0)
 
 
 def generic_rank_near(chain: ClosedChain, state: State, here: int) -> int:

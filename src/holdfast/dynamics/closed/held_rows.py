@@ -12,19 +12,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.object_filter import ObjectSolution, object_filter
 from holdfast.dynamics.closed.object_motion import FreeBody
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.scalar import Array, Scalar, array, select, where
-
-if TYPE_CHECKING:
-    from holdfast.dynamics.closed.chain_motion import ChainMotion
 
 # Relative pivots below which a row is passed over, as long as enough rows are left: rows far from dependent are held
 # rather than weak ones, which soon would be.
