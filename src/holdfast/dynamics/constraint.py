@@ -15,7 +15,7 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import twist_shift
 
-SMALLEST_LENGTH = 1e-3  # m: contacts closer together than this set no scale
+SMALLEST_LENGTH = 1e-3  # m: what is smaller sets no scale
 
 
 class ConstraintRows(NamedTuple):
@@ -35,10 +35,12 @@ class ConstraintRows(NamedTuple):
 def coordinate_sizes(motion: ChainMotion) -> Array:
     """Return what counts as one unit of each joint and of [turn; shift] of the object, (n + 6,).
 
-    1 rad for what turns; for what slides the longest reach of an arm [m], so that no step,
-    norm or rank depends on the unit of length.
+    1 rad for what turns; for what slides the longest reach of an arm, or of the object to a grasp if that is longer
+    [m], so that no step, norm or rank depends on the unit of length.
     """
-    length = max(float(np.linalg.norm(r)) for arm in motion.arms.values() for r in arm.at.reach) or 1.0
+    reach = [r for arm in motion.arms.values() for r in arm.at.reach] + [c.offset for c in motion.contacts]
+    length = max(float(np.linalg.norm(r)) for r in reach)
+    length = length if length > SMALLEST_LENGTH else 1.0
     joints = [1.0 if joint.turns else length for arm in motion.chain.arms.values() for joint in arm.joints]
     return np.array([*joints, 1.0, 1.0, 1.0, length, length, length])
 

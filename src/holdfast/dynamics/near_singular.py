@@ -14,7 +14,7 @@ import numpy as np
 
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.arm.posture import Posture, posture
-from holdfast.dynamics.closed.chain_motion import chain_at_rest
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
 from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.indeterminate import felt_wrenches, pattern
 from holdfast.dynamics.lost_direction import LOST, described, tip_directions
@@ -28,6 +28,8 @@ from holdfast.state import State
 
 NEARING = 0.07  # s: runs into a singularity pass it 50 ms or more before joint rates and forces explode
 NEAR = 0.03  # s: about 20 ms before
+STRENGTH_LOST = 5.0  # s at most, per radian that a joint turns, or part of the reach that it slides
+LOST_BY_ARM = 1e-6  # s: lost, at a posture that is known to 1e-9 s
 POSTURES_TRIED = 4  # for an arm's generic rank
 
 
@@ -71,21 +73,46 @@ def chain_strength(condition: Array) -> Array:
 def nearly_lost(chain: ClosedChain, state: State, limit: float = NEAR) -> list[str]:
     """Return in words what a chain and its arms have nearly lost: all with s <= limit, the chain's first."""
     motion = chain_at_rest(chain, state)
-    found = []
     condition = constraint_pivots(chain, state).condition
+    found = []
     if chain_strength(np.array(condition)) <= limit:
         length = length_scale([c.offset for c in motion.contacts])
         felt = felt_wrenches(motion, length)
-        weakest = felt.columns[:, felt.rank - 1].reshape(-1, 6)
-        largest = np.abs(weakest * np.r_[np.full(3, 1 / length), np.ones(3)]).max()
-        words = pattern(motion, weakest / largest, length)
+        words = _felt(motion, felt.columns[:, felt.rank - 1], length)
         found.append(f"{words} is hardly felt by any joint or the object (condition {condition:.1e})")
-    for (name, grasp), c in zip(chain.grasps.items(), motion.contacts, strict=True):
+    return found + lost_by_arms(motion, limit)
+
+
+def lost_at(motion: ChainMotion, rank: int, generic_rank: int) -> list[str]:
+    """Return in words what is lost at a singular posture, the loads first that nothing feels there.
+
+    Args:
+        motion: the chain there.
+        rank: of K [J, -A].
+        generic_rank: of the same, away from there.
+    """
+    length = length_scale([c.offset for c in motion.contacts])
+    columns = felt_wrenches(motion, length).columns[:, rank:generic_rank]
+    loads = [f"{_felt(motion, column, length)} is felt by no joint and not by the object" for column in columns.T]
+    return loads + lost_by_arms(motion, LOST_BY_ARM)
+
+
+def lost_by_arms(motion: ChainMotion, limit: float) -> list[str]:
+    """Return in words the tip directions that arms have nearly lost, those with s <= limit."""
+    found = []
+    for (name, grasp), c in zip(motion.chain.grasps.items(), motion.contacts, strict=True):
         arm = motion.arms[name]
         tip = tip_directions(c.K, jacobian(arm.arm, arm.at))
-        rank = generic_tip_rank(chain.arms[name], grasp)
+        rank = generic_tip_rank(motion.chain.arms[name], grasp)
         for k in reversed(range(rank)):
             if tip.strengths[k] <= limit:
                 strength = float(tip.strengths[k])
                 found.append(described(name, tip, c.K, tip.screws[:, k], arm.at.tip.p, strength).words)
     return found
+
+
+def _felt(motion: ChainMotion, wrenches: Array, length: float) -> str:
+    """Return a pattern of grasp wrenches in words, whatever its size."""
+    each = wrenches.reshape(-1, 6)
+    largest = np.abs(each * np.r_[np.full(3, 1 / length), np.ones(3)]).max()
+    return pattern(motion, each / largest, length)

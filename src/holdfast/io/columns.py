@@ -117,6 +117,7 @@ UNIT = {"impact": "J"}  # of numbers whose entry in `UNITS` is a sentence
 
 TEXTS = ("kind", "name", "text", "quantity")
 NUMBERS = {"t": "s", "lowest": "SI", "lowest_time": "s", "energy_change": "J"}  # lowest is of the quantity's unit
+NUMBERS |= {"rank": NO_UNIT, "generic_rank": NO_UNIT}
 IMPULSES = ("impulses", "base_impulses")
 
 Cell = str | float | None

@@ -34,6 +34,7 @@ LARGEST = 1e9
 LARGEST_FILE = 2 * 2**20  # [bytes]; seconds of reading
 DEEPEST = 20  # levels; a scene needs seven
 MOST_ARMS, MOST_JOINTS = 64, 1000
+OPTIONS = ("on_slip", "on_limit", "on_singular", "scheme", "rtol", "atol", "largest_drift")  # passed on to `simulate`
 ARM_NAME = re.compile(r"\w[\w.-]{0,63}")
 
 
@@ -205,7 +206,7 @@ def build_options(data: SceneData, chain: ClosedChain, at: Location) -> dict[str
         "inputs": pushed if data.wrenches else None,
         # a base that has set out moves on with another jerk
         "breakpoints": [*how.breakpoints, *pushed.breakpoints, *(base.smooth_start for base in swaying.values())],
-        **{name: getattr(how, name) for name in ("on_slip", "on_limit", "scheme", "rtol", "atol", "largest_drift")},
+        **{name: getattr(how, name) for name in OPTIONS},
     }
 
 

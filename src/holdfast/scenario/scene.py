@@ -9,7 +9,7 @@ import msgspec
 from holdfast.model.closed_chain import STANDARD_GRAVITY
 from holdfast.model.grasp import GraspName
 from holdfast.simulation.adaptive import RTOL
-from holdfast.simulation.margins import OnLimit, OnSlip
+from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -195,6 +195,7 @@ class SimulationData(_Strict):
     largest_drift: float | None = None
     on_slip: OnSlip = "stop"
     on_limit: OnLimit = "record"
+    on_singular: OnSingular = "stop"
     breakpoints: list[float] = []
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -129,7 +129,13 @@ def smallest_step(t: float) -> float:
     return max(SMALLEST_STEP, 16 * float(np.spacing(abs(t))))
 
 
-def next_step(stepper: Stepper, now: Instant, proposed: Proposal, latest: float) -> tuple[Advance, Proposal]:
+def next_step(
+    stepper: Stepper,
+    now: Instant,
+    proposed: Proposal,
+    latest: float,
+    placed: Callable[[float], float] | None = None,
+) -> tuple[Advance, Proposal]:
     """Return the next accepted step and the proposal for the one after it.
 
     A step that fails, or whose error is above the tolerance, is tried again, shorter. The
@@ -141,6 +147,7 @@ def next_step(stepper: Stepper, now: Instant, proposed: Proposal, latest: float)
         now: the last accepted instant.
         proposed: from `first_proposal` or the call before.
         latest: time not to be stepped over [s].
+        placed: what length a step is to have instead of the one that it might have [s]; at most that.
 
     Raises:
         StateError: at the shortest step the error is still too large, naming the time.
@@ -154,6 +161,8 @@ def next_step(stepper: Stepper, now: Instant, proposed: Proposal, latest: float)
         raise ModelError(f"adaptive: latest: expected a time after t = {now.t:.9g} s, got {latest:.9g} s")
     pieces = math.ceil(room / proposed.step * (1 - 1e-9))
     step, rejected = (room / pieces if pieces <= 2 else proposed.step), False
+    if placed is not None:
+        step = placed(min(proposed.step, room))
     while True:
         (reached,) = stepper.advance(now, [latest if step >= room else now.t + step])
         error = reached.error if reached.failure is None else math.nan
@@ -164,7 +173,7 @@ def next_step(stepper: Stepper, now: Instant, proposed: Proposal, latest: float)
             return reached, Proposal(min(step, proposal) if rejected else proposal, max(error, SMALLEST_ERROR))
         if proposal < smallest_step(now.t):
             raise _stuck(now.t, reached)
-        step, rejected = proposal, True
+        step, rejected = (proposal if placed is None else placed(min(proposal, room))), True
 
 
 def _stuck(t: float, reached: Advance) -> HoldfastError:

@@ -105,24 +105,28 @@ def giving_way(grasp: Grasp, wrench: Array) -> str:
 
 OnSlip = Literal["stop", "record", "release"]
 OnLimit = Literal["record", "stop"]
+OnSingular = Literal["stop", "continue"]
 
 
 @dataclass(frozen=True)
 class Policy:
-    """What is done about violations.
+    """What is done about violations and singular postures.
 
     Attributes:
         on_slip: about a grasp that cannot hold: "stop" the run there; "record" it and go on as if it
             held; "release" it: the grasp opens and the arm goes on free.
         on_limit: about a joint beyond a limit: "record" or "stop".
+        on_singular: about a posture where the constraint loses rank: "stop" the run before it, or "continue" through
+            it where only one motion with continuous velocities leads on.
     """
 
     on_slip: OnSlip = "stop"
     on_limit: OnLimit = "record"
+    on_singular: OnSingular = "stop"
 
     def __post_init__(self) -> None:
-        for name, known in (("on_slip", get_args(OnSlip)), ("on_limit", get_args(OnLimit))):
-            given = getattr(self, name)
+        for name, choices in (("on_slip", OnSlip), ("on_limit", OnLimit), ("on_singular", OnSingular)):
+            given, known = getattr(self, name), get_args(choices)
             if given not in known:
                 raise ModelError(
                     f"simulation: {name}: expected one of {', '.join(known)}, got {given!r}."

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from holdfast.errors import StateError
+from holdfast.errors import HoldfastError, StateError
 from holdfast.simulation.adaptive import first_proposal, next_step
+from holdfast.simulation.adaptive_parts import halves_agree
 from holdfast.simulation.balance import Sums
 from holdfast.simulation.checkpoint import Checkpoint, Origin
 from holdfast.simulation.confirmation import Window, explained, require_shown, too_long
@@ -17,9 +18,20 @@ from holdfast.simulation.events import Attach, happen
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
 from holdfast.simulation.segment import RunSettings, Segment, first_segment, resumed_segment, segment_with
+from holdfast.simulation.singular_posture import (
+    CLOSED,
+    SingularPosture,
+    length_before,
+    length_through,
+    may_be_unresolved,
+    may_lose_rank,
+    posture_ahead,
+    postures_passed,
+    time_left,
+)
 from holdfast.simulation.stability import elsewhere, require_followed
 from holdfast.simulation.step import Gaps
-from holdfast.simulation.stepper import NO_GAPS, Advance
+from holdfast.simulation.stepper import NO_GAPS, Advance, Stepper
 from holdfast.simulation.stops import just_after
 from holdfast.simulation.trajectory import Occurrence
 from holdfast.simulation.verification import MarginCurves, StepMargins, look_times, verify
@@ -42,6 +54,7 @@ class RunState:
         gaps: what projection found and left.
         times: (looks,) at which margins were looked at since the instant before [s].
         margins: (looks, signals) then; the last are those of now.
+        ended: why the run ends here, if it does.
     """
 
     segment: Segment
@@ -51,6 +64,7 @@ class RunState:
     gaps: Gaps
     times: Array
     margins: Array
+    ended: str | None = None
 
     def violated(self) -> int | None:
         """Return the signal most below zero, of those that a run does not go on with."""
@@ -103,6 +117,8 @@ def next_state(at: RunState) -> RunState | str | None:
         HoldfastError: the chain cannot go on.
     """
     settings, signals, saved = at.segment.settings, at.segment.signals, at.checkpoint
+    if at.ended is not None:
+        return at.ended
     signal = at.violated()
     if signal is not None:
         if signals.quantities[signal] == "grasp" and settings.policy.on_slip == "release":
@@ -120,13 +136,137 @@ def next_state(at: RunState) -> RunState | str | None:
 
 
 def _stepped(at: RunState) -> RunState:
-    """Return the run after a step, to the next stop or to where a margin becomes negative that acts."""
+    """Return the run after a step, or at its end where it may not go through a singular posture on the way."""
+    segment, now, settings = at.segment, at.now, at.segment.settings
+    until = float(settings.stops.times[at.checkpoint.stop])
+    goes_on = settings.policy.on_singular == "continue"
+    proposal = at.checkpoint.proposal
+    step = settings.longest_step if proposal is None else proposal.step
+    left = time_left(segment, now, step) if goes_on else None
+    if left is not None and (proposal is not None or left <= 1.5 * step):  # no step is to end beside it
+        return _towards(at, left, step)
+    later, posture = _step_and_posture(at, until)
+    if posture is None:
+        assert later is not None
+        return later
+    if goes_on and posture.unique:
+        return _towards(at, posture.t - now.t, step)
+    return _ended(at, posture)
+
+
+def _step_and_posture(at: RunState, until: float) -> tuple[RunState | None, SingularPosture | None]:
+    """Return the run after a step, if there is one, and the first singular posture on its way.
+
+    A fixed step near a singular posture that is too long for the motion there is taken in parts.
+    """
+    segment, now = at.segment, at.now
+    later, failure = None, None
+    try:
+        later = _step_to(at, until)
+        posture = _first_posture(segment, now, later.now)
+    except HoldfastError as cause:
+        failure, posture = cause, posture_ahead(segment, now, until)
+    leaps = posture is not None and posture.gap > CLOSED
+    if (posture is None or leaps) and not segment.settings.scheme.adaptive and _unresolved(at, until, later, leaps):
+        try:
+            later = _step_to(at, until, stepper=segment.adaptive_parts)
+        except HoldfastError as cause:
+            failure = failure or cause
+        else:
+            return later, _first_posture(segment, now, later.now)
+    if failure is not None and posture is None:
+        raise failure
+    return later, posture
+
+
+def _first_posture(segment: Segment, now: Instant, later: Instant) -> SingularPosture | None:
+    """Return the first singular posture between two instants."""
+    return next(iter(postures_passed(segment, now, later)), None)
+
+
+def _unresolved(at: RunState, until: float, later: RunState | None, leaps: bool) -> bool:
+    """Return whether a fixed step is too long for the motion near a singular posture.
+
+    Args:
+        at: the run.
+        until: the step's end [s].
+        later: the run then; None if the step fails.
+        leaps: whether it leads from one branch of the motion to another.
+    """
+    if later is None:
+        return may_lose_rank(at.now, until)
+    return may_be_unresolved(at.now, later.now) and (leaps or not halves_agree(at.segment.stepper, at.now, later.now))
+
+
+def _towards(at: RunState, left: float, step: float) -> RunState:
+    """Return the run after a step to a place beside a singular posture, or through it.
+
+    Args:
+        at: the run.
+        left: how long it takes to get to the posture [s].
+        step: a step as long as it may be [s].
+    """
+    now, segment = at.now, at.segment
+    if length_before(left, step) is not None:
+        if at.checkpoint.proposal is None:
+            return _step_to(at, now.t + left - 0.5 * step)
+        return _step_to(at, _latest(at), lambda tried: length_before(left, tried) or tried)
+    until = min(now.t + length_through(left, step), _latest(at))
+    later = _step_to(at, until, stepper=segment.collocation)
+    passed = postures_passed(segment, now, later.now)  # none where the motion turned before it
+    branching = [posture for posture in passed if not posture.unique]
+    return _ended(at, branching[0]) if branching else _passed(at, later, passed)
+
+
+def _latest(at: RunState) -> float:
+    """Return the time that no step may go beyond: of the next jump, or the run's end [s]."""
+    times, jumps = at.segment.settings.stops
+    jumping = np.flatnonzero(jumps[at.checkpoint.stop :])
+    return float(times[at.checkpoint.stop + jumping[0] - 1] if len(jumping) else times[-1])
+
+
+def _passed(at: RunState, later: RunState, postures: Sequence[SingularPosture]) -> RunState:
+    """Return the run after a step through singular postures."""
+    before, after = (one.checkpoint.occurrences for one in (at, later))
+    crossed = [posture.occurrence("passes a singular posture") for posture in postures]
+    news = sorted([*after[len(before) :], *crossed], key=lambda one: one.t)
+    return replace(later, checkpoint=replace(later.checkpoint, occurrences=(*before, *news)))
+
+
+def _ended(at: RunState, posture: SingularPosture) -> RunState:
+    """Return the run as it ends before a singular posture."""
+    occurrence = posture.occurrence("stops before a singular posture")
+    saved = replace(at.checkpoint, occurrences=(*at.checkpoint.occurrences, occurrence))
+    where = f"stopped after t = {at.now.t:.6g} s, before a singular posture at t = {posture.t:.9g} s"
+    return replace(at, checkpoint=saved, ended=f"{where}: {posture.text}{_branches(at, posture)}")
+
+
+def _branches(at: RunState, posture: SingularPosture) -> str:
+    """Return why a run that may go on through singular postures does not."""
+    if posture.unique or at.segment.settings.policy.on_singular == "stop":
+        return ""
+    if posture.gap > CLOSED:
+        return f". The grasps would be open by {posture.gap:.3g} (m or rad) there: try smaller steps"
+    return ". The constraint has its rank again on the same side: more than one motion leads on from there"
+
+
+def _step_to(
+    at: RunState, until: float, placed: Callable[[float], float] | None = None, stepper: Stepper | None = None
+) -> RunState:
+    """Return the run after a step, to a time or to where a margin becomes negative that acts.
+
+    Args:
+        at: the run.
+        until: the step's end, or of an adaptive scheme a time not to be stepped over [s].
+        placed: lengths of adaptive steps, as for `next_step`.
+        stepper: takes the step in the place of the scheme's.
+    """
     segment, now, saved = at.segment, at.now, at.checkpoint
     settings, signals = segment.settings, segment.signals
-    next_stop = until = float(settings.stops.times[saved.stop])
-    proposal, curves = saved.proposal, _margin_curves(at)
-    if proposal is not None:
-        reached, proposal = next_step(segment.stepper, now, proposal, until)
+    next_stop = float(settings.stops.times[saved.stop])
+    proposal, curves = saved.proposal, _margin_curves(at, stepper or segment.stepper)
+    if proposal is not None and stepper is None:
+        reached, proposal = next_step(segment.stepper, now, proposal, until, placed)
         assert reached.instant is not None
         curves.advances[reached.t] = reached
         curves.margins[reached.t] = segment.margins(reached.instant)
@@ -179,9 +319,9 @@ def _require_step(at: RunState, found: StepMargins, until: float) -> None:
         require_followed(end.instant.chain, state, settings.longest_step, settings.scheme)
 
 
-def _margin_curves(at: RunState) -> MarginCurves:
-    """Return the margins about now, so far as they are known."""
-    stepper, now = at.segment.stepper, at.now
+def _margin_curves(at: RunState, stepper: Stepper) -> MarginCurves:
+    """Return the margins about now, so far as they are known; what a stepper leads to comes next."""
+    now = at.now
 
     def reach(times: Sequence[float]) -> list[Advance]:
         before = [t for t in times if t < now.t]
@@ -189,7 +329,7 @@ def _margin_curves(at: RunState) -> MarginCurves:
         found = []
         if before:
             assert at.previous is not None
-            found += stepper.advance(at.previous, before)
+            found += at.segment.stepper.advance(at.previous, before)
         return found + (stepper.advance(now, after) if after else [])
 
     known = {now.t: at.margins[-1]}

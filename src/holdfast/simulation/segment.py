@@ -14,7 +14,9 @@ from holdfast.dynamics.consistency import require_closed
 from holdfast.dynamics.rank import closed_near
 from holdfast.model.grasp import Grasp
 from holdfast.simulation.adaptive import Tolerance
+from holdfast.simulation.adaptive_parts import AdaptivePartsStepper
 from holdfast.simulation.checkpoint import Origin
+from holdfast.simulation.collocation import CollocationStepper
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.events import Event
 from holdfast.simulation.instant import Instant, evaluate
@@ -53,6 +55,11 @@ class RunSettings:
     events: list[Event]
     stops: Stops
 
+    @property
+    def end(self) -> float:
+        """When the run ends [s]."""
+        return float(self.stops.times[-1])
+
     @cached_property
     def longest_step(self) -> float:
         """The longest step that a scheme of fixed steps takes [s]."""
@@ -84,6 +91,16 @@ class Segment:
         if run.scheme.adaptive or run.largest_drift is None:
             return whole
         return SubdividingStepper(whole, run.largest_drift)
+
+    @cached_property
+    def collocation(self) -> CollocationStepper:
+        """What takes the steps through singular postures."""
+        return CollocationStepper(self.environment, self.controller, self.generic_rank)
+
+    @cached_property
+    def adaptive_parts(self) -> AdaptivePartsStepper:
+        """What takes fixed steps that are too long near a singular posture."""
+        return AdaptivePartsStepper(self.environment, self.controller, self.generic_rank)
 
     @cached_property
     def signals(self) -> Signals:

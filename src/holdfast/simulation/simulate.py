@@ -18,7 +18,7 @@ from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.events import Event, in_order
 from holdfast.simulation.instant import Instant
-from holdfast.simulation.margins import OnLimit, OnSlip, Policy
+from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip, Policy
 from holdfast.simulation.rollout.compiled_steppers import stepper_for
 from holdfast.simulation.run_state import RunState, next_state, resumed_run, start_of_run
 from holdfast.simulation.runge_kutta import scheme as scheme_named
@@ -43,6 +43,7 @@ def simulate(
     breakpoints: Iterable[float] = (),
     on_slip: OnSlip = "stop",
     on_limit: OnLimit = "record",
+    on_singular: OnSingular = "stop",
     scheme: str = "rk4",
     rtol: float = RTOL,
     atol: float | None = None,
@@ -77,6 +78,8 @@ def simulate(
         on_slip: what is done about a grasp that cannot hold: "stop", "record" (and go on as if it held), or
             "release" (it opens; velocities go on).
         on_limit: what is done about a joint beyond a limit: "record" or "stop".
+        on_singular: what is done about a singular posture on the way: "stop" before it, or "continue" through it
+            where only one motion with continuous velocities leads on; steps then end beside it.
         scheme: "rk4", "midpoint" or "dop853" (adaptive, order 8).
         rtol: relative tolerance of an adaptive scheme, see `adaptive.Tolerance`.
         atol: absolute tolerance.
@@ -108,7 +111,7 @@ def simulate(
     jumps = [*breakpoints, *getattr(controller, "breakpoints", ())]
     ends = stops(grid, jumps, [one.t for one in ordered], ALIKE * step)
     environment = Environment(chain, {} if base_motion is None else base_motion, Inputs() if inputs is None else inputs)
-    policy, tolerance = Policy(on_slip, on_limit), Tolerance(rtol, atol)
+    policy, tolerance = Policy(on_slip, on_limit, on_singular), Tolerance(rtol, atol)
     make = make_stepper or partial(stepper_for, steps=len(grid) - 1)
     limit = None if largest_drift is None else checks.number(largest_drift, "simulation: largest_drift", above=0.0)
     settings = RunSettings(environment, controller, make, named, tolerance, limit, policy, ordered, ends)

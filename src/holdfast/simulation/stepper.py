@@ -220,5 +220,10 @@ def in_parts(stepper: Stepper, now: Instant, until: float, parts: int) -> Advanc
             return replace(part, t=until)
         at = replace(part.instant, memory=now.memory)
         done.append(part)
-    gaps = [np.max([getattr(part.gaps, kind) for part in done], axis=0) for kind in ("position", "velocity")]
-    return replace(done[-1], gaps=Gaps(*gaps), work=np.sum([part.work for part in done], axis=0))
+    return together(done)
+
+
+def together(parts: Sequence[Advance]) -> Advance:
+    """Return parts of a step as one: the last one's end, the largest gaps, all the work."""
+    gaps = [np.max([getattr(part.gaps, kind) for part in parts], axis=0) for kind in ("position", "velocity")]
+    return replace(parts[-1], gaps=Gaps(*gaps), work=np.sum([part.work for part in parts], axis=0))

@@ -16,7 +16,7 @@ from holdfast.spatial.rotation import quaternion_product
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-Kind = Literal["attach", "release", "violation", "recovery"]
+Kind = Literal["attach", "release", "violation", "recovery", "singular"]
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,8 @@ class Occurrence:
     Attributes:
         t: when [s].
         kind: "attach" and "release" of a grasp; "violation", a margin that becomes negative, and
-            "recovery", where it no longer is.
-        name: the arm, or 'arm/joint'.
+            "recovery", where it no longer is; "singular", a posture where the grasp constraint loses rank.
+        name: the arm, or 'arm/joint'; of a singular posture "grasps".
         text: what happened.
         quantity: of a violation or recovery, what was passed: "grasp", "position", "rate", "effort".
         lowest: of a recovery, the lowest margin since the violation [N; rad or m; rad/s or m/s; N m or N].
@@ -36,6 +36,9 @@ class Occurrence:
             point, world axes [N m s, N s].
         base_impulses: of an attach, (arms, 6) of the base on each arm about the base origin.
         energy_change: of an attach, of the kinetic energy [J].
+        rank: of a singular posture, of the grasp constraint there.
+        generic_rank: of a singular posture, of the constraint before and after.
+        lost: of a singular posture, in words, the loads that nothing feels there and the directions that arms lose.
     """
 
     t: float
@@ -48,6 +51,9 @@ class Occurrence:
     impulses: tuple[tuple[float, ...], ...] = ()
     base_impulses: tuple[tuple[float, ...], ...] = ()
     energy_change: float = 0.0
+    rank: int | None = None
+    generic_rank: int | None = None
+    lost: tuple[str, ...] = ()
 
 
 class Knot(NamedTuple):

@@ -30,7 +30,7 @@ from holdfast.simulation.rollout.user_functions import Motions
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.spatial.scalar import Array
 
-STEP_INPUTS = ("begin", "step", "held", "least_margin", "least_joint_margin")
+STEP_INPUTS = ("begin", "step", "held", "least_margin", "least_joint_margin", "search")
 PARAMETERS = ("gravity", "generic_rank", "object_mass", "object_com", "object_inertia", "base_R", "base_p")
 
 
@@ -131,7 +131,8 @@ class StepKernel:
         own = parameters_of(chain, generic_rank) | {"contact": _contact(chain), "limits": np.array(joint_limits(chain))}
         self.parameters = {name: own[name] for name, e in externals.items() if e.role == "parameter"}
         none = np.array(-np.inf)
-        self._defaults: Systems = {"least_margin": none, "least_joint_margin": none, "keep_rows": np.array(0.0)}
+        self._defaults: Systems = {"least_margin": none, "least_joint_margin": none}
+        self._defaults |= {"keep_rows": np.array(0.0), "search": np.array(1.0)}
         self._layout = [(name, e.size, len(e.shape)) for name, e in externals.items()]
 
     def systems(self, state: Mapping[str, Array], memory: Array | None = None, count: int | None = None) -> Systems:
@@ -169,7 +170,7 @@ class StepKernel:
         Args:
             systems: as `systems` returns them (see `require_own`); their slopes must be found under the same inputs.
             inputs: of the inputs' shapes, shared by all systems, or with a leading axis; no margin stops a system
-                unless one is given.
+                unless one is given. What passes a singular posture is stopped unless "search" is 0.
             parameters: likewise, where they differ from the chain's own.
             repeats: steps.
             threads: how many share the systems.

@@ -10,9 +10,10 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from holdfast.dynamics.near_singular import chain_strength
 from holdfast.simulation.confirmation import PARTS, ROUNDING, SHARE
 from holdfast.simulation.rollout.systems import RolloutSystems
-from holdfast.simulation.rollout.traced_step import LIMITED, OPEN, SINGULAR
+from holdfast.simulation.rollout.traced_step import BESIDE, LIMITED, OPEN, SINGULAR
 from holdfast.simulation.stepper import MOST_PARTS, parts_needed
 from holdfast.spatial.scalar import Array
 
@@ -88,7 +89,9 @@ def contradicted(
         for systems in shorter:
             m = np.where(fallen, _margins(systems, kind), 0.0)
             found |= shown & (~systems.running | ~(np.abs(m - m1) <= allowed).all(axis=1))
-    return found | ((code == SINGULAR) & np.all([systems.running for systems in shorter], axis=0))
+    ends = np.array([chain_strength(systems.arrays["condition"]) for systems in (begin, shorter[-1])])
+    beside = ends.min(axis=0) < BESIDE * ends.sum(axis=0)  # of a singular posture: shorter steps do not pass it
+    return found | ((code == SINGULAR) & ~beside & np.all([systems.running for systems in shorter], axis=0))
 
 
 def _margins(systems: RolloutSystems, kind: int) -> Array:

@@ -20,6 +20,7 @@ from holdfast.compiler.schedule import FIRST_BAD
 from holdfast.control.controller import ControlLaw
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.energy import power_of
+from holdfast.dynamics.near_singular import STRENGTH_LOST
 from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, Gap, after_step, largest_gaps
 from holdfast.forces.margins import (
     JointLimits,
@@ -35,12 +36,26 @@ from holdfast.simulation.instant import WORST_CONDITION, friction_torque, joint_
 from holdfast.simulation.rollout.user_functions import Motions, checked_motion, law_outputs
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import Arrival, Question, Stage, answered, take_step
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each, maximum, minimum, select, where
+from holdfast.spatial.scalar import (
+    Array,
+    Scalar,
+    array,
+    concatenate,
+    each,
+    maximum,
+    minimum,
+    reciprocal,
+    select,
+    sqrt,
+    where,
+)
 from holdfast.spatial.spatial_vector import unrotate
 from holdfast.state import State
 
 # Why a system stands still, as the machine code numbers it; 0: it does not. TOO_LONG is found afterwards.
 RUNNING, SLIPPED, SINGULAR, OPEN, BROKEN, TOO_LONG, LIMITED = range(7)
+
+BESIDE = 0.1
 
 # What is known of a system at the end of a step.
 STEP_RESULTS = (
@@ -94,6 +109,7 @@ class TracedSystem:
         environment: its chain, parameters in place, and what acts on it.
         law: its law.
         worst: (2,) the worst condition and status of any evaluation so far.
+        conditions: of every evaluation so far.
     """
 
     def __init__(self, structure: Structure, law: ControlLaw, motions: Motions, given: Given) -> None:
@@ -104,6 +120,7 @@ class TracedSystem:
         self.route: Route = structure.options.route
         self.friction = joint_friction(structure.chain)
         self.worst = np.zeros(2)
+        self.conditions: list[Scalar] = []
 
     @property
     def state(self) -> State:
@@ -144,6 +161,7 @@ class TracedSystem:
         found = solve_with_status(chain, framed(state), drive - lost, inputs, rank, self.route, held, choose)
         power = work_rates(power_of(chain, state, drive, found.whole.base_wrench, inputs), lost, state.qd)
         self.worst = maximum(self.worst, array([found.condition, found.status]))
+        self.conditions.append(found.condition)
         return Evaluation(state, found, drive, kept, power)
 
     def answer(self, question: Question) -> Any:
@@ -182,7 +200,8 @@ def step(structure: Structure, law: ControlLaw, motions: Motions, tableau: Table
         }
         | ({} if found.held is None else {"held_rows": found.held})
     )
-    code = stop_code(system, kept, system.worst, drift, gaps)
+    passed = passes_singular(system, tableau, kept["q"], end.object_twist)
+    code = stop_code(system, kept, system.worst, drift, gaps, passed)
     return carried(system, kept, code, work, times[-1], concatenate([drift, gaps]))
 
 
@@ -217,7 +236,39 @@ def contact_margin(kind: str, contact: Array, f: Array) -> Scalar:
     return minimum(strength, where(one_sided > 0.5, pressed, float("inf")))
 
 
-def stop_code(system: TracedSystem, kept: Mapping[str, Array], worst: Array, drift: Gap, gaps: Gap) -> Scalar:
+def passes_singular(system: TracedSystem, tableau: Tableau, q: Array, twist: Array) -> Scalar:
+    """Return whether a step seems to pass a singular posture, 1 or 0.
+
+    The strength s = condition^-1/2 of the constraint is the size of what changes sign there. So its values at the
+    step's start, middle and end lie on a straight line, but for the step's curvature, if the last, or the last two, are
+    taken with the other sign; and together they are no more than what the joints' motion may have changed. A step that
+    begins or ends within a twentieth of its length from the posture counts too.
+
+    Args:
+        system: after its evaluations.
+        tableau: the scheme.
+        q: (n,) at the step's end.
+        twist: (6,) of the object there.
+    """
+    nodes = [*tableau.c[1:].tolist(), 1.0]
+    if 0.5 not in nodes:
+        return 0.0
+    of = [reciprocal(sqrt(x)) for x in (system.last("condition")[()], *system.conditions)]
+    first, middle, last = of[0], of[1 + nodes.index(0.5)], of[1 + nodes.index(1.0)]
+    kept_sign = abs(first - 2.0 * middle + last)
+    other_sign = minimum(abs(first + 2.0 * middle - last), abs(first - 2.0 * middle - last))
+    turned = [*(q - system.last("q")), *(system.given["step"][()] * twist[:3])]
+    far = reduce(maximum, [abs(x) for x in turned])
+    if any(not joint.turns for arm in system.real.arms.values() for joint in arm.joints):
+        far = float("inf")  # how far a joint slides says nothing by itself
+    other_sign = other_sign - BESIDE * (first + last)
+    passed = where(first + last < STRENGTH_LOST * far, where(other_sign < kept_sign, 1.0, 0.0), 0.0)
+    return passed * system.given["search"][()]
+
+
+def stop_code(
+    system: TracedSystem, kept: Mapping[str, Array], worst: Array, drift: Gap, gaps: Gap, passed: Scalar
+) -> Scalar:
     """Return why a system stands still after the step, as numbered above.
 
     Args:
@@ -226,6 +277,7 @@ def stop_code(system: TracedSystem, kept: Mapping[str, Array], worst: Array, dri
         worst: (2,) condition and status.
         drift: gaps that projection found,
         gaps: and left.
+        passed: whether the step passes a singular posture, 1 or 0.
     """
     given, margins = system.given, list(kept["margin"])
     # x - x, which would do as well, is folded to zero
@@ -237,6 +289,7 @@ def stop_code(system: TracedSystem, kept: Mapping[str, Array], worst: Array, dri
     fault = where(least < given["least_margin"][()], float(SLIPPED), fault)
     fault = where(worst[0] <= WORST_CONDITION, fault, float(SINGULAR))
     fault = where(worst[1] < FIRST_BAD, fault, float(SINGULAR))
+    fault = where(passed < 0.5, fault, float(SINGULAR))
     fault = where(drift.position <= FARTHEST, fault, float(OPEN))
     left = where(given["held"][()] > 0.5, 0.0, gaps.position)  # what is held is not closed
     fault = where(left <= LEFT_OPEN, fault, float(OPEN))

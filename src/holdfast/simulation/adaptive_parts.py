@@ -1,0 +1,62 @@
+"""Fixed steps near a singular posture, taken in parts whose errors are estimated.
+
+There a motion turns within the time in which the constraint's strength changes by its own size, and a step of fixed
+length may be longer than that. So where joints move in a step by as much as it would take to lose the constraint, the
+step is believed only if its halves lead to the same, and otherwise taken in parts by the adaptive scheme.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from holdfast.errors import HoldfastError, StateError
+from holdfast.simulation.adaptive import Tolerance, first_proposal, next_step
+from holdfast.simulation.instant import Instant
+from holdfast.simulation.runge_kutta import dop853
+from holdfast.simulation.stepper import NO_GAPS, Advance, ReferenceStepper, Stepper, in_parts, together
+from holdfast.spatial.scalar import Array
+
+RTOL = 1e-11
+MOST_PARTS = 256
+SAME = 1e-6  # of what velocities change by: halves that lead elsewhere by more show a step that is too long
+
+
+def halves_agree(stepper: Stepper, now: Instant, later: Instant) -> bool:
+    """Return whether a step in halves ends with the same velocities."""
+    halves = in_parts(stepper, now, later.t, 2).instant
+    if halves is None:
+        return False
+    v, w, u = (_velocities(at) for at in (later, halves, now))
+    return bool(np.abs(v - w).max() <= SAME * np.abs(w - u).max())
+
+
+def _velocities(at: Instant) -> Array:
+    return np.concatenate([at.state.qd, at.state.object_twist])
+
+
+@dataclass(frozen=True, eq=False)
+class AdaptivePartsStepper(ReferenceStepper):
+    """Takes steps in parts of the adaptive scheme, on floats; see `Stepper`."""
+
+    def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
+        """Return where a step leads; see `Stepper`."""
+        return [self._in_parts(now, end) for end in ends]
+
+    def _in_parts(self, now: Instant, end: float) -> Advance:
+        parts = ReferenceStepper(self.environment, self.controller, self.generic_rank, dop853(), Tolerance(RTOL))
+        at, proposal, done = now, first_proposal(now), []
+        while at.t < end:
+            if len(done) == MOST_PARTS:
+                why = f"the motion is too fast for {MOST_PARTS} parts of the step from t = {now.t:.9g} s"
+                return Advance(end, None, NO_GAPS, np.zeros(4), failure=StateError(f"{why}; try a smaller time step"))
+            try:
+                part, proposal = next_step(parts, at, proposal, end)
+            except HoldfastError as cause:
+                return Advance(end, None, NO_GAPS, np.zeros(4), failure=cause)
+            assert part.instant is not None
+            at = replace(part.instant, memory=now.memory)  # it moves on once
+            done.append(part)
+        return together(done)

@@ -1,0 +1,92 @@
+"""Steps through a singular posture: Gauss collocation, with every stage on the constraint.
+
+Beside the grasps by d accelerations are off by d over the constraint's strength, so an explicit scheme, whose stages
+lie beside them, loses its order about a singular posture. The motion itself is smooth there. The polynomial that has
+the right slope at Gauss's points, closed states all of them, passes it to order 12, and no stage comes near a posture
+in the middle of the step (or at its ends).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from holdfast.errors import ClosureError, ModelError, SingularChainError, StateError
+from holdfast.simulation.instant import Instant
+from holdfast.simulation.runge_kutta import Tableau
+from holdfast.simulation.step import Arrival, Closing, Question, Stage, Step, answered, displaced
+from holdfast.simulation.stepper import NO_GAPS, Advance, ReferenceStepper
+from holdfast.spatial import rotation
+
+STAGES = 6
+MOST_ROUNDS = 60
+NEAR = 1e-3  # rad or m: stages that still move by more are not closed yet
+STILL = 1e-15  # relative: what rounding moves
+
+
+@cache
+def gauss() -> Tableau:
+    """Return Gauss's implicit scheme of six stages, order 12."""
+    nodes, weights = np.polynomial.legendre.leggauss(STAGES)
+    c, b = 0.5 * (1.0 + nodes), 0.5 * weights
+    powers = np.arange(STAGES)
+    a = (c[:, None] ** (powers + 1) / (powers + 1)) @ np.linalg.inv(c[:, None] ** powers)
+    return Tableau("gauss", 2 * STAGES, c, a, b, np.zeros((0, STAGES)))
+
+
+def collocation_step(now: Instant, until: float) -> Generator[Question, Any, Step]:
+    """Return the chain one step later, closed again; a course of questions as `take_step`.
+
+    Args:
+        now: the chain at the step's start.
+        until: the step's end [s].
+
+    Raises:
+        StateError: the stages do not settle.
+    """
+    scheme, start, h, n = gauss(), now.state, until - now.t, len(now.state.q)
+    times = [now.t + c * h for c in scheme.c.tolist()]
+    slope = now.rates(np.zeros(3))
+    slopes = np.tile(slope, (STAGES, 1))
+    slopes[:, :n] += h * scheme.c[:, None] * slope[n : 2 * n]
+    slopes[:, 2 * n : 2 * n + 6] += h * scheme.c[:, None] * slope[2 * n + 6 : 2 * n + 12]
+    before = moving = np.inf
+    for _ in range(MOST_ROUNDS):
+        increments = h * scheme.a @ slopes
+        later = []
+        for t, y in zip(times, increments, strict=True):
+            state = displaced(start, y)
+            if moving < NEAR:
+                state, _ = yield Closing(t, state)
+            turn = rotation.log(state.object_frame.R @ start.object_frame.R.T)
+            later.append((yield Stage(t, state, turn)))
+        found = np.array(later)
+        before, moving = moving, float(h * np.abs(found - slopes)[:, : 2 * n + 12].max())
+        slopes = found
+        if not np.isfinite(moving) or moving <= STILL or (moving < NEAR and moving >= 0.5 * before):
+            break
+    if not moving < NEAR:
+        raise StateError("the stages of a step through a singular posture do not settle; try a smaller step")
+    y = h * scheme.b @ slopes
+    closed, gaps = yield Closing(until, displaced(start, y))
+    return Step((yield Arrival(until, closed)), gaps, y[2 * n + 12 :], [])
+
+
+@dataclass(frozen=True, eq=False)
+class CollocationStepper(ReferenceStepper):
+    """Takes steps by collocation, on floats; see `Stepper`."""
+
+    def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
+        """Return where one step leads; see `Stepper`."""
+        return [self._through(now, end) for end in ends]
+
+    def _through(self, now: Instant, end: float) -> Advance:
+        try:
+            step = answered(collocation_step(now, end), lambda question: self._answer(question, now))
+        except (SingularChainError, ClosureError, StateError, ModelError) as cause:
+            return Advance(end, None, NO_GAPS, np.zeros(4), failure=cause)
+        return Advance(end, step.later, step.gaps, step.work)

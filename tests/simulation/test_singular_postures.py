@@ -1,0 +1,133 @@
+"""Singular postures between steps: found, named, and passed where only one motion leads on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.simulation.collocation import CollocationStepper
+from holdfast.simulation.environment import Environment
+from tests.systems.n_four_bar import n_four_bar, passing_times
+
+FREE = hf.ControlLaw(lambda t, state, memory, given: (0.0 * state.qd, memory), key="tests: no torques")
+SCHEMES = [{"scheme": "rk4"}, {"scheme": "dop853", "rtol": 1e-9}, {"scheme": "dop853", "rtol": 1e-12}]
+
+
+def free(t, state, memory):
+    """No torques, by a controller that is asked from Python."""
+    return 0.0 * state.qd, memory
+
+
+def energy_error(run) -> float:
+    energy = run.kinetic + run.potential
+    return float(np.abs(energy - energy[0]).max())
+
+
+@pytest.mark.parametrize("options", SCHEMES)
+@pytest.mark.parametrize("controller", [free, FREE])
+def test_a_run_stops_before_a_singular_posture(options, controller):
+    """To a millionth of a second of the instant on paper, whatever the scheme, with ranks and what is lost."""
+    chain, state = n_four_bar()
+    (expected,) = passing_times(3, 1)
+    run = hf.simulate(chain, state, controller, 1.0, 1e-2, **options)
+    (event,) = run.occurrences
+    assert event.kind == "singular" and event.t == pytest.approx(expected, abs=1e-7)
+    assert (event.rank, event.generic_rank) == (10, 11)
+    assert "at 'crank0' (hinge) against force" in event.lost[0] and "is felt by no joint" in event.lost[0]
+    assert run.stopped is not None and f"before a singular posture at t = {event.t:.9g} s" in run.stopped
+    assert expected - 1e-2 < run.t[-1] < expected
+
+
+@pytest.mark.parametrize("options", SCHEMES)
+def test_continuing_through_singular_postures(options):
+    """A parallelogram stays one: every posture within a millionth of a second, energy as on the way to them."""
+    chain, state = n_four_bar(2)
+    expected = passing_times(2, 2)
+    run = hf.simulate(chain, state, free, 1.3, 1e-2, on_singular="continue", **options)
+    assert run.stopped is None and run.t[-1] == pytest.approx(1.3)
+    assert [one.t for one in run.occurrences] == pytest.approx(expected, abs=1e-7)
+    assert all("passes a singular posture" in one.text for one in run.occurrences)
+    assert np.abs(run.q[:, 0] - run.q[:, 1]).max() < 1e-10
+    before = run.t < expected[0] - 0.02
+    energy = run.kinetic + run.potential
+    assert energy_error(run) < 4.0 * np.abs(energy[before] - energy[0]).max() + 1e-9
+
+
+def test_what_no_step_sees():
+    """The posture lies where a grid time is, or as near as no step can end: it is found all the same."""
+    chain, state = n_four_bar(2)
+    (expected,) = passing_times(2, 1)
+    for beside in (0.0, -1e-6):
+        step = (expected + beside) / 20
+        stopped = hf.simulate(chain, state, free, 30 * step, step)
+        assert stopped.stopped is not None and stopped.occurrences[0].t == pytest.approx(expected, abs=1e-6)
+    run = hf.simulate(chain, state, free, 30 * step, step, on_singular="continue")
+    assert run.stopped is None and len(run.occurrences) == 1 and energy_error(run) < 1e-2
+
+
+def test_a_run_through_one_resumes_to_the_bit():
+    chain, state = n_four_bar(2)
+    kept = []
+    options = {"scheme": "dop853", "rtol": 1e-9, "on_singular": "continue"}
+    whole = hf.simulate(chain, state, free, 0.8, 2e-2, on_checkpoint=kept.append, **options)
+    for checkpoint in (kept[-3], next(one for one in reversed(kept) if one.now.t < whole.occurrences[0].t)):
+        resumed = hf.simulate(chain, state, free, 0.8, 2e-2, start=checkpoint, **options)
+        assert resumed.q[-1].tobytes() == whole.q[-1].tobytes()
+        missing = len(whole.occurrences) - len(checkpoint.occurrences)
+        assert resumed.occurrences == whole.occurrences[len(whole.occurrences) - missing :]
+
+
+@pytest.mark.parametrize("longer", [1e-2, 1e-6])
+def test_nearly_singular(longer):
+    """With cranks of unlike lengths the mechanism folds instead: too fast for the steps, which are taken in parts."""
+    chain, state = n_four_bar(2)
+    crank = chain.arms["crank1"]
+    arms = {**chain.arms, "crank1": replace(crank, tip=hf.Pose(crank.tip.R, (1.0 + longer, 0.0, 0.0)))}
+    unlike = hf.ClosedChain(arms, chain.held_object, chain.grasps, gravity=chain.gravity)
+    start = hf.close(unlike, state)
+    fixed = hf.simulate(unlike, start, free, 0.8, 1e-2)
+    exact = hf.simulate(unlike, start, free, 0.8, 1e-2, scheme="dop853", rtol=1e-11)
+    for run in (fixed, exact):
+        assert run.stopped is None and not run.occurrences
+    assert abs(exact.q[-1, 0] - exact.q[-1, 1]) > 0.5  # the cranks have parted
+    there = [int(np.argmin(np.abs(run.t - 0.8))) for run in (fixed, exact)]
+    assert np.abs(fixed.q[there[0]] - exact.q[there[1]]).max() < 1e-5
+    assert energy_error(fixed) < 1e-5 and energy_error(exact) < 1e-9
+
+
+@pytest.mark.parametrize("scheme", ["rk4", "midpoint"])
+@pytest.mark.parametrize("step", [1e-3, 7e-3, 2.3e-2])
+def test_rollouts_stand_still_before_a_singular_posture(scheme, step):
+    chain, state = n_four_bar(2)
+    (expected,) = passing_times(2, 1)
+    rollout = hf.compile_rollout(chain, FREE, scheme=scheme)
+    count = 12
+    systems = rollout.start(np.tile(state.q, (count, 1)), state.qd, state.object_pose, state.object_twist)
+    lengths = step * (1.0 + 0.08 * np.arange(count) / count)
+    rollout.step(systems, lengths, steps=int(1.0 / step))
+    assert [status.name for status in systems.status] == ["SINGULAR"] * count
+    assert (systems.t < expected + 0.06 * lengths).all() and (systems.t > expected - 1.06 * lengths).all()
+
+
+def test_collocation_is_of_order_twelve_and_closed():
+    """Away from singular postures it is a scheme like any other."""
+    chain, state = n_four_bar(2)
+    environment = Environment(chain)
+    exact = hf.simulate(chain, state, free, 0.4, 1e-2, scheme="dop853", rtol=1e-13)
+    generic = hf.forward_dynamics(chain, state, np.zeros(2)).rank
+    stepper = CollocationStepper(environment, free, generic)
+    now, _ = stepper.start(0.0, state, None)
+    errors = []
+    for end in (0.4, 0.2):
+        (reached,) = stepper.advance(now, [end])
+        there = int(np.argmin(np.abs(exact.t - end)))
+        errors.append(np.abs(reached.instant.state.q - exact.q[there]).max())
+        assert reached.gaps.position[1] < 1e-14
+    assert errors[0] < 1e-7 and errors[1] < 1e-11
+
+
+def test_unknown_policies():
+    chain, state = n_four_bar(2)
+    with pytest.raises(hf.ModelError, match="on_singular: expected one of stop, continue, got 'go on'"):
+        hf.simulate(chain, state, free, 0.1, 1e-2, on_singular="go on")
