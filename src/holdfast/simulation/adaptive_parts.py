@@ -1,8 +1,8 @@
 """Fixed steps near a singular posture, taken in parts whose errors are estimated.
 
 There a motion turns within the time in which the constraint's strength changes by its own size, and a step of fixed
-length may be longer than that. So where joints move in a step by as much as it would take to lose the constraint, the
-step is believed only if its halves lead to the same, and otherwise taken in parts by the adaptive scheme.
+length may be longer than that. So where a step changes the strength by more than a fiftieth (or a tenth, where it is
+far from zero), it is believed only if its halves lead to the same, and otherwise taken in parts of the adaptive scheme.
 """
 
 from __future__ import annotations
@@ -42,21 +42,22 @@ class AdaptivePartsStepper(ReferenceStepper):
     """Takes steps in parts of the adaptive scheme, on floats; see `Stepper`."""
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
-        """Return where a step leads; see `Stepper`."""
-        return [self._in_parts(now, end) for end in ends]
-
-    def _in_parts(self, now: Instant, end: float) -> Advance:
-        parts = ReferenceStepper(self.environment, self.controller, self.generic_rank, dop853(), Tolerance(RTOL))
-        at, proposal, done = now, first_proposal(now), []
-        while at.t < end:
-            if len(done) == MOST_PARTS:
-                why = f"the motion is too fast for {MOST_PARTS} parts of the step from t = {now.t:.9g} s"
-                return Advance(end, None, NO_GAPS, np.zeros(4), failure=StateError(f"{why}; try a smaller time step"))
+        """Return where a step leads, one way for all its ends; see `Stepper`."""
+        adaptive = ReferenceStepper(self.environment, self.controller, self.generic_rank, dop853(), Tolerance(RTOL))
+        at, proposal, parts = now, first_proposal(now), list[Advance]()
+        found: dict[float, Advance] = {}
+        for end in sorted(set(ends)):
             try:
-                part, proposal = next_step(parts, at, proposal, end)
+                while at.t < end:
+                    if len(parts) == MOST_PARTS:
+                        why = f"the motion is too fast for {MOST_PARTS} parts of the step from t = {now.t:.9g} s"
+                        raise StateError(f"{why}; try a smaller time step")
+                    part, proposal = next_step(adaptive, at, proposal, end)
+                    assert part.instant is not None
+                    at = replace(part.instant, memory=now.memory)  # it moves on once
+                    parts.append(part)
             except HoldfastError as cause:
-                return Advance(end, None, NO_GAPS, np.zeros(4), failure=cause)
-            assert part.instant is not None
-            at = replace(part.instant, memory=now.memory)  # it moves on once
-            done.append(part)
-        return together(done)
+                found[end] = Advance(end, None, NO_GAPS, np.zeros(4), failure=cause)
+            else:
+                found[end] = together(parts)
+        return [found[end] for end in ends]

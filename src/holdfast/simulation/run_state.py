@@ -195,7 +195,9 @@ def _unresolved(at: RunState, until: float, later: RunState | None, leaps: bool)
     """
     if later is None:
         return may_lose_rank(at.now, until)
-    return may_be_unresolved(at.now, later.now) and (leaps or not halves_agree(at.segment.stepper, at.now, later.now))
+    if not may_be_unresolved(at.previous, at.now, later.now):
+        return False
+    return leaps or not halves_agree(at.segment.stepper, at.now, later.now)
 
 
 def _towards(at: RunState, left: float, step: float) -> RunState:

@@ -29,7 +29,9 @@ NEARER = 0.75  # of the way to a posture that a step goes at once
 APPROACHES = 6
 CLOSED = 1e-8  # m or rad: what a way through is open by at most; one that leaps from a branch to another is more
 CLOSE = 1e-4  # [s]: from here the posture's time follows from velocities and accelerations
-RESOLVED = 20.0 * STRENGTH_LOST
+# Parts of the strength: steps that change it by less are as good as any.
+RESOLVED, RESOLVED_ELSEWHERE = 0.02, 0.1
+NEARBY = 0.15  # strength below which a posture is looked upon as near a singular one
 FARTHEST_TURN = 1.0  # rad, or part of the reach: a longer step is too long whatever the constraint
 MOST_IN_A_STEP = 8
 PAST = 1e-3  # of what is left of a step after a posture: there the search for another one begins
@@ -100,10 +102,13 @@ def may_have_lost_rank(now: Instant, later: Instant) -> bool:
     )
 
 
-def may_be_unresolved(now: Instant, later: Instant) -> bool:
-    """Return whether a step changes the constraint's strength by a good part of its size."""
-    turned = _moved(now.chain, now.state, later.state, later.t - now.t)
-    return _strength(now) + _strength(later) <= RESOLVED * turned <= RESOLVED * FARTHEST_TURN
+def may_be_unresolved(previous: Instant | None, now: Instant, later: Instant) -> bool:
+    """Return whether a step near a singular posture, or the one before, changes the constraint's strength by much."""
+    before, at, after = (_strength(one) for one in (previous or now, now, later))
+    change = abs(after - at) + abs(at - before)
+    if change < (RESOLVED if min(at, after) < NEARBY else RESOLVED_ELSEWHERE) * (at + after):
+        return False
+    return _moved(now.chain, now.state, later.state, later.t - now.t) <= FARTHEST_TURN
 
 
 def may_lose_rank(now: Instant, until: float) -> bool:

@@ -56,6 +56,7 @@ from holdfast.state import State
 RUNNING, SLIPPED, SINGULAR, OPEN, BROKEN, TOO_LONG, LIMITED = range(7)
 
 BESIDE = 0.1
+LEAPING = 1e-3  # of how far the joints move
 
 # What is known of a system at the end of a step.
 STEP_RESULTS = (
@@ -200,7 +201,7 @@ def step(structure: Structure, law: ControlLaw, motions: Motions, tableau: Table
         }
         | ({} if found.held is None else {"held_rows": found.held})
     )
-    passed = passes_singular(system, tableau, kept["q"], end.object_twist)
+    passed = passes_singular(system, tableau, kept["q"], end.object_twist, drift)
     code = stop_code(system, kept, system.worst, drift, gaps, passed)
     return carried(system, kept, code, work, times[-1], concatenate([drift, gaps]))
 
@@ -236,19 +237,21 @@ def contact_margin(kind: str, contact: Array, f: Array) -> Scalar:
     return minimum(strength, where(one_sided > 0.5, pressed, float("inf")))
 
 
-def passes_singular(system: TracedSystem, tableau: Tableau, q: Array, twist: Array) -> Scalar:
+def passes_singular(system: TracedSystem, tableau: Tableau, q: Array, twist: Array, drift: Gap) -> Scalar:
     """Return whether a step seems to pass a singular posture, 1 or 0.
 
     The strength s = condition^-1/2 of the constraint is the size of what changes sign there. So its values at the
     step's start, middle and end lie on a straight line, but for the step's curvature, if the last, or the last two, are
     taken with the other sign; and together they are no more than what the joints' motion may have changed. A step that
-    begins or ends within a twentieth of its length from the posture counts too.
+    begins or ends within a twentieth of its length from the posture counts too, and one near it that leaves the grasps
+    open by so much before projection that it may have leapt over it.
 
     Args:
         system: after its evaluations.
         tableau: the scheme.
         q: (n,) at the step's end.
         twist: (6,) of the object there.
+        drift: gaps that projection found.
     """
     nodes = [*tableau.c[1:].tolist(), 1.0]
     if 0.5 not in nodes:
@@ -257,13 +260,14 @@ def passes_singular(system: TracedSystem, tableau: Tableau, q: Array, twist: Arr
     first, middle, last = of[0], of[1 + nodes.index(0.5)], of[1 + nodes.index(1.0)]
     kept_sign = abs(first - 2.0 * middle + last)
     other_sign = minimum(abs(first + 2.0 * middle - last), abs(first - 2.0 * middle - last))
-    turned = [*(q - system.last("q")), *(system.given["step"][()] * twist[:3])]
-    far = reduce(maximum, [abs(x) for x in turned])
+    moved = [*(q - system.last("q")), *(system.given["step"][()] * twist[:3])]
+    far = reduce(maximum, [abs(x) for x in moved])
     if any(not joint.turns for arm in system.real.arms.values() for joint in arm.joints):
         far = float("inf")  # how far a joint slides says nothing by itself
-    other_sign = other_sign - BESIDE * (first + last)
-    passed = where(first + last < STRENGTH_LOST * far, where(other_sign < kept_sign, 1.0, 0.0), 0.0)
-    return passed * system.given["search"][()]
+    both, most = first + last, STRENGTH_LOST * far
+    passed = where(both < most, where(other_sign - BESIDE * both < kept_sign, 1.0, 0.0), 0.0)
+    leaping = where(both < 2.0 * most, where(drift.position > LEAPING * far, 1.0, 0.0), 0.0)
+    return maximum(passed, leaping) * system.given["search"][()]
 
 
 def stop_code(
