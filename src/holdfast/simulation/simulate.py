@@ -20,7 +20,8 @@ from holdfast.simulation.events import Event, in_order
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip, Policy
 from holdfast.simulation.rollout.compiled_steppers import stepper_for
-from holdfast.simulation.run_state import RunState, next_state, resumed_run, start_of_run
+from holdfast.simulation.run import next_state, resumed_run, start_of_run
+from holdfast.simulation.run_state import RunState
 from holdfast.simulation.runge_kutta import scheme as scheme_named
 from holdfast.simulation.sample import sample
 from holdfast.simulation.segment import MakeStepper, RunSettings

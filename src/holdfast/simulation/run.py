@@ -1,0 +1,159 @@
+"""A run: its beginning, and what comes next: a step, a jump, a grasp that opens, the end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from holdfast.simulation.adaptive import first_proposal
+from holdfast.simulation.balance import Sums
+from holdfast.simulation.checkpoint import Checkpoint, Origin
+from holdfast.simulation.events import Attach, happen
+from holdfast.simulation.instant import Instant
+from holdfast.simulation.margins import ViolationTracker
+from holdfast.simulation.run_state import RunState
+from holdfast.simulation.run_step import stepped
+from holdfast.simulation.segment import RunSettings, Segment, first_segment, resumed_segment, segment_with
+from holdfast.simulation.stability import require_followed
+from holdfast.simulation.step import Gaps
+from holdfast.simulation.stepper import NO_GAPS
+from holdfast.simulation.stops import just_after
+from holdfast.simulation.trajectory import Occurrence
+from holdfast.spatial.spatial_vector import shift_wrench
+from holdfast.state import State
+
+
+def start_of_run(settings: RunSettings, state: State) -> RunState:
+    """Return the beginning of a run.
+
+    Raises:
+        StateError: the state breaks a grasp, or the controller's torques do not fit.
+        StepTooLongError: no explicit step of this length can follow the joints' damping.
+        SingularChainError: the configuration is singular.
+    """
+    segment = first_segment(settings, Origin(0.0, state, None))
+    require_followed(settings.environment.at(0.0)[0], state, settings.longest_step, settings.scheme)
+    now, gaps = segment.stepper.start(0.0, state, None)
+    blank = Checkpoint(
+        now=Origin(0.0, now.state, None),
+        previous=None,
+        tail_time=0.0,
+        tail=np.zeros(0),
+        stop=0,
+        event=0,
+        grasps=segment.environment.chain.grasps,
+        generic_rank=segment.generic_rank,
+        sums=Sums(np.zeros(4), 0.0, np.zeros(6)),
+        occurrences=(),
+        proposal=None,
+        tracker=ViolationTracker.blank(len(segment.signals)),
+    )
+    return _stretch_begins(segment, blank, now, gaps)
+
+
+def resumed_run(settings: RunSettings, at: Checkpoint) -> RunState:
+    """Return a run at a checkpoint."""
+    segment = resumed_segment(settings, at.grasps, at.generic_rank)
+    now = segment.at(at.now)
+    previous = None if at.previous is None else segment.at(at.previous)
+    return RunState(segment, at, now, previous, NO_GAPS, np.array([now.t]), segment.margins(now)[None])
+
+
+def next_state(at: RunState) -> RunState | str | None:
+    """Return the run one instant later; the reason why it must stop; or None at its end.
+
+    Raises:
+        HoldfastError: the chain cannot go on.
+    """
+    settings, signals, saved = at.segment.settings, at.segment.signals, at.checkpoint
+    if at.ended is not None:
+        return at.ended
+    signal = at.violated()
+    if signal is not None:
+        if signals.quantities[signal] == "grasp" and settings.policy.on_slip == "release":
+            return _opened(at, signal)
+        reached = [one for one in saved.occurrences if one.name == signals.names[signal] and one.kind == "violation"]
+        return f"{reached[-1].text} at t = {reached[-1].t:.12g} s"
+    times, jumps = settings.stops
+    stop = saved.stop
+    while stop < len(times) and times[stop] <= at.now.t and not jumps[stop]:
+        stop += 1
+    if stop == len(times):
+        return None
+    at = replace(at, checkpoint=replace(saved, stop=stop))
+    return _jumped(at) if jumps[stop] else stepped(at)
+
+
+def _jumped(at: RunState) -> RunState:
+    """Return the run on the other side of a breakpoint, after the events of that time."""
+    segment, saved = at.segment, at.checkpoint
+    settings, before = segment.settings, segment.environment.chain
+    t = float(settings.stops.times[saved.stop])
+    t = t if t > at.now.t else just_after(at.now.t)  # where a grasp has opened just there
+    chain, inputs = segment.environment.at(t)
+    state, sums, tracker = at.now.state, saved.sums, saved.tracker
+    happening = [event for event in settings.events[saved.event :] if event.t <= t]
+    news = []
+    for event in happening:
+        chain, state, one = happen(event, chain, state, inputs)
+        base_impulse = sums.base_impulse
+        for arm, impulse in zip(chain.arms.values(), one.base_impulses, strict=False):
+            base_impulse = base_impulse + shift_wrench(arm.base.p, np.array(impulse))
+        sums = sums._replace(impact=sums.impact + one.energy_change, base_impulse=base_impulse)
+        news.append(one)
+    origin, gaps = Origin(t, state, at.now.memory), NO_GAPS
+    if happening:
+        segment = segment_with(segment, chain.grasps, origin)
+        require_followed(chain, state, settings.longest_step, settings.scheme)
+    if any(isinstance(event, Attach) for event in happening):
+        now, gaps = segment.stepper.start(t, state, origin.memory)
+        origin = replace(origin, state=now.state)
+    else:
+        now = segment.at(origin)
+    for name in set(before.grasps) - set(chain.grasps):
+        tracker = tracker.without(chain.names.index(name))
+    known = {"stop": saved.stop + 1, "event": saved.event + len(happening), "sums": sums, "tracker": tracker}
+    return _stretch_begins(segment, replace(saved, now=origin, **known), now, gaps, news)
+
+
+def _opened(at: RunState, signal: int) -> RunState:
+    """Return the run after a grasp that cannot hold has opened; velocities go on."""
+    name, settings = at.segment.signals.names[signal], at.segment.settings
+    origin = Origin(just_after(at.now.t), at.now.state, at.now.memory)
+    grasps = {arm: grasp for arm, grasp in at.checkpoint.grasps.items() if arm != name}
+    segment = segment_with(at.segment, grasps, origin)
+    chain = segment.environment.at(origin.t)[0]
+    require_followed(chain, origin.state, settings.longest_step, settings.scheme)
+    news = Occurrence(at.now.t, "release", name, f"'{name}' is released: it cannot hold")
+    saved = replace(at.checkpoint, now=origin, tracker=at.checkpoint.tracker.without(signal))
+    return _stretch_begins(segment, saved, segment.at(origin), NO_GAPS, [news])
+
+
+def _stretch_begins(
+    segment: Segment, saved: Checkpoint, now: Instant, gaps: Gaps, news: Sequence[Occurrence] = ()
+) -> RunState:
+    """Return the run at the beginning of a smooth stretch.
+
+    Args:
+        segment: the chain and what moves it.
+        saved: what is known, `now` included.
+        now: the instant.
+        gaps: what projection found and left.
+        news: what has just happened.
+    """
+    margins = segment.margins(now)
+    tracker, further = saved.tracker.at(now.t, margins, segment.signals, now)
+    begun: dict[str, Any] = {
+        "previous": None,
+        "tail_time": now.t,
+        "tail": margins[:0],
+        "grasps": segment.environment.chain.grasps,
+        "generic_rank": segment.generic_rank,
+        "proposal": first_proposal(now) if segment.settings.scheme.adaptive else None,
+        "tracker": tracker,
+        "occurrences": (*saved.occurrences, *news, *further),
+    }
+    return RunState(segment, replace(saved, **begun), now, None, gaps, np.array([now.t]), margins[None])

@@ -1,0 +1,239 @@
+"""One step of a run: margins verified inside it, singular postures on its way found, too long ones refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from holdfast.errors import HoldfastError, StateError
+from holdfast.simulation.adaptive import next_step
+from holdfast.simulation.adaptive_parts import halves_agree
+from holdfast.simulation.checkpoint import Origin
+from holdfast.simulation.confirmation import Window, explained, require_shown, too_long
+from holdfast.simulation.instant import Instant
+from holdfast.simulation.run_state import RunState
+from holdfast.simulation.segment import Segment
+from holdfast.simulation.singular_posture import (
+    CLOSED,
+    SingularPosture,
+    length_before,
+    length_through,
+    may_be_unresolved,
+    may_lose_rank,
+    posture_ahead,
+    postures_passed,
+    time_left,
+)
+from holdfast.simulation.stability import elsewhere, require_followed
+from holdfast.simulation.stepper import Advance, Stepper
+from holdfast.simulation.verification import MarginCurves, StepMargins, look_times, verify
+
+FASTEST = 1e30  # rad/s or m/s: what is faster ends in numbers that are none
+
+
+def stepped(at: RunState) -> RunState:
+    """Return the run after a step, or at its end where it may not go through a singular posture on the way."""
+    segment, now, settings = at.segment, at.now, at.segment.settings
+    until = float(settings.stops.times[at.checkpoint.stop])
+    goes_on = settings.policy.on_singular == "continue"
+    proposal = at.checkpoint.proposal
+    step = settings.longest_step if proposal is None else proposal.step
+    left = time_left(segment, now, step) if goes_on else None
+    if left is not None and (proposal is not None or left <= 1.5 * step):  # no step is to end beside it
+        return _towards(at, left, step)
+    later, posture = _step_and_posture(at, until)
+    if posture is None:
+        assert later is not None
+        return later
+    if goes_on and posture.unique:
+        return _towards(at, posture.t - now.t, step)
+    return _ended(at, posture)
+
+
+def _step_and_posture(at: RunState, until: float) -> tuple[RunState | None, SingularPosture | None]:
+    """Return the run after a step, if there is one, and the first singular posture on its way.
+
+    A fixed step near a singular posture that is too long for the motion there is taken in parts.
+    """
+    segment, now = at.segment, at.now
+    later, failure = None, None
+    try:
+        later = _step_to(at, until)
+        posture = _first_posture(segment, now, later.now)
+    except HoldfastError as cause:
+        failure, posture = cause, posture_ahead(segment, now, until)
+    leaps = posture is not None and posture.gap > CLOSED
+    if (posture is None or leaps) and not segment.settings.scheme.adaptive and _unresolved(at, until, later, leaps):
+        try:
+            later = _step_to(at, until, stepper=segment.adaptive_parts)
+        except HoldfastError as cause:
+            failure = failure or cause
+        else:
+            return later, _first_posture(segment, now, later.now)
+    if failure is not None and posture is None:
+        raise failure
+    return later, posture
+
+
+def _first_posture(segment: Segment, now: Instant, later: Instant) -> SingularPosture | None:
+    """Return the first singular posture between two instants."""
+    return next(iter(postures_passed(segment, now, later)), None)
+
+
+def _unresolved(at: RunState, until: float, later: RunState | None, leaps: bool) -> bool:
+    """Return whether a fixed step is too long for the motion near a singular posture.
+
+    Args:
+        at: the run.
+        until: the step's end [s].
+        later: the run then; None if the step fails.
+        leaps: whether it leads from one branch of the motion to another.
+    """
+    if later is None:
+        return may_lose_rank(at.now, until)
+    if not may_be_unresolved(at.previous, at.now, later.now):
+        return False
+    return leaps or not halves_agree(at.segment.stepper, at.now, later.now)
+
+
+def _towards(at: RunState, left: float, step: float) -> RunState:
+    """Return the run after a step to a place beside a singular posture, or through it.
+
+    Args:
+        at: the run.
+        left: how long it takes to get to the posture [s].
+        step: a step as long as it may be [s].
+    """
+    now, segment = at.now, at.segment
+    if length_before(left, step) is not None:
+        if at.checkpoint.proposal is None:
+            return _step_to(at, now.t + left - 0.5 * step)
+        return _step_to(at, _latest(at), lambda tried: length_before(left, tried) or tried)
+    until = min(now.t + length_through(left, step), _latest(at))
+    later = _step_to(at, until, stepper=segment.collocation)
+    passed = postures_passed(segment, now, later.now)  # none where the motion turned before it
+    branching = [posture for posture in passed if not posture.unique]
+    return _ended(at, branching[0]) if branching else _passed(at, later, passed)
+
+
+def _latest(at: RunState) -> float:
+    """Return the time that no step may go beyond: of the next jump, or the run's end [s]."""
+    times, jumps = at.segment.settings.stops
+    jumping = np.flatnonzero(jumps[at.checkpoint.stop :])
+    return float(times[at.checkpoint.stop + jumping[0] - 1] if len(jumping) else times[-1])
+
+
+def _passed(at: RunState, later: RunState, postures: Sequence[SingularPosture]) -> RunState:
+    """Return the run after a step through singular postures."""
+    before, after = (one.checkpoint.occurrences for one in (at, later))
+    crossed = [posture.occurrence("passes a singular posture") for posture in postures]
+    news = sorted([*after[len(before) :], *crossed], key=lambda one: one.t)
+    return replace(later, checkpoint=replace(later.checkpoint, occurrences=(*before, *news)))
+
+
+def _ended(at: RunState, posture: SingularPosture) -> RunState:
+    """Return the run as it ends before a singular posture."""
+    occurrence = posture.occurrence("stops before a singular posture")
+    saved = replace(at.checkpoint, occurrences=(*at.checkpoint.occurrences, occurrence))
+    where = f"stopped after t = {at.now.t:.6g} s, before a singular posture at t = {posture.t:.9g} s"
+    return replace(at, checkpoint=saved, ended=f"{where}: {posture.text}{_branches(at, posture)}")
+
+
+def _branches(at: RunState, posture: SingularPosture) -> str:
+    """Return why a run that may go on through singular postures does not."""
+    if posture.unique or at.segment.settings.policy.on_singular == "stop":
+        return ""
+    if posture.gap > CLOSED:
+        return f". The grasps would be open by {posture.gap:.3g} (m or rad) there: try smaller steps"
+    return ". The constraint has its rank again on the same side: more than one motion leads on from there"
+
+
+def _step_to(
+    at: RunState, until: float, placed: Callable[[float], float] | None = None, stepper: Stepper | None = None
+) -> RunState:
+    """Return the run after a step, to a time or to where a margin becomes negative that acts.
+
+    Args:
+        at: the run.
+        until: the step's end, or of an adaptive scheme a time not to be stepped over [s].
+        placed: lengths of adaptive steps, as for `next_step`.
+        stepper: takes the step in the place of the scheme's.
+    """
+    segment, now, saved = at.segment, at.now, at.checkpoint
+    settings, signals = segment.settings, segment.signals
+    next_stop = float(settings.stops.times[saved.stop])
+    proposal, curves = saved.proposal, _margin_curves(at, stepper or segment.stepper)
+    if proposal is not None and stepper is None:
+        reached, proposal = next_step(segment.stepper, now, proposal, until, placed)
+        assert reached.instant is not None
+        curves.advances[reached.t] = reached
+        curves.margins[reached.t] = segment.margins(reached.instant)
+        until = reached.t
+    times = look_times(now.t, until, settings.scheme.c.tolist()) if len(signals.limited) else [until]
+    found = verify(curves, now.t, times, signals.limited, segment.acting, saved.tracker.lowest)
+    end = found.end
+    _require_step(at, found, until)
+    assert end.instant is not None
+    tracker, news = saved.tracker.after(found, curves, signals)
+    margins = found.margins[min(found.start, 1) :]  # the look before belongs to the instant before
+    if end.t == now.t:  # a dip just before, found only now
+        margins = margins.min(axis=0, keepdims=True)
+    tail_time = times[-2] if len(times) > 1 else now.t
+    checkpoint = replace(
+        saved,
+        now=Origin(end.t, end.instant.state, now.memory),
+        previous=saved.now,
+        tail_time=tail_time,
+        tail=curves.margins[tail_time if tail_time in curves.margins else now.t],
+        stop=saved.stop + int(end.t == next_stop),
+        sums=saved.sums._replace(work=saved.sums.work + end.work),
+        proposal=proposal,
+        tracker=tracker,
+        occurrences=(*saved.occurrences, *news),
+    )
+    return RunState(segment, checkpoint, end.instant, now, end.gaps, found.times[-len(margins) :], margins)
+
+
+def _require_step(at: RunState, found: StepMargins, until: float) -> None:
+    """Refuse a step that failed, and one of fixed length that the motion is too fast for.
+
+    Raises:
+        StepTooLongError: shorter steps do not show what it shows, or could not follow either.
+        HoldfastError: why no step leads on.
+    """
+    settings, end = at.segment.settings, found.end
+    window = Window(at.segment, at.previous, at.now)
+    if end.instant is None:
+        assert end.failure is not None
+        raise end.failure if settings.scheme.adaptive else explained(window, until, end.failure)
+    state = end.instant.state
+    if not np.abs(state.qd).max() < FASTEST:
+        why = f"the motion diverges, a joint rate passes {FASTEST:g}"
+        raise StateError(why) if settings.scheme.adaptive else too_long(window, until, why)
+    if settings.scheme.adaptive:
+        return
+    require_shown(window, found, at.checkpoint.tracker)
+    if elsewhere(at.now.state, state):
+        require_followed(end.instant.chain, state, settings.longest_step, settings.scheme)
+
+
+def _margin_curves(at: RunState, stepper: Stepper) -> MarginCurves:
+    """Return the margins about now, so far as they are known; what a stepper leads to comes next."""
+    now = at.now
+
+    def reach(times: Sequence[float]) -> list[Advance]:
+        before = [t for t in times if t < now.t]
+        after = [t for t in times if t >= now.t]
+        found = []
+        if before:
+            assert at.previous is not None
+            found += at.segment.stepper.advance(at.previous, before)
+        return found + (stepper.advance(now, after) if after else [])
+
+    known = {now.t: at.margins[-1]}
+    if at.previous is not None:
+        known[at.checkpoint.tail_time] = at.checkpoint.tail
+    here = Advance(now.t, now, at.gaps, np.zeros(4))
+    return MarginCurves(reach, at.segment.margins, known, {now.t: here})
