@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 
 import holdfast as hf
+from holdfast.dynamics import motion_basis
+from holdfast.dynamics.closed.chain_motion import chain_at_rest
+from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.dynamics.rank import closed_near, constraint_pivots
 from holdfast.simulation.stepper import ReferenceStepper
 from tests.oracles.planar_mechanism import random_mechanism
@@ -169,3 +172,42 @@ def test_machine_code_beside_the_constraint():
         many = hf.compile(chain, generic_rank=known).forward_dynamics(np.array([beside, moved.q]), **given)
         assert [status.name for status in many.status] == ["INVALID", "INDETERMINATE_FORCES"]
         assert np.isnan(many.qdd[0]).all() and np.abs(many.qdd[1] - exact.qdd).max() < 1e-9
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-12, 1e-10, 1e-8, 1e-7])
+def test_velocities_beside_the_constraint(gap):
+    """Positions that are a little off stop no motion: the dependent row is left out, as where the grasps are closed."""
+    chain, state = bricard(MODELS[1])
+    moved = hf.simulate(chain, state, free, 0.5, 1e-2).state(-1)
+    (way,) = motion_basis(chain, moved).T
+    random = np.random.default_rng(1)
+    given = np.concatenate([random.normal(size=4), random.normal(size=6)])
+    beside = hf.State(moved.q + gap * random.normal(size=4), given[:4], moved.object_pose, given[4:])
+    found = hf.dynamics.project_velocity(chain, beside)
+    velocities = np.concatenate([found.qd, found.object_twist])
+    sizes = coordinate_sizes(chain_at_rest(chain, moved))
+    expected = way * ((way / sizes) @ (given / sizes)) / ((way / sizes) @ (way / sizes))
+    assert np.abs(velocities - expected).max() < 1e-12 + 100 * gap
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-9, 3e-7])
+def test_an_arm_that_grips_beside_its_grasp(gap):
+    """Bricard's loop closes with a row too many: the impulse leaves the motion that the loop allows."""
+    chain, state = bricard(MODELS[2])
+    moved = hf.simulate(chain, state, free, 0.5, 1e-2).state(-1)
+    (way,) = motion_basis(chain, moved).T
+    random = np.random.default_rng(2)
+    left = chain.joints["left"]
+    q, qd = moved.q.copy(), moved.qd.copy()
+    q[left] += gap * random.normal(size=2)
+    qd[left] += random.normal(size=2)
+    grip = hf.dynamics.attach(
+        chain.without_grasp("left"),
+        hf.State(q, qd, moved.object_pose, moved.object_twist),
+        "left",
+        chain.grasps["left"],
+    )
+    velocities = np.concatenate([grip.state.qd, grip.state.object_twist])
+    assert np.abs(velocities - way * (way @ velocities)).max() < 1e-10 + 100 * gap
+    assert np.abs(velocities).max() > 0.1 and grip.energy_change < 0.0
+    assert grip.status.name == "INDETERMINATE_FORCES"

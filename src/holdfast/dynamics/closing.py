@@ -17,6 +17,8 @@ from holdfast.state import Inputs, State
 CLOSED = 1e-13  # rad, and lengths over the arms' reach: where iterating on stops
 ACCEPTED = 1e-10  # the same: what counts as closed
 MAX_ITERATIONS = 200
+NULL = 1e-9  # of the largest singular value: what is smaller is none
+NULL_PER_GAP = 1e3  # the same per position gap: beside the constraint rows may seem independent that are not on it
 LONGEST_STEP = 0.5  # rad, or part of the arms' reach, in one iteration
 WORTH_NAMING = 1e-2  # of the largest miss: a smaller one was only waiting for it
 MOST_NAMED = 4  # arms in one message
@@ -79,12 +81,29 @@ def project_velocity(
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), (inputs or Inputs()).shaped(chain))
     if not motion.contacts:
         return state
-    rows = constraint_rows(motion)
-    gap = np.concatenate([c.velocity_gap for c in motion.contacts])
-    n, sizes = chain.joint_count, coordinate_sizes(motion)
-    matrix = np.hstack([rows.joints, 0.0 * rows.object if hold_object else rows.object])
-    step = sizes * np.linalg.lstsq(matrix * sizes, gap, rcond=1e-12)[0]
+    n, sizes, gap = (
+        chain.joint_count,
+        coordinate_sizes(motion),
+        np.concatenate([c.velocity_gap for c in motion.contacts]),
+    )
+    U, s, Vt = np.linalg.svd(_velocity_rows(motion, hold_object), full_matrices=False)
+    rank = int((s > NULL * s[0]).sum())
+    position_gap = np.abs(_gap(chain, state)[1]).max(initial=0.0)
+    if rank > 0 and s[rank - 1] < NULL_PER_GAP * position_gap * s[0]:
+        # a row that follows from others does so where the grasps are closed; beside it, it would stop the motion
+        free = np.full(n, np.inf)
+        closed = chain_at_rest(chain, _brought_together(chain, state, -free, free))
+        there = np.linalg.svd(_velocity_rows(closed, hold_object), compute_uv=False)
+        rank = min(rank, int((there > NULL * there[0]).sum()))
+    step = sizes * (Vt[:rank].T @ ((U[:, :rank].T @ gap) / s[:rank]))
     return State(state.q, state.qd + step[:n], state.object_pose, state.object_twist + step[n:])
+
+
+def _velocity_rows(motion: ChainMotion, hold_object: bool) -> Array:
+    """Return K [J, -A] for unknowns in units of `coordinate_sizes`."""
+    rows = constraint_rows(motion)
+    object_rows = 0.0 * rows.object if hold_object else rows.object
+    return np.hstack([rows.joints, object_rows]) * coordinate_sizes(motion)
 
 
 def _arms_brought(chain: ClosedChain, state: State, low: Array, high: Array) -> State:

@@ -17,15 +17,16 @@ import numpy as np
 from holdfast.dynamics.arm.motion import at_rest
 from holdfast.dynamics.arm.newton_euler import newton_euler
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion
+from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.consistency import (
     POSITION_TOLERANCE,
     VELOCITY_TOLERANCE,
     position_residual,
     require_closed,
 )
-from holdfast.dynamics.constraint import length_scale
-from holdfast.dynamics.indeterminate import free_wrenches, with_smallest_forces
+from holdfast.dynamics.indeterminate import with_smallest_forces
 from holdfast.dynamics.projection import constraint_impulses
+from holdfast.dynamics.rank import rank_and_held_near
 from holdfast.dynamics.result import Status
 from holdfast.errors import ClosureError
 from holdfast.model import checks
@@ -163,15 +164,16 @@ def _require_there(motion: ChainMotion, state: State, name: str, tolerance: floa
 def _stopped(motion: ChainMotion, state: State, given: Inputs) -> Attachment:
     """Return the chain after the impulses that make the velocities agree at every grasp."""
     chain = motion.chain
+    rank, held = rank_and_held_near(chain, state, given)  # a little off the grasps no row seems to follow from others
     mismatch = [
         arm.tip_twist - shift_twist(c.offset, state.object_twist)
         for arm, c in zip(motion.holding, motion.contacts, strict=True)
     ]
-    dqd, dV, found = constraint_impulses(motion, motion.contacts, mismatch)
+    dqd, dV, found = constraint_impulses(motion, holding(motion, held).contacts, mismatch)
     status = Status.OK
-    if free_wrenches(motion, length_scale([c.offset for c in motion.contacts])).shape[1]:
+    if rank < chain.constraint_row_count:
         status = Status.INDETERMINATE_FORCES
-        found = with_smallest_forces(motion, Solution([], found, dV)).wrenches
+        found = with_smallest_forces(motion, Solution([], found, dV, rank=rank)).wrenches
     impulses, base = np.zeros((len(chain.arms), 6)), np.zeros((len(chain.arms), 6))
     for name, impulse in zip(chain.grasps, found, strict=True):
         i = chain.names.index(name)

@@ -163,10 +163,20 @@ def held_near(chain: ClosedChain, state: State, generic_rank: int) -> Array | No
     if generic_rank >= chain.constraint_row_count:
         return None
     closed = closed_near(chain, state)
-    if closed is None:
-        return None
-    found = sequential(replace(chain_at_rest(chain, closed), generic_rank=generic_rank))
-    return found.held if found.rank == generic_rank else None
+    return None if closed is None else _held_at(chain, closed, generic_rank)
+
+
+def _held_at(chain: ClosedChain, closed: State, rank: int) -> Array | None:
+    """Return which components of the grasps to hold at a closed state; None if it has not that rank."""
+    found = sequential(replace(chain_at_rest(chain, closed), generic_rank=rank))
+    return found.held if found.rank == rank else None
+
+
+def rank_and_held_near(chain: ClosedChain, state: State, inputs: Inputs) -> tuple[int, Array | None]:
+    """Return the constraint's rank at the nearest closed state, and which components to hold; None: all of them."""
+    closed = closed_near(chain, state, inputs) or state
+    rank = constraint_rank(chain, closed)
+    return rank, _held_at(chain, closed, rank) if rank < chain.constraint_row_count else None
 
 
 def velocities_are_motions(chain: ClosedChain, state: State) -> bool:
