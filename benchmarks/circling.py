@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from holdfast import project
 from holdfast.bench.systems import follow
 from holdfast.control.grasp_forces import commanded_wrenches
 from holdfast.dynamics.inverse import inverse_dynamics
-from holdfast.dynamics.projection import project
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject

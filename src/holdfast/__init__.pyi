@@ -19,7 +19,7 @@ from .dynamics.closing import close as close
 from .dynamics.diagnose import diagnose as diagnose
 from .dynamics.forward import forward_dynamics as forward_dynamics
 from .dynamics.inverse import inverse_dynamics as inverse_dynamics
-from .dynamics.projection import project as project
+from .dynamics.project import project as project
 from .errors import ClosureError as ClosureError
 from .errors import FrozenError as FrozenError
 from .errors import HoldfastError as HoldfastError

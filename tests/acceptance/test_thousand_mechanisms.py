@@ -90,15 +90,16 @@ def test_nearly_singular(chunk):
     worst, least = 0.0, 1.0
     for seed in range(EACH * chunk, EACH * (chunk + 1)):
         longer = 10.0 ** -np.random.default_rng(seed).uniform(1.5, 7.0)
-        errors = []
+        errors, moving = [], 1e-9
         for more in (longer, 0.2):
             cranks = parallel_cranks(seed, more)
             run = hf.simulate(cranks.chain, cranks.state, free, 0.4, 8e-3)
             assert run.stopped is None or "singular" in run.stopped, (seed, run.stopped)
             errors.append(energy_error(run))
+            moving = max(moving, float(run.kinetic.max()))
             if run.stopped is None:
                 require_steady_rank(cranks.chain, run.state(-1), seed)
                 least = min(least, float(1.0 / np.sqrt(run.condition.max())))
-        assert errors[0] < 10.0 * errors[1] + 1e-6, (seed, errors)
-        worst = max(worst, errors[0] / (errors[1] + 1e-7))
+        assert errors[0] < 10.0 * errors[1] + 2e-7 * moving, (seed, errors)
+        worst = max(worst, errors[0] / (errors[1] + 2e-8 * moving))
     print(f"strength down to {least:.1e}; energies at worst {worst:.2f} times as far off as the sibling's")

@@ -22,7 +22,6 @@ from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.closed.object_filter import object_filter
 from holdfast.dynamics.closed.tip_response import TipResponse, tip_response
 from holdfast.dynamics.consistency import tip_from_contact
-from holdfast.errors import ClosureError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
@@ -31,7 +30,6 @@ from holdfast.spatial.spatial_vector import rotate, shift_twist
 from holdfast.state import Inputs, State
 
 CLOSED = 1e-14  # m and rad: no round beyond this
-ROUNDS = 8
 STEP_ROUNDS = 2  # for a step's end
 FARTHEST = 1e-2  # m and rad: a state further off was not produced by a sound step
 LEFT_OPEN = 1e-9  # m and rad: what is left beyond this is no rounding
@@ -73,49 +71,6 @@ def project_velocities(motion: ChainMotion, state: State) -> State:
     mismatch = each(lambda arm, c: arm.tip_twist - shift_twist(c.offset, twist), motion.holding, motion.contacts)
     dqd, dV, _ = constraint_impulses(motion, motion.contacts, mismatch)
     return State(state.q, state.qd + dqd, state.object_pose, state.object_twist + dV)
-
-
-def project(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> tuple[State, ChainMotion]:
-    """Return the state moved back onto position and velocity constraints, and its motion there.
-
-    Positions in a few Newton rounds on the position rows (a soft finger's spin is left
-    alone), then velocities once, both in the kinetic metric. O(n) + O(l) a round.
-
-    Args:
-        chain: the chain.
-        state: a state near the constraint, as an integrator's step leaves it.
-        inputs: what acts on the chain besides torques; base motion enters.
-
-    Raises:
-        ClosureError: if the state is too far off, or does not come closer.
-
-    Reference:
-        `docs/theory/simulation.md`.
-    """
-    state.fits(chain)
-    given = (inputs or Inputs()).shaped(chain)
-    tau = np.zeros(chain.joint_count)
-    motion = chain_motion(chain, state, tau, given)
-    before = size = np.inf
-    for _ in range(ROUNDS):
-        gaps = position_mismatch(motion, state)
-        size = max((float(np.abs(gap).max()) for gap in gaps), default=0.0)
-        if size <= CLOSED or size >= 0.5 * before:
-            break
-        if size > FARTHEST:
-            raise ClosureError(
-                f"the grasps are open by {size:.3g} (m or rad), expected a step's rounding; try a smaller time step"
-            )
-        before = size
-        state = closer(motion, state, gaps)
-        motion = chain_motion(chain, state, tau, given)
-    if size > LEFT_OPEN:
-        raise ClosureError(
-            f"the grasps stay open by {size:.3g} (m or rad): Newton's method does not close them; try a smaller time"
-            " step"
-        )
-    state = project_velocities(motion, state)
-    return state, chain_motion(chain, state, tau, given)
 
 
 class Gap(NamedTuple):

@@ -21,7 +21,7 @@ from holdfast.spatial.scalar import Array
 
 RTOL = 1e-11
 MOST_PARTS = 256
-SAME = 1e-6  # of what velocities change by: halves that lead elsewhere by more show a step that is too long
+SAME = 1e-7  # of what velocities change by: halves that lead elsewhere by more show a step that is too long
 
 
 def halves_agree(stepper: Stepper, now: Instant, later: Instant) -> bool:

@@ -31,7 +31,7 @@ CLOSED = 1e-8  # m or rad: what a way through is open by at most; one that leaps
 CLOSE = 1e-4  # [s]: from here the posture's time follows from velocities and accelerations
 # Parts of the strength: steps that change it by less are as good as any.
 RESOLVED, RESOLVED_ELSEWHERE = 0.02, 0.1
-NEARBY = 0.15  # strength below which a posture is looked upon as near a singular one
+NEARBY = 0.25  # strength below which a posture is looked upon as near a singular one
 FARTHEST_TURN = 1.0  # rad, or part of the reach: a longer step is too long whatever the constraint
 MOST_IN_A_STEP = 8
 PAST = 1e-3  # of what is left of a step after a posture: there the search for another one begins
