@@ -22,8 +22,8 @@ def main(out: Path = OUT) -> dict[str, float]:
     arms = {"left": iiwa14([1, 0, 0, 0, -0.7, 0, 0]), "right": iiwa14([0, 0, 0, 1, 0.7, 0, 0])}
     box = hf.HeldObject.box(mass=5.0, x=0.3, y=0.3, z=0.2)
     grasps = {
-        "left": hf.Grasp("rigid", hf.Pose.from_wxyz_xyz([0.5, -0.5, 0.5, -0.5, -0.15, 0, 0])),  # z: into the box
-        "right": hf.Grasp("rigid", hf.Pose.from_wxyz_xyz([0.5, -0.5, -0.5, 0.5, 0.15, 0, 0])),
+        "left": hf.Grasp("rigid", hf.contact_frame([-0.15, 0, 0], into=[1, 0, 0])),
+        "right": hf.Grasp("rigid", hf.contact_frame([0.15, 0, 0], into=[-1, 0, 0])),
     }
     chain, state = hf.assemble(arms, box, grasps, object_pose=[1, 0, 0, 0, 0, 0, 0.6])
     path = RestToRest(state.object_frame, displacement=[0, 0, 0.2], turn=[0.5, 0, 0], begin=0.1, duration=0.8)

@@ -26,8 +26,8 @@ def main(out: Path = OUT) -> dict[str, np.ndarray]:
     arms = {"left": panda([1, 0, 0, 0, -0.55, 0, 0]), "right": panda([0, 0, 0, 1, 0.55, 0, 0])}
     box = hf.HeldObject.box(mass=3.0, x=2 * HALF, y=0.2, z=0.2)
     contacts = {
-        "left": hf.Pose.from_wxyz_xyz([0.5, -0.5, 0.5, -0.5, -HALF, 0, 0]),
-        "right": hf.Pose.from_wxyz_xyz([0.5, -0.5, -0.5, 0.5, HALF, 0, 0]),
+        "left": hf.contact_frame([-HALF, 0, 0], into=[1, 0, 0]),
+        "right": hf.contact_frame([HALF, 0, 0], into=[-1, 0, 0]),
     }
     offsets = np.linspace(-0.12, 0.12, 9)  # c: of the mass centre from the box's middle, towards the right hand [m]
     shares = {

@@ -24,8 +24,8 @@ def main(out: Path = OUT) -> dict[str, float | str]:
     """Return the figures that this example prints."""
     arms = {"left": panda([1, 0, 0, 0, -0.55, 0, 0]), "right": panda([0, 0, 0, 1, 0.55, 0, 0])}
     box = hf.HeldObject.box(mass=2.0, x=0.2, y=0.2, z=0.2)
-    left = hf.Grasp("rigid", hf.Pose.from_wxyz_xyz([0.5, -0.5, 0.5, -0.5, -0.1, 0, 0]))  # z: into the box
-    right = hf.Grasp("rigid", hf.Pose.from_wxyz_xyz([0.5, -0.5, -0.5, 0.5, 0.1, 0, 0]))
+    left = hf.Grasp("rigid", hf.contact_frame([-0.1, 0, 0], into=[1, 0, 0]))
+    right = hf.Grasp("rigid", hf.contact_frame([0.1, 0, 0], into=[-1, 0, 0]))
 
     # Where they meet, both hold. Before, the left arm alone has the box 0.1 m nearer to itself; the right one waits.
     _, met = hf.assemble(arms, box, {"left": left, "right": right}, object_pose=MEETING)

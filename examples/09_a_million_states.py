@@ -23,8 +23,8 @@ def main(out: Path = OUT, batches: int = 62) -> dict[str, float]:
     arms = {"left": iiwa14([1, 0, 0, 0, -0.7, 0, 0]), "right": iiwa14([0, 0, 0, 1, 0.7, 0, 0])}
     box = hf.HeldObject.box(mass=5.0, x=0.3, y=0.3, z=0.2)
     grasps = {
-        "left": hf.Grasp("rigid", hf.Pose.from_wxyz_xyz([0.5, -0.5, 0.5, -0.5, -0.15, 0, 0])),  # z: into the box
-        "right": hf.Grasp("rigid", hf.Pose.from_wxyz_xyz([0.5, -0.5, -0.5, 0.5, 0.15, 0, 0])),
+        "left": hf.Grasp("rigid", hf.contact_frame([-0.15, 0, 0], into=[1, 0, 0])),
+        "right": hf.Grasp("rigid", hf.contact_frame([0.15, 0, 0], into=[-1, 0, 0])),
     }
     chain, middle = hf.assemble(arms, box, grasps, object_pose=[1, 0, 0, 0, 0, 0, 0.6])
     fast = hf.compile(chain)

@@ -54,8 +54,8 @@ def main(out: Path = OUT) -> dict[str, float]:
     }
     box = hf.HeldObject.box(mass=4.0, x=0.3, y=0.2, z=0.2)
     grasps = {
-        "left": hf.Grasp("rigid", hf.Pose.from_wxyz_xyz([0.5, -0.5, 0.5, -0.5, -0.15, 0, 0])),  # z: into the box
-        "right": hf.Grasp("rigid", hf.Pose.from_wxyz_xyz([0.5, -0.5, -0.5, 0.5, 0.15, 0, 0])),
+        "left": hf.Grasp("rigid", hf.contact_frame([-0.15, 0, 0], into=[1, 0, 0])),
+        "right": hf.Grasp("rigid", hf.contact_frame([0.15, 0, 0], into=[-1, 0, 0])),
     }
     assembly = hf.assemble(arms, box, grasps, object_pose=[1, 0, 0, 0, 0, 0, 0.5])
     chain, state = assembly

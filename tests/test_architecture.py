@@ -44,6 +44,7 @@ MAY_IMPORT = {
     "bench": FILES_AND_SCENES | {"holdfast"},  # calls the library as its users do
     "cli": FILES_AND_SCENES | {"bench", "view", "holdfast"},
 }
+ON_CALL = {"model/held_object.py": {"robots"}}  # constructors that read files ask the room that reads, when called
 HEAVY = {"scipy", "llvmlite", "tyro", "rich", "matplotlib", "pinocchio", "mujoco", "viser", "mpmath"}
 HEAVY |= {"pandas", "pyarrow"}
 
@@ -74,7 +75,8 @@ def test_imports_go_left(path):
     if here == "__init__":
         return
     assert here in MAY_IMPORT, f"a new room: say in MAY_IMPORT where {here} belongs"
-    assert imported_rooms(path) <= MAY_IMPORT[here] | {here, "errors"}
+    called = ON_CALL.get(path.relative_to(ROOT).as_posix(), set())
+    assert imported_rooms(path) <= MAY_IMPORT[here] | called | {here, "errors"}
 
 
 def test_rooms_are_not_circular():
@@ -135,11 +137,11 @@ def test_types_are_for_others_too():
 
 
 def test_public_names():
-    """Some 40 names at the top, the rest by theme; every name exists, stands in one place only, and is no module."""
+    """Some 45 names at the top, the rest by theme; every name exists, stands in one place only, and is no module."""
     by_name = Counter(path.rpartition(".")[2] for path in PUBLIC)
     assert [name for name, count in by_name.items() if count > 1] == []
     assert [path for path, thing in PUBLIC.items() if inspect.ismodule(thing)] == []
-    assert len(names_of("")) <= 40
+    assert len(names_of("")) <= 45
 
 
 def test_unknown_name():

@@ -34,12 +34,15 @@ from .errors import StepTooLongError as StepTooLongError
 from .io.result_reader import load_result as load_result
 from .model.arm import Arm as Arm
 from .model.closed_chain import ClosedChain as ClosedChain
+from .model.contact_frame import contact_frame as contact_frame
 from .model.grasp import Friction as Friction
 from .model.grasp import Grasp as Grasp
 from .model.grasp import WrenchLimits as WrenchLimits
 from .model.held_object import HeldObject as HeldObject
 from .model.joint import Joint as Joint
 from .model.link import Link as Link
+from .model.spring import Spring as Spring
+from .model.trunk import Trunk as Trunk
 from .robots.urdf import load_urdf as load_urdf
 from .robots.urdf import load_urdf_arms as load_urdf_arms
 from .scenario.build import load_scene as load_scene

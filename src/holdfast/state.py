@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,50 +23,75 @@ class State(Frozen):
     """Positions and velocities of the whole chain.
 
     Attributes:
-        q: (n,) joint positions, arms in the chain's order, base to tip [rad or m].
+        q: (n,) joint positions, those of a trunk first, then arms in the chain's order, base to tip [rad or m].
         qd: (n,) joint rates [rad/s or m/s].
         object_pose: (7,) wxyz_xyz of the object frame (origin C) in the world.
         object_twist: (6,) [omega; v of C], world axes [rad/s, m/s].
+        base_pose: (7,) wxyz_xyz of a floating base's frame in the world; None without one.
+        base_twist: (6,) [omega; v of that frame's origin], world axes; None without one.
     """
 
     q: ArrayField
     qd: ArrayField
     object_pose: Converted[Array, Pose | ArrayLike]
     object_twist: ArrayField = field(default_factory=making(np.zeros, 6))
+    base_pose: Converted[Array | None, Pose | ArrayLike | None] = NOT_GIVEN
+    base_twist: OptionalArrayField = NOT_GIVEN
 
     def __post_init__(self) -> None:
         put = object.__setattr__
         put(self, "q", checks.vector(self.q, "state: q", StateError))
         put(self, "qd", checks.numbers(self.qd, self.q.shape, "state: qd", StateError))
-        pose = self.object_pose.wxyz_xyz if isinstance(self.object_pose, Pose) else self.object_pose
-        pose = checks.numbers(pose, (7,), "state: object_pose", StateError)
-        if pose.dtype != object:
-            length = math.hypot(*pose[:4])
-            if abs(length - 1) > checks.ROTATION_TOLERANCE:
-                raise StateError(
-                    f"state: object_pose: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}"
-                )
-            if abs(length - 1) > checks.ROUNDED:  # the pose of another state keeps its bits
-                pose = checks.read_only(np.concatenate([pose[:4] / length, pose[4:]]))
-        put(self, "object_pose", pose)
+        put(self, "object_pose", _pose(self.object_pose, "state: object_pose"))
         put(self, "object_twist", checks.numbers(self.object_twist, (6,), "state: object_twist", StateError))
+        if self.base_pose is not None:
+            put(self, "base_pose", _pose(self.base_pose, "state: base_pose"))
+            twist = np.zeros(6) if self.base_twist is None else self.base_twist
+            put(self, "base_twist", checks.numbers(twist, (6,), "state: base_twist", StateError))
+        elif self.base_twist is not None:
+            raise StateError("state: base_twist: expected the pose of the floating base with it, got no base_pose")
 
     @frozen_property
     def object_frame(self) -> Pose:
         """The object's pose as rotation and origin."""
         return Pose.unchecked_seven(self.object_pose)
 
+    @frozen_property
+    def base_frame(self) -> Pose | None:
+        """The floating base's pose as rotation and origin; None without one."""
+        return None if self.base_pose is None else Pose.unchecked_seven(self.base_pose)
+
+    def at_rest(self) -> State:
+        """Return the same positions without velocities."""
+        return State(self.q, 0.0 * self.qd, self.object_pose, base_pose=self.base_pose)
+
     def fits(self, chain: ClosedChain) -> None:
-        """Refuse the state if its length is not the chain's.
+        """Refuse the state if its length is not the chain's, or a floating base's pose is missing or out of place.
 
         Raises:
-            StateError: naming both lengths.
+            StateError: naming both lengths, or what is missing.
         """
         if len(self.q) != chain.joint_count:
-            raise StateError(
-                f"state: q: expected {chain.joint_count} joint positions"
-                f" ({', '.join(f'{n}: {a.joint_count}' for n, a in chain.arms.items())}), got {len(self.q)}"
-            )
+            counts = ", ".join(f"{name}: {part.stop - part.start}" for name, part in chain.joints.items())
+            raise StateError(f"state: q: expected {chain.joint_count} joint positions ({counts}), got {len(self.q)}")
+        if chain.floats and self.base_pose is None:
+            raise StateError("state: base_pose: expected the pose of the trunk's floating base, got none")
+        if self.base_pose is not None and not chain.floats:
+            raise StateError("state: base_pose: expected none, as the chain has no floating base")
+
+
+def _pose(given: Any, what: str) -> Array:
+    """Return a pose as checked unit quaternion and position, (7,)."""
+    pose = given.wxyz_xyz if isinstance(given, Pose) else given
+    pose = checks.numbers(pose, (7,), what, StateError)
+    if pose.dtype == object:
+        return pose
+    length = math.hypot(*pose[:4])
+    if abs(length - 1) > checks.ROTATION_TOLERANCE:
+        raise StateError(f"{what}: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}")
+    if abs(length - 1) <= checks.ROUNDED:  # the pose of another state keeps its bits
+        return pose
+    return checks.read_only(np.concatenate([pose[:4] / length, pose[4:]]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,15 +100,22 @@ class Inputs(Frozen):
 
     Attributes:
         object_wrench: (6,) external wrench on the object about C, world axes [N m, N].
-        link_wrenches: (n, 6) external wrench on each link about its frame's origin, world axes.
-        base_twists: (arms, 6) prescribed velocity of each base's origin, world axes.
-        base_accelerations: (arms, 6) its plain derivative [omega_dot; v_dot].
+        link_wrenches: (n, 6) external wrench on each link of the arms about its frame's origin, world axes.
+        base_twists: (arms, 6) prescribed velocity of each base's origin, world axes; 0 for arms on a trunk.
+        base_accelerations: (arms, 6) its plain derivative [omega_dot; v_dot]; 0 for arms on a trunk.
+        trunk_base_twist: (6,) prescribed velocity of the origin of a trunk's base in the world, world axes.
+        trunk_base_acceleration: (6,) its plain derivative.
+        trunk_link_wrenches: (bodies, 6) external wrench on each body of the trunk about its frame's origin, world
+            axes, a floating base first.
     """
 
     object_wrench: OptionalArrayField = NOT_GIVEN
     link_wrenches: OptionalArrayField = NOT_GIVEN
     base_twists: OptionalArrayField = NOT_GIVEN
     base_accelerations: OptionalArrayField = NOT_GIVEN
+    trunk_base_twist: OptionalArrayField = NOT_GIVEN
+    trunk_base_acceleration: OptionalArrayField = NOT_GIVEN
+    trunk_link_wrenches: OptionalArrayField = NOT_GIVEN
 
     def __post_init__(self) -> None:
         for name, given in vars(self).items():
@@ -90,15 +123,53 @@ class Inputs(Frozen):
                 object.__setattr__(self, name, checks.numbers(given, None, f"inputs: {name}", StateError))
 
     def shaped(self, chain: ClosedChain) -> Inputs:
-        """Return the inputs as checked arrays of the chain's shapes; only link wrenches stay None."""
-        l, n = len(chain.arms), chain.joint_count
+        """Return the inputs as checked arrays of the chain's shapes; only link wrenches and a trunk's stay None."""
+        l, n = len(chain.arms), sum(arm.joint_count for arm in chain.arms.values())
 
         def arr(value: Array | None, shape: tuple[int, ...], what: str) -> Array:
             return np.zeros(shape) if value is None else checks.numbers(value, shape, what, StateError)
 
-        return Inputs(
+        shaped = Inputs(
             arr(self.object_wrench, (6,), "inputs: object_wrench"),
             None if self.link_wrenches is None else arr(self.link_wrenches, (n, 6), "inputs: link_wrenches"),
             arr(self.base_twists, (l, 6), "inputs: base_twists"),
             arr(self.base_accelerations, (l, 6), "inputs: base_accelerations"),
         )
+        return shaped if chain.trunk is None and not self._of_trunk else self._with_trunk(shaped, chain)
+
+    @property
+    def _of_trunk(self) -> list[str]:
+        """The fields of a trunk that are given."""
+        names = ("trunk_base_twist", "trunk_base_acceleration", "trunk_link_wrenches")
+        return [name for name in names if getattr(self, name) is not None]
+
+    def _with_trunk(self, shaped: Inputs, chain: ClosedChain) -> Inputs:
+        """Return the inputs with those of the trunk, checked.
+
+        Raises:
+            StateError: a wrong shape, or what the chain's trunk has no place for.
+        """
+        trunk = chain.trunk
+        if trunk is None:
+            raise StateError(f"inputs: {self._of_trunk[0]}: expected none, as the chain has no trunk")
+        assert shaped.base_twists is not None and shaped.base_accelerations is not None
+        for what in ("base_twists", "base_accelerations"):
+            rows = getattr(shaped, what)
+            moved = [name for i, name in enumerate(chain.arms) if name in chain.mounts and any(rows[i] != 0.0)]
+            if moved:
+                raise StateError(f"inputs: {what}: arm '{moved[0]}' moves with the trunk it stands on; expected zeros")
+        for what in self._of_trunk:
+            if trunk.floating is not None and what != "trunk_link_wrenches":
+                raise StateError(
+                    f"inputs: {what}: expected none, as the trunk's base floats: its motion is in the state"
+                )
+        shapes: dict[str, tuple[int, ...]] = {"trunk_link_wrenches": (len(trunk.bodies), 6)}
+        if trunk.floating is None:
+            shapes |= {"trunk_base_twist": (6,), "trunk_base_acceleration": (6,)}
+        given = {
+            name: np.zeros(shape)
+            if getattr(self, name) is None
+            else checks.numbers(getattr(self, name), shape, f"inputs: {name}", StateError)
+            for name, shape in shapes.items()
+        }
+        return replace(shaped, **given)

@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from tests.view.mesh_files.test_mesh_files import fuzz
+from tests.robots.mesh_files.test_mesh_files import fuzz
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(1800)]
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from tests.simulation.test_singular_postures import free
+from tests.simulation.test_overconstrained import free
 from tests.systems.n_four_bar import n_four_bar, passing_times
 
 pytestmark = pytest.mark.long

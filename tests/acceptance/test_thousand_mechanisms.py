@@ -11,7 +11,8 @@ import holdfast as hf
 from holdfast.dynamics.rank import constraint_rank
 from tests.oracles.planar_mechanism import random_mechanism
 from tests.oracles.spherical_mechanism import random_spherical
-from tests.simulation.test_singular_postures import energy_error, free
+from tests.simulation.test_overconstrained import free
+from tests.simulation.test_singular_postures import energy_error
 from tests.systems.parallel_cranks import parallel_cranks
 
 pytestmark = pytest.mark.long

@@ -13,9 +13,9 @@ import pytest
 from tests.cli.forked import Try, run_all
 from tests.cli.test_commands import FILE, program
 from tests.io.mutations import small_case
+from tests.robots.mesh_files.written import stl_bytes
 from tests.robots.two_armed import TWO_ARMED
 from tests.scenario.test_robot import scene
-from tests.view.mesh_files.written import stl_bytes
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="needs fork and POSIX shells")
 

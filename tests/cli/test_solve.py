@@ -13,8 +13,9 @@ from tests.io.mutations import CASES, arm_with, small_case
 from tests.systems import two_collinear_stretched_6r
 
 FILE = Path(__file__).parents[1] / "data" / "cases.json"
-NUMERIC = ("qdd", "f", "alpha_C", "W_dot", "rank", "mobility", "error_vs_expected")
-KEYS = {"name", "method", "status", "reason", "f_unique", *NUMERIC}
+TRUNKS = FILE.with_name("cases_trunk.json")
+NUMERIC = ("qdd", "f", "alpha_C", "W_dot", "base_wrench", "rank", "mobility", "error_vs_expected")
+KEYS = {"name", "method", "status", "reason", "f_unique", "trunk", *NUMERIC}
 BY_NAME = {case["name"]: case for case in CASES}
 
 
@@ -54,6 +55,22 @@ def assert_schema(answer: dict) -> None:
     assert isinstance(answer["mobility"], int)
     assert isinstance(answer["f_unique"], bool)
     assert math.isfinite(answer["error_vs_expected"])
+
+
+@pytest.mark.parametrize(("name", "key"), [("torso3_at_rest", "base_wrench"), ("space_hinge_ball", "acceleration")])
+def test_trunk(solve, name, key):
+    """A trunk has its own part of an answer; the paper's algorithms refuse it by name."""
+    code, found = solve(TRUNKS, "--case", name, "--method", "all")
+    assert code == 0
+    solved = {answer["method"]: answer for answer in found if answer["status"] == "ok"}
+    assert set(solved) == {"sequential", "kkt"}
+    for answer in solved.values():
+        assert set(answer["trunk"]) == {"qdd", key}
+        assert len(answer["trunk"][key]) == 6
+        assert len(answer["base_wrench"]) == len(answer["qdd"])
+        assert answer["error_vs_expected"] < 1e-11
+    refused = [answer for answer in found if answer["status"] == "refused"]
+    assert all("has a trunk" in answer["reason"] for answer in refused)
 
 
 def applies(method: str, tags: dict) -> bool:

@@ -86,6 +86,13 @@ def test_blocks_run(page, tmp_path, monkeypatch):
             example.evaluate()
 
 
+def test_first_example():
+    """README's first program is at most twelve lines, and speaks of no quaternion."""
+    first = next(text for language, text in fences(PAGES[0]) if language == "python")
+    assert len(first.splitlines()) <= 12
+    assert not re.search(r"wxyz|\[(?:[^\],]*,){6,}", first)
+
+
 @pytest.mark.parametrize("page", PAGES, ids=name)
 def test_blocks_are_known(page):
     """Every block has a language that is run, or one that cannot be; every skipped one says why."""

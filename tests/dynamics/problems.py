@@ -60,9 +60,9 @@ def later(p: Problem, dt: float) -> tuple[ClosedChain, State]:
         name: Pose(rotation.exp(dt * V[:3]) @ arm.base.R, arm.base.p + dt * V[3:])
         for (name, arm), V in zip(p.chain.arms.items(), twists, strict=True)
     }
-    return p.chain.with_bases(bases), moved(p.state, dt * p.state.qd, dt * p.state.object_twist)
+    return p.chain.with_bases(bases), moved(p.state, dt * np.r_[p.state.qd, p.state.object_twist])
 
 
 def pushed(p: Problem, dx) -> State:
     """Return the state with the object displaced by [turn; shift], nothing else."""
-    return moved(p.state, np.zeros(p.chain.joint_count), np.asarray(dx, dtype=float))
+    return moved(p.state, np.r_[np.zeros(p.chain.joint_count), np.asarray(dx, dtype=float)])

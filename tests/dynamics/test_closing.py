@@ -33,7 +33,7 @@ def largest_gap(chain: ClosedChain, state: State, inputs=None) -> tuple[float, f
 def perturbed(p, seed: int, size: float = 0.3) -> State:
     """Return the state with joints and object displaced, 0.3 rad and m by default."""
     d = np.random.default_rng(seed).uniform(-size, size, p.chain.joint_count + 6)
-    return moved(p.state, *np.split(d, [p.chain.joint_count]))
+    return moved(p.state, d)
 
 
 @systems
@@ -153,7 +153,7 @@ seeds = pytest.mark.parametrize("seed", range(3))
 def nudged(p, seed: int, size: float) -> State:
     """Return the state with positions and velocities off by about `size`."""
     rng, n = np.random.default_rng(seed), p.chain.joint_count
-    there = moved(p.state, size * rng.normal(size=n), size * rng.normal(size=6))
+    there = moved(p.state, np.r_[size * rng.normal(size=n), size * rng.normal(size=6)])
     qd, twist = p.state.qd + size * rng.normal(size=n), p.state.object_twist + size * rng.normal(size=6)
     return State(there.q, qd, there.object_pose, twist)
 
@@ -199,7 +199,7 @@ def test_position_change_is_smallest(seed):
     n, size = p.chain.joint_count, 1e-7
     rng = np.random.default_rng(seed)
     dq, dx = size * rng.normal(size=n), size * rng.normal(size=6)
-    off = moved(p.state, dq, dx)
+    off = moved(p.state, np.r_[dq, dx])
     found, motion = project(p.chain, off, p.inputs)
     turn = rotation.log(found.object_frame.R @ off.object_frame.R.T)
     change = np.r_[found.q - off.q, turn, found.object_pose[4:] - off.object_pose[4:]]
@@ -216,7 +216,7 @@ def test_position_change_is_smallest(seed):
 def test_too_far_to_project(size):
     """A state further off than a sound step's error is refused with its gap."""
     p = stored("rigid_2arm_7R_gravity")
-    off = moved(p.state, np.zeros(14), np.r_[np.zeros(3), size, 0, 0])
+    off = moved(p.state, np.r_[np.zeros(17), size, 0, 0])
     with pytest.raises(ClosureError, match=r"the grasps are open by 0\.(011|5) \(m or rad\).*smaller time step"):
         project(p.chain, off)
 

@@ -171,7 +171,7 @@ def mjcf(bodies: str, more: str = "") -> str:
     [
         (mjcf(ARM.replace('name="j"', 'name="j" type="ball"')), {}, "joint 'j': expected a hinge or a slide"),
         (mjcf(ARM.replace('<joint name="j"/>', '<freejoint name="f"/>')), {}, "joint 'f': .*got a free joint"),
-        (mjcf(ARM.replace('name="j"', 'name="j" stiffness="3"')), {}, "joint 'j': .*a spring"),
+        (mjcf(ARM.replace('name="j"', 'name="j" stiffness="3 1"')), {}, "joint 'j': .*a spring"),
         (mjcf(ARM.replace('name="j"', 'name="j" damping="1 2"')), {}, "joint 'j': .*not linear"),
         (mjcf(ARM.replace('body name="b"', 'body name="b" gravcomp="1"')), {}, "body 'b': gravcomp"),
         (mjcf(ARM, '<equality><joint name="e" joint1="j" joint2="k"/></equality>'), {}, "'e': .*without loops"),

@@ -66,12 +66,23 @@ def test_the_small_case_is_sound(write):
     assert case.chain.joint_count == sum(len(arm["q"]) for arm in small_case()["arms"])
 
 
+def require_free_arm(file, where) -> None:
+    """An arm without a grasp is free, so that no relative rate is expected of it."""
+    i = where[1]
+    if small_case()["expected"]["W_dot"][i]:
+        assert refusal(file).startswith(f"$.expected.W_dot[{i}]: expected 0 numbers, got ")
+    else:
+        assert f"arm{i + 1}" not in load_cases(file)[0].chain.grasps
+
+
 @pytest.mark.parametrize("where", KEYS, ids=path)
 def test_missing_or_misspelt_key(where, write):
     """A missing key is named where it is missing; an unknown one is refused, with a suggestion."""
     file = write(without(where))
     if is_optional(where):
         assert len(load_cases(file)) == 1
+    elif where[-1] == "grasp":
+        require_free_arm(file, where)
     elif where[-1] == "h_object":
         assert refusal(file).startswith(f"{path(where)}: expected ")
     else:
@@ -95,6 +106,8 @@ def test_wrong_type_or_length(where, write):
         nothing = junk is None and where[-1] in ("expected", "W")
         if was == junk or nothing or (junk == "text" and where == ("name",)):
             load_cases(write(replaced(where, junk)))
+        elif junk is None and where[-1] == "grasp":
+            require_free_arm(write(replaced(where, junk)), where)
         else:
             assert refusal(write(replaced(where, junk))).startswith(path(where))
     if not isinstance(was, list) or where == ("arms",):  # any number of arms is fine

@@ -34,7 +34,7 @@ def cardan_opening(tip):
 
 
 ROWS = {
-    "universal": GraspKind(
+    "cardan": GraspKind(
         free=(0, 1),
         carried_by=("tip", "object"),
         closed_angles=(2,),
@@ -53,7 +53,7 @@ ARMS = {
     "right": ("prismatic", "revolute", "revolute", "screw", "revolute", "revolute", "revolute"),
     "third": ("revolute", "cylindrical", "revolute", "revolute", "screw"),
 }
-KINDS = {"left": "universal", "right": "rigid", "third": "universal"}
+KINDS = {"left": "cardan", "right": "rigid", "third": "cardan"}
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -96,7 +96,7 @@ class Problem:
         q, held = random.normal(size=free.joint_count, scale=0.5), pose(0.3)
         tips = {name: hf.dynamics.tip_pose(arm, q[free.joints[name]]) for name, arm in arms.items()}
         about_x, about_y = rotation.exp(np.array([0.7, 0.0, 0.0])), rotation.exp(np.array([0.0, -0.4, 0.0]))
-        turned = {name: about_x @ about_y if kind == "universal" else np.eye(3) for name, kind in KINDS.items()}
+        turned = {name: about_x @ about_y if kind == "cardan" else np.eye(3) for name, kind in KINDS.items()}
         grasps = {
             name: hf.Grasp(kind, held.inverse() @ hf.Pose(tips[name].R @ turned[name], tips[name].p))
             for name, kind in KINDS.items()
@@ -148,7 +148,7 @@ class Problem:
                 contact_R, T = R @ exact(grasp.frame.R), tip_R @ exact(tip.R)
                 found += list(p + tip_R @ exact(tip.p) - C - R @ exact(grasp.frame.p))
                 x, y_axis = T[:, 0], contact_R[:, 1]
-                if grasp.kind == "universal":
+                if grasp.kind == "cardan":
                     found.append(x @ y_axis)
                 else:
                     found += [x @ y_axis, x @ contact_R[:, 2], T[:, 1] @ contact_R[:, 2]]
@@ -197,7 +197,7 @@ def test_forward_dynamics(problem, truth, method):
 
 def test_methods_for_rigid_grasps_refuse_by_name(problem):
     """The paper's methods for rigid grasps name the grasp that is none."""
-    with pytest.raises(hf.MethodNotApplicable, match="'left' is a universal"):
+    with pytest.raises(hf.MethodNotApplicable, match="'left' is a cardan"):
         hf.forward_dynamics(problem.chain, problem.state, problem.tau, method="rccfd1")
 
 

@@ -21,7 +21,8 @@ def both(moment_map: np.ndarray, force_map: np.ndarray, x: np.ndarray) -> np.nda
 
 def given(p: Problem, rotational: np.ndarray, linear: np.ndarray) -> Inputs:
     """Return the inputs with angular and linear parts mapped."""
-    return Inputs(*(both(rotational, linear, x) for x in vars(p.inputs.shaped(p.chain)).values()))
+    inputs = vars(p.inputs.shaped(p.chain)).items()
+    return Inputs(**{name: both(rotational, linear, x) for name, x in inputs if x is not None})
 
 
 def with_arms(p: Problem, names: list[str]) -> Problem:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast import HeldObject, Pose
+from holdfast import HeldObject, Joint, Pose
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest
@@ -52,6 +52,14 @@ def test_what_is_no_number_has_no_part():
     assert fingerprint({"mass": 1.0, "draw": print}) == fingerprint({"mass": 1.0, "draw": Path("mesh.obj")})
     assert fingerprint(["ab", "c"]) != fingerprint(["a", "bc"])
     assert fingerprint([1, [2]]) != fingerprint([[1], 2])
+
+
+def test_earlier_models_keep_their_text():
+    """What later versions added has a part once it is used: folders of earlier ones still name their model."""
+    joint = Joint("prismatic", (0, 0, 1), Pose.identity(), damping=2.0)
+    assert fingerprint(joint) == "586e35a7925373fe5f9d5068bfd97d09147dda10c380b7ad50c787a4bb84a24f"
+    others = [replace(joint, stiffness=1.0), replace(joint, rest=1.0)]
+    assert len({fingerprint(other) for other in (joint, *others)}) == 3
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,9 @@ from holdfast.model.joint_types import JOINT_TYPES
 
 ROOT = Path(holdfast.__file__).parent
 NAMES = {*GRASP_KINDS, *JOINT_TYPES}
-# MuJoCo's joints, which share a name with a grasp
-OTHERS = {"interop/mjcf_tree.py"}
+# MuJoCo's joints, shapes and motions, which share a name with a grasp
+SHAPES = {"robots/primitive.py", "robots/urdf/visuals.py", "view/pieces.py"}
+OTHERS = {"interop/mjcf_tree.py", "dynamics/lost_direction.py"} | SHAPES
 
 
 def named(node: ast.AST) -> bool:

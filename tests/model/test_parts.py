@@ -50,6 +50,14 @@ def test_bodies():
     np.testing.assert_array_equal(box.com, np.zeros(3))
 
 
+def test_round_bodies():
+    """A sphere has 2/5 m r^2; a long cylinder is a rod, m l^2 / 12, a short one a disc, m r^2 / 2 about z."""
+    np.testing.assert_allclose(HeldObject.sphere(5.0, 0.3).inertia, 0.18 * np.eye(3), rtol=1e-15)
+    cylinder = HeldObject.cylinder(12.0, 0.2, 3.0)
+    np.testing.assert_allclose(cylinder.inertia, np.diag([9.12, 9.12, 0.24]), rtol=1e-15)
+    np.testing.assert_array_equal(cylinder.com, np.zeros(3))
+
+
 def test_spatial_inertia():
     """Steiner: about the origin the inertia grows by m (d^2 1 - d d^T)."""
     com = np.array([0.1, -0.2, 0.3])

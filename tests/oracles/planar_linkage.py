@@ -18,14 +18,16 @@ from tests.systems.five_bar import FiveBar
 
 DIGITS = 30
 ROWS = 12  # of the extrapolation: order 24
+# turns e^(i phi) of the links, their rates along both ways of moving, their rates -> generalised forces, two
+Pulls = Callable[[list, list, list], list]
 
 
 class Motion:
     """A linkage through time, to 30 digits."""
 
-    def __init__(self, bar: FiveBar, angles, rates):
+    def __init__(self, bar: FiveBar, angles, rates, pulls: Pulls | None = None):
         """Start at attitudes [rad] and rates [rad/s] of the left arm's links, two each."""
-        self.bar = bar
+        self.bar, self.pulls = bar, pulls
         self.context: Any = mpmath.mp.clone()  # the process-wide setting stays as it was
         self.context.dps = DIGITS
         self.start = np.array([self.context.mpf(x) for x in (*angles, *rates)])
@@ -33,7 +35,7 @@ class Motion:
     def after(self, duration: float, steps: int) -> np.ndarray:
         """Return (phi_1, phi_2, phi_1', phi_2') after a time, by so many equal steps."""
         step = self.context.mpf(duration) / steps
-        return integrated(lambda y: rate(self.bar, y, self.context), self.start, step, steps, ROWS)
+        return integrated(lambda y: rate(self.bar, y, self.context, self.pulls), self.start, step, steps, ROWS)
 
     def links(self, y: np.ndarray) -> tuple[list[float], list[float]]:
         """Return attitudes [rad] and rates [rad/s] of all four links."""
@@ -64,14 +66,14 @@ def spins(bar: FiveBar, y: np.ndarray, context: Any) -> list:
     return [ways[0][j] * y[2] + ways[1][j] * y[3] for j in range(4)]
 
 
-def rate(bar: FiveBar, y: np.ndarray, context: Any) -> np.ndarray:
-    """Return y' of y = (phi_1, phi_2, phi_1', phi_2') under gravity alone."""
+def rate(bar: FiveBar, y: np.ndarray, context: Any, pulls: Pulls | None = None) -> np.ndarray:
+    """Return y' of y = (phi_1, phi_2, phi_1', phi_2') under gravity, and what else pulls along both ways of moving."""
     e = attitudes(bar, y[:2], context)
     loop = _loop(bar, e)
     ways, s = _ways(loop), spins(bar, y, context)
     # the loop's acceleration is sum (i phi'' - phi'^2) z = 0; with phi_1'' = phi_2'' = 0:
     held = [0, 0, *_closing(loop, -1j * sum(w * w * z for w, z in zip(s, loop, strict=True)))]
-    M, load = [[0, 0], [0, 0]], [0, 0]
+    M, load = [[0, 0], [0, 0]], [0, 0] if pulls is None else pulls(e, ways, s)
     for mass, inertia, link, arms in _bodies(bar):
         zs = [arm * turn for arm, turn in zip(arms, e, strict=True)]
         moving = [sum(1j * u * z for u, z in zip(way, zs, strict=True)) for way in ways]

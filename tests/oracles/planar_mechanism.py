@@ -15,8 +15,8 @@ from scipy.integrate import solve_ivp
 
 from holdfast import Arm, ClosedChain, Grasp, HeldObject, Joint, Link, Pose, State
 from tests.oracles.stepping import runge_kutta
+from tests.systems.five_bar import ACROSS
 
-ACROSS = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # its x axis is the plane's normal
 GRAVITY = -9.81j
 
 

@@ -6,10 +6,12 @@ Pinocchio orders a spatial vector [linear; angular], ours is [angular; linear].
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import pinocchio as pin
 
+from holdfast import Joint
 from holdfast.robots.urdf import UrdfChain
 
 PREFIX = "link "
@@ -45,11 +47,11 @@ def with_own_link_names(xml: str) -> str:
     return link.sub(lambda found: found[0] + PREFIX, xml)
 
 
-def held(model: pin.Model, chain: UrdfChain) -> pin.Model:
-    """Return the model with every joint held that is none of the arm's, where the chain holds it."""
-    moving = {joint.name for joint in chain.arm.joints} | {"universe", FREE}
+def held(model: pin.Model, joints: Iterable[Joint], locked: Mapping[str, float]) -> pin.Model:
+    """Return the model with every other joint held: where `locked` says, else at zero."""
+    moving = {joint.name for joint in joints} | {"universe", FREE}
     q = pin.neutral(model)
-    for name, position in chain.locked.items():
+    for name, position in locked.items():
         put(model, q, name, position)
     ids = [model.getJointId(name) for name in model.names if name not in moving]
     return pin.buildReducedModel(model, ids, q)
@@ -90,7 +92,7 @@ def swapped(J: np.ndarray) -> np.ndarray:
 
 def from_the_root(full: pin.Model, chain: UrdfChain, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, ...]:
     """Return M, J and bias torques of an arm whose base link is the root."""
-    model = held(full, chain)
+    model = held(full, chain.arm.joints, chain.locked)
     data, at, v, index = model.createData(), pin.neutral(model), np.zeros(model.nv), order(model, chain)
     for joint, position in zip(chain.arm.joints, q, strict=True):
         put(model, at, joint.name, position)
@@ -106,7 +108,7 @@ def from_any_link(full: pin.Model, chain: UrdfChain, q: np.ndarray, qd: np.ndarr
 
     v = S qd with J_base S = 0, so M = S^T M_free S; accelerations likewise.
     """
-    model = held(full, chain)
+    model = held(full, chain.arm.joints, chain.locked)
     data, at, index = model.createData(), pin.neutral(model), order(model, chain)
     for joint, position in zip(chain.arm.joints, q, strict=True):
         put(model, at, joint.name, position)

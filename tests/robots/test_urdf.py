@@ -25,6 +25,15 @@ WAYS = [
 ]
 
 
+def test_springs():
+    """A spring as SDF names it, read from the joint's dynamics, along the joint's own sign."""
+    text = TWO_ARMED.replace('damping="0.5"', 'damping="0.5" spring_stiffness="40" spring_reference="-0.2"', 1)
+    for ends in (LEFT, {"base": "left_grasp", "tip": "torso", "lock_others": True}):
+        joints = load_urdf(text, **ends).joints
+        assert [(j.stiffness, j.rest) for j in joints if j.name == "left_shoulder"] == [(40.0, -0.2)]
+        assert not any(j.stiffness for j in joints if j.name != "left_shoulder")
+
+
 @pytest.mark.parametrize(("base", "tip"), WAYS)
 def test_agrees_with_pinocchio(base, tip):
     """M, J and bias of arms down, up, and over the torso, side branches held: <= 1e-12."""
@@ -141,7 +150,8 @@ def test_shared_joints():
 # a robot whose arms stand on a torso of two joints, as many humanoids' do; the second one cannot be at 0
 WAIST = """<link name="waist"/>
   <joint name="bow" type="revolute">
-    <parent link="waist"/> <child link="torso"/> <axis xyz="0 1 0"/> <limit lower="0.1" upper="0.5"/>
+    <parent link="waist"/> <child link="torso"/> <axis xyz="0 1 0"/>
+    <limit lower="0.1" upper="0.5" effort="50" velocity="1"/>
   </joint>
   <link name="torso">"""
 ON_A_TORSO = TWO_ARMED.replace('<child link="torso"/>', '<child link="waist"/>').replace('<link name="torso">', WAIST)

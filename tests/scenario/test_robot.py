@@ -74,15 +74,17 @@ def test_a_guess_that_misses(folder):
 
 
 def test_drives(folder):
-    """Drive inertia, which URDF has no place for, reaches the joints."""
+    """Drive inertia and springs, which URDF has no place for, reach the joints."""
     (folder / "two.toml").write_text(scene(urdf=", armature = { left_elbow = 0.25 }").replace("right_elbow", "x", 1))
     with pytest.raises(SceneError, match=r"\$\.arms\[1\]\.urdf\.armature: no moving joint 'left_elbow'"):
         load_scene(folder / "two.toml")
-    text = scene().replace('"left_grasp", lock', '"left_grasp", armature = { left_elbow = 0.25 }, lock')
+    more = "armature = { left_elbow = 0.25 }, stiffness = { left_elbow = 30 }, rest = { left_elbow = 0.5 }"
+    text = scene().replace('"left_grasp", lock', f'"left_grasp", {more}, lock')
     (folder / "two.toml").write_text(text)
     arms = load_scene(folder / "two.toml").chain.arms
     assert [joint.armature for joint in arms["left"].joints] == [0.0, 0.25, 0.0]
     assert [joint.armature for joint in arms["right"].joints] == [0.0, 0.0, 0.0]
+    assert [(joint.stiffness, joint.rest) for joint in arms["left"].joints] == [(0.0, 0.0), (30.0, 0.5), (0.0, 0.0)]
 
 
 @pytest.mark.parametrize(

@@ -191,7 +191,7 @@ def test_first_proposal():
     fastest = max(np.abs(now.state.qd).max(), np.sqrt(np.abs(now.result.qdd).max()))
     assert 0.1 * 0.01 / fastest < first_proposal(now).step <= 0.01 / fastest
     still: Any = SimpleNamespace(
-        state=SimpleNamespace(qd=np.zeros(2), object_twist=np.zeros(6)),
+        velocities=np.zeros(8),
         result=SimpleNamespace(qdd=np.zeros(2), object_acceleration=np.zeros(6)),
     )
     assert first_proposal(still).step == 1.0

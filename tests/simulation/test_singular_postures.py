@@ -8,15 +8,10 @@ import pytest
 import holdfast as hf
 from holdfast.simulation.collocation import CollocationStepper
 from holdfast.simulation.environment import Environment
+from tests.simulation.test_overconstrained import FREE, free
 from tests.systems.n_four_bar import n_four_bar, passing_times
 
-FREE = hf.ControlLaw(lambda t, state, memory, given: (0.0 * state.qd, memory), key="tests: no torques")
 SCHEMES = [{"scheme": "rk4"}, {"scheme": "dop853", "rtol": 1e-9}, {"scheme": "dop853", "rtol": 1e-12}]
-
-
-def free(t, state, memory):
-    """No torques, by a controller that is asked from Python."""
-    return 0.0 * state.qd, memory
 
 
 def with_longer_crank(chain, state, longer):

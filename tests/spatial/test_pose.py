@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from holdfast import ModelError, Pose
+from holdfast import ModelError, Pose, contact_frame
+from holdfast.spatial.rotation import exp
 from tests.systems.random_parts import rotation
 
 
@@ -68,3 +69,64 @@ def test_lists():
     ]:
         with pytest.raises(ModelError, match=message):
             Pose(R, p)
+
+
+def test_rpy():
+    """Turned about the fixed x, then y, then z; right angles are exact."""
+    x, y, z = np.eye(3)
+    R = exp(0.3 * z) @ exp(-0.2 * y) @ exp(0.1 * x)
+    assert_same(Pose.from_rpy(0.1, -0.2, 0.3, [1.0, 2.0, 3.0]), Pose(R, [1.0, 2.0, 3.0]))
+    np.testing.assert_array_equal(Pose.from_rpy(np.pi, 0.0, np.pi / 2).R, [[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+
+
+def test_other_orders():
+    """A scalar that is last, and a homogeneous matrix, give the same pose."""
+    pose = random_pose(np.random.default_rng(1))
+    w, x, y, z, *p = pose.wxyz_xyz
+    assert_same(Pose.from_xyzw([x, y, z, w], p), pose)
+    T = np.block([[pose.R, pose.p[:, None]], [np.zeros(3), 1.0]])
+    assert_same(Pose.from_matrix(T), pose)
+    with pytest.raises(ModelError, match=r"bottom row 0 0 0 1, got .*try the transpose"):
+        Pose.from_matrix(T.T)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_looking(seed):
+    """The target is straight ahead; x leans to the hint and never away; axes are orthonormal."""
+    rng = np.random.default_rng(seed)
+    origin, target, hint = rng.normal(size=(3, 3))
+    pose = Pose.looking(origin, at=target, x=hint)
+    np.testing.assert_allclose(point(pose.inverse(), target), [0, 0, np.linalg.norm(target - origin)], atol=1e-14)
+    assert hint @ pose.R[:, 0] > 0 and abs(hint @ pose.R[:, 1]) < 1e-14
+    assert_same(pose, Pose.looking(origin, z=1e-9 * (target - origin), x=1e9 * hint))
+    camera = Pose.looking(origin, at=target)
+    assert abs(camera.R[2, 0]) < 1e-15 and camera.R[2, 1] < 0
+    nearly = Pose.looking(z=[0, 0, 1], x=[2e-6, 1e-6, 1.0])
+    np.testing.assert_allclose(nearly.R.T @ nearly.R, np.eye(3), atol=1e-14)
+
+
+def test_looking_up_and_down():
+    """Where there is no right and down, x is the reference frame's, also a rounding beside it."""
+    for z in ([0, 0, 2.0], [0, 0, -1.0], [1e-9, -1e-9, 1.0]):
+        np.testing.assert_allclose(Pose.looking(z=z).R[:, 0], [1, 0, 0], atol=2e-9)
+
+
+def test_looking_refuses():
+    """No direction, two of them, none to tell x from, a point at the origin."""
+    for given, message in (
+        ({}, "one of at and z, got neither"),
+        ({"at": [1, 0, 0], "z": [1, 0, 0]}, "one of at and z, got both"),
+        ({"at": [0, 0, 0]}, "at - origin: expected a direction"),
+        ({"z": [1, 0, 0], "x": [-2, 0, 0]}, "x: expected a direction across z"),
+        ({"z": [1, 0, 0], "x": [0, 0, 0]}, "x: expected a direction, got a vector of length zero"),
+    ):
+        with pytest.raises(ModelError, match=message):
+            Pose.looking(**given)
+
+
+def test_contact_frame():
+    """On a box's end face: z into it, x to the right, y down; what README wrote as a quaternion before."""
+    left = contact_frame([-0.15, 0, 0], into=[2, 0, 0])
+    np.testing.assert_array_equal(left.R, np.column_stack([[0, -1, 0], [0, 0, -1], [1, 0, 0]]))
+    np.testing.assert_array_equal(left.R, Pose.from_wxyz_xyz([0.5, -0.5, 0.5, -0.5, -0.15, 0, 0]).R)
+    np.testing.assert_array_equal(contact_frame([0, 0, 1], [0, 0, -1], x=[0, 1, 0]).R[:, 0], [0, 1, 0])

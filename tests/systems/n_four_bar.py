@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from holdfast import Arm, ClosedChain, Grasp, HeldObject, Joint, Link, Pose, State
+from tests.systems.five_bar import ACROSS
 
 LENGTH, MASS, SPEED, GRAVITY = 1.0, 1.0, 1.0, 9.81
-ACROSS = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # its x axis is the plane's normal
 
 
 def rod(length: float, mass: float, centre: float) -> Link:

@@ -11,9 +11,9 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from holdfast import Arm, ClosedChain, Grasp, HeldObject, Joint, Link, Pose, State, close
+from tests.systems.five_bar import ACROSS
 
 GRAVITY = 9.81
-ACROSS = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # its x axis is the plane's normal
 
 
 @dataclass(frozen=True)

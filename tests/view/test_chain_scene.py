@@ -1,11 +1,13 @@
 """What is drawn is where the library's own kinematics has it, and arrows are the wrenches."""
 
 import contextlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from holdfast import Pose
+from holdfast import Pose, Spring
+from holdfast.dynamics import link_poses
 from holdfast.dynamics.arm.posture import posture
 from holdfast.view.chain_scene import ChainScene
 from holdfast.view.film import film_of_run
@@ -27,6 +29,10 @@ class Notebook:
 
     def lines(self, name, segments, colour, thickness):
         self.drawn[name], self.colours[name] = "lines", colour
+
+    def redraw(self, name, segments):
+        assert self.drawn[name] == "lines"
+        self.pointed[name] = segments
 
     def grid(self, name, at, width, cell):
         self.drawn[name] = "grid"
@@ -136,3 +142,25 @@ def test_one_colour_an_arm(shown):
         colours["/forces/left"], colours["/forces/right"],
     )  # fmt: skip
     assert notebook.drawn["/arms/left/(name)"] == "left"
+
+
+def test_springs(shown):
+    """A coil goes from end to end of every spring, wherever these have moved."""
+    film, _, _ = shown
+    (name, arm), *_ = film.chain.arms.items()
+    springs = [
+        Spring((name, 3, (0, 0, 0)), ("object", (0, 0, 0.1)), 5.0),
+        Spring(("world", (0, 0, 1)), ("world", (0, 0, 1)), 5.0),
+    ]
+    sprung = replace(film, chain=replace(film.chain, springs=springs))
+    notebook = Notebook()
+    scene = ChainScene(notebook, sprung)
+    for k in (0, len(film) - 1):
+        scene.show(k)
+        lines = notebook.pointed["/springs/0"]
+        link = link_poses(arm, film.q[k, film.chain.joints[name]])[3]
+        frame = Pose.from_wxyz_xyz(film.object_pose[k])
+        assert lines[0, 0] == pytest.approx(link.p)
+        assert lines[-1, 1] == pytest.approx(frame.p + 0.1 * frame.R[:, 2])
+        assert np.array_equal(lines[1:, 0], lines[:-1, 1])
+        assert np.isfinite(notebook.pointed["/springs/1"]).all()

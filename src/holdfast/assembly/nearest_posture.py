@@ -19,6 +19,7 @@ from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.closing import close
 from holdfast.dynamics.constraint import coordinate_sizes
+from holdfast.dynamics.contact_places import contact_places
 from holdfast.dynamics.projection import moved
 from holdfast.errors import ClosureError
 from holdfast.model.closed_chain import ClosedChain
@@ -94,15 +95,14 @@ def position_rows(chain: ClosedChain, state: State) -> Array:
 
     These are the rows K [J, -A] without a soft finger's spin, which positions do not feel.
     """
-    frame, blocks = state.object_frame, []
-    for name, grasp in chain.grasps.items():
-        arm, part = chain.arms[name], chain.joints[name]
-        R = frame.R @ grasp.frame.R
-        kept = list(grasp.of_kind.position_rows)
-        K = np.array([rotate(R, unit) for unit in np.eye(6)[kept]])
+    blocks = []
+    for name, (grasp, R, offset) in zip(chain.grasps, contact_places(chain, state), strict=True):
+        arm, part, kind = chain.arms[name], chain.joints[name], grasp.of_kind
+        kept = list(kind.position_rows)
+        K = np.array([rotate(R, row) for row in kind.directions[kept]])
         rows = np.zeros((len(kept), chain.joint_count + 6))
         rows[:, part] = K @ jacobian(arm, posture(arm, state.q[part]))
-        rows[:, chain.joint_count :] = -K @ twist_shift(frame.R @ grasp.frame.p)
+        rows[:, chain.joint_count :] = -K @ twist_shift(offset)
         blocks.append(rows)
     return np.concatenate(blocks) if blocks else np.zeros((0, chain.joint_count + 6))
 
@@ -140,7 +140,7 @@ def _descent(
     multipliers = np.linalg.lstsq(whole.T, -slope, rcond=DEPENDENT)[0][: len(rows)]
 
     def pull(direction: Array) -> Array:
-        there = moved(state, *np.split(sizes * direction, [n]))
+        there = moved(state, sizes * direction)
         return (position_rows(chain, there) * sizes).T @ multipliers
 
     curvature = [(pull(PROBE * v) - pull(-PROBE * v)) / (2 * PROBE) for v in basis.T]
@@ -162,7 +162,7 @@ def _shortened(
     step = step * min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
     for _ in range(SHORTENINGS):
         try:
-            trial = close(chain, moved(state, *np.split(sizes * step, [n])), hold_object=hold_object)
+            trial = close(chain, moved(state, sizes * step), hold_object=hold_object)
         except ClosureError:
             step = step / 2
             continue

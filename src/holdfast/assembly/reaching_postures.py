@@ -37,14 +37,14 @@ def reaching_postures(arm: Arm, grasp: Grasp, object_pose: Pose, starts: Iterabl
     Returns:
         (found, N).
     """
-    contact, rows = object_pose @ grasp.frame, list(grasp.of_kind.position_rows)
+    contact, K = object_pose @ grasp.frame, grasp.of_kind.directions[list(grasp.of_kind.position_rows)]
     size = _size(arm)
     scale = np.array([1.0 if joint.turns else size for joint in arm.joints])
     low, high = arm.position_limits.T
     q = np.clip(np.array(list(starts)), low, high)
     damping = np.full(len(q), 1e-2)
     gap, J = _gap(arm, q, contact, size)
-    gap, J = gap[:, rows], J[:, rows] * scale
+    gap, J = gap @ K.T, K @ J * scale
     for _ in range(ROUNDS):
         active = (np.abs(gap).max(axis=1) > REACHED) & (damping < MOST_DAMPING)
         if not active.any():
@@ -53,7 +53,7 @@ def reaching_postures(arm: Arm, grasp: Grasp, object_pose: Pose, starts: Iterabl
         step = _step(slope, here, damping[active], at <= low, at >= high) * scale
         trial = np.clip(at + step, low, high)
         there, trial_slope = _gap(arm, trial, contact, size)
-        there, trial_slope = there[:, rows], trial_slope[:, rows] * scale
+        there, trial_slope = there @ K.T, K @ trial_slope * scale
         better = np.linalg.norm(there, axis=1) < np.linalg.norm(here, axis=1)
         kept = np.flatnonzero(active)[better]
         q[kept], gap[kept], J[kept] = trial[better], there[better], trial_slope[better]

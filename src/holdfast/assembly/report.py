@@ -9,7 +9,7 @@ import numpy as np
 from holdfast.assembly.limits import asked_reach, longest_reach
 from holdfast.dynamics.consistency import closure
 from holdfast.dynamics.rank import constraint_rank
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import ClosedChain, require_own_bases
 from holdfast.model.tip_direction import advice_for, tip_angle
 from holdfast.spatial.frozen import Frozen
 from holdfast.state import State
@@ -107,6 +107,7 @@ def assembly_report(chain: ClosedChain, state: State) -> AssemblyReport:
     Raises:
         StateError: a state of another chain.
     """
+    require_own_bases(chain, "assembly_report")
     gaps = {name: float(np.abs(gap.position).max()) for name, gap in closure(chain, state).items()}
     rank = constraint_rank(chain, state)
     return AssemblyReport(

@@ -21,6 +21,7 @@ from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
 from holdfast.model.grasp import Grasp
+from holdfast.model.grasp_kinds import GRASP_KINDS
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
@@ -117,7 +118,17 @@ def _named(meta: ResultMeta) -> ClosedChain:
         joints = [Joint(kind, np.array([0.0, 0.0, 1.0]), Pose.identity(), name=joint) for joint, kind in kinds]
         arms[name] = Arm(joints, [Link(1.0, np.zeros(3), np.eye(3))] * len(joints), Pose.identity(), Pose.identity())
     grasp_kinds: dict[str, Any] = dict(meta.grasps)
-    grasps = {name: Grasp(kind, Pose.identity()) for name, kind in grasp_kinds.items()}
+    threaded = {name for name, row in GRASP_KINDS.items() if row.threaded}
+    by_hand = {name for name, row in GRASP_KINDS.items() if row.by_hand}
+    grasps = {
+        name: Grasp(
+            kind,
+            Pose.identity(),
+            pitch=1.0 if kind in threaded else None,
+            motion=np.eye(6)[:, :1] if kind in by_hand else None,
+        )
+        for name, kind in grasp_kinds.items()
+    }
     return ClosedChain(arms, HeldObject(1.0, np.eye(3)), grasps)
 
 

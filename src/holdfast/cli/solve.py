@@ -24,6 +24,7 @@ from holdfast.io.case_file import Case, ExpectedData, load_cases
 from holdfast.io.files import one_line
 from holdfast.io.typed import refusal
 from holdfast.model import checks
+from holdfast.model.closed_chain import TRUNK
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_wrench
 
@@ -58,11 +59,23 @@ class Answer:
             "f": None if r is None else r.grasp_wrench.tolist(),
             "alpha_C": None if r is None else r.object_acceleration.tolist(),
             "W_dot": None if r is None else [r[name].contact_acceleration.tolist() for name in names],
+            "base_wrench": None if r is None else r.base_wrench.tolist(),
+            "trunk": None if r is None else _of_trunk(r),
             "f_unique": r is not None and r.status is Status.OK,
             "rank": None if r is None else r.rank,
             "mobility": None if r is None else r.mobility,
             "error_vs_expected": self.error,
         }
+
+
+def _of_trunk(r: ForwardResult) -> dict[str, list[float]] | None:
+    """Return the trunk's part of a result, None without one."""
+    if r.trunk_base_wrench is None:
+        return None
+    qdd = r.qdd[r.chain.joints[TRUNK]].tolist()
+    if r.base_acceleration is not None:
+        return {"qdd": qdd, "acceleration": r.base_acceleration.tolist()}
+    return {"qdd": qdd, "base_wrench": r.trunk_base_wrench.tolist()}
 
 
 def answers(case: Case, methods: list[str]) -> list[Answer]:
@@ -99,20 +112,28 @@ def _answer(case: Case, motion: ChainMotion, method: str, generic_rank: int | No
 
 
 def error_vs_expected(result: ForwardResult, expected: ExpectedData, motion: ChainMotion) -> float:
-    """Return the largest of max|x - e| / max(1, max|e|) over qdd, f, alpha(C) and W_dot.
+    """Return the largest of max|x - e| / max(1, max|e|) over qdd, f, alpha(C), W_dot and the wrenches of the bases.
 
-    All arms of a quantity together. Where f is not unique, sum_i phi(C, O_i) f_i takes its place.
+    Trunk and all arms of a quantity together. Where f is not unique, sum_i phi(C, O_i) f_i takes its place, and the
+    wrenches of the bases have none.
     """
-    wanted_f = np.array(expected.f)
+    wanted_f, unique, trunk = np.array(expected.f), result.status is Status.OK, expected.trunk
     f = (result.grasp_wrench, wanted_f)
-    if result.status is not Status.OK:
+    if not unique:
         f = (_about_C(result.grasp_wrench, motion), _about_C(wanted_f, motion))
-    pairs = (
-        (result.qdd, np.concatenate([np.array(part) for part in expected.qdd])),
+    of_trunk = [] if trunk is None else [np.array(trunk.qdd)]
+    pairs = [
+        (result.qdd, np.concatenate([*of_trunk, *(np.array(part) for part in expected.qdd)])),
         f,
         (result.object_acceleration, np.array(expected.alpha_C)),
         (result.contact_acceleration, np.concatenate([np.array(part) for part in expected.W_dot])),
-    )
+    ]
+    if expected.base_wrench is not None and unique:
+        pairs.append((result.base_wrench, np.array(expected.base_wrench)))
+    if trunk is not None and trunk.acceleration is not None and result.base_acceleration is not None:
+        pairs.append((result.base_acceleration, np.array(trunk.acceleration)))
+    if trunk is not None and trunk.base_wrench is not None and result.trunk_base_wrench is not None:
+        pairs.append((result.trunk_base_wrench, np.array(trunk.base_wrench)))
     return max(_relative_error(got, wanted) for got, wanted in pairs)
 
 
@@ -122,7 +143,8 @@ def _relative_error(got: Array, wanted: Array) -> float:
 
 def _about_C(wrenches: Array, motion: ChainMotion) -> Array:
     """Return the total wrench on the object about C, (6,)."""
-    return np.sum([shift_wrench(c.offset, f) for c, f in zip(motion.contacts, wrenches, strict=True)], axis=0)
+    held = {name: f for name, f in zip(motion.chain.arms, wrenches, strict=True) if name in motion.chain.grasps}
+    return np.sum([shift_wrench(c.offset, f) for c, f in zip(motion.contacts, held.values(), strict=True)], axis=0)
 
 
 def chosen_cases(file: Path, name: str | None) -> list[Case]:

@@ -26,9 +26,10 @@ from holdfast.dynamics.object_level import object_mobility
 from holdfast.dynamics.projection import after_step
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.grasp_kinds import GRASP_KINDS
+from holdfast.model.grasp_kinds import GraspKind
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, concatenate, each
+from holdfast.state import Inputs
 
 Found = Mapping[str, Any]
 
@@ -54,7 +55,7 @@ class Computation:
     inputs: tuple[str, ...]
     parameters: tuple[str, ...]
     function: Callable[[ClosedChain, Given], Found]
-    results: Mapping[str, Callable[[int, str | None], int]] = field(default_factory=dict)
+    results: Mapping[str, Callable[[int, GraspKind | None], int]] = field(default_factory=dict)
     whole: Mapping[str, Shape | None] = field(default_factory=dict)
     by_grasp: bool = False
     by_links: bool = True
@@ -78,7 +79,7 @@ class Computation:
 
     def starts(self, chain: ClosedChain, result: str) -> list[int]:
         """Return where each arm's part of a result begins, and where the last one ends."""
-        kinds = [chain.grasps[name].kind if name in chain.grasps else None for name in chain.arms]
+        kinds = [chain.grasps[name].of_kind if name in chain.grasps else None for name in chain.arms]
         sizes = zip(chain.arms.values(), kinds, strict=True)
         return starts(self.results[result](arm.joint_count, kind) for arm, kind in sizes)
 
@@ -90,7 +91,7 @@ class Computation:
 def _torques(chain: ClosedChain, x: Given) -> Found:
     state = traced_state(chain, x)
     motion = chain_motion(chain, state, state.q, traced_inputs(chain, x))  # any torques: they do not matter
-    return {"tau": torques(motion, x["qd"], x["qdd"], x["grasp_wrench"])}
+    return {"tau": torques(motion, x["qdd"], x["grasp_wrench"])}
 
 
 def _mass_matrices(chain: ClosedChain, x: Given) -> Found:
@@ -102,7 +103,7 @@ def _jacobians(chain: ClosedChain, x: Given) -> Found:
 
 
 def _by_arm(f: Callable[[Arm, Array], Array], chain: ClosedChain, x: Given) -> Array:
-    return concatenate(each(f, chain.arms.values(), [x["q"][part] for part in chain.joints.values()]))
+    return concatenate(each(f, chain.arms.values(), [x["q"][part] for part in chain.arm_joints]))
 
 
 def _closure(chain: ClosedChain, x: Given) -> Found:
@@ -111,7 +112,7 @@ def _closure(chain: ClosedChain, x: Given) -> Found:
     origin = state.object_frame.p
 
     def parts(c: Contact, tip: Pose) -> tuple[Array, Array, Array]:
-        seen = tip_from_contact(c, origin + c.offset, tip)
+        seen = tip_from_contact(c, origin + c.origin, tip)
         attitude = seen.R.ravel() if c.grasp.of_kind.closed_angles else np.zeros(0)
         return attitude, -seen.p, c.velocity_gap
 
@@ -121,7 +122,7 @@ def _closure(chain: ClosedChain, x: Given) -> Found:
 
 
 def _kinetic_energy(chain: ClosedChain, x: Given) -> Found:
-    return {"energy": total_kinetic_energy(chain, traced_state(chain, x), x["base_twist"])}
+    return {"energy": total_kinetic_energy(chain, traced_state(chain, x), Inputs(base_twists=x["base_twist"]))}
 
 
 def _potential_energy(chain: ClosedChain, x: Given) -> Found:
@@ -129,7 +130,7 @@ def _potential_energy(chain: ClosedChain, x: Given) -> Found:
 
 
 def _momentum(chain: ClosedChain, x: Given) -> Found:
-    return {"momentum": total_momentum(chain, traced_state(chain, x), x["base_twist"], x["about"])}
+    return {"momentum": total_momentum(chain, traced_state(chain, x), Inputs(base_twists=x["base_twist"]), x["about"])}
 
 
 def _centre_of_mass(chain: ClosedChain, x: Given) -> Found:
@@ -172,9 +173,9 @@ COMPUTATIONS: dict[str, Computation] = {
         ("base_R", "base_p", "base_twist", "grasp_R", "grasp_p"),
         _closure,
         {
-            "attitude": lambda _, kind: 9 if kind and GRASP_KINDS[kind].closed_angles else 0,
+            "attitude": lambda _, kind: 9 if kind and kind.closed_angles else 0,
             "shift": lambda _, kind: 3 if kind else 0,
-            "velocity": lambda _, kind: len(GRASP_KINDS[kind].transmitted) if kind else 0,
+            "velocity": lambda _, kind: len(kind.transmitted) if kind else 0,
         },
         by_grasp=True,
         by_links=False,

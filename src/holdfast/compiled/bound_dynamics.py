@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from holdfast.compiled.externals import BASE_MOTION
+from holdfast.compiled.externals import FLOATING, MOVING
 from holdfast.compiled.parameters import parse_parameters
 from holdfast.compiled.result import UNDECIDED, CompiledResult, ResultLayout
 from holdfast.compiler.kernel import Kernel
@@ -30,6 +30,7 @@ class BoundDynamics:
     Attributes:
         q, qd, tau, object_pose, object_twist, object_wrench: the inputs; write with `bound.q[...] = q`.
         link_wrench: an input too, if it was asked for in `compile`.
+        floating_pose, floating_twist: inputs too, where the trunk's base floats.
         result: the last call's result.
         run: the bare call without arguments: a number, 0 if the status is OK.
     """
@@ -49,6 +50,7 @@ class BoundDynamics:
         self.q, self.qd, self.tau = arrays["q"], arrays["qd"], arrays["tau"]
         self.object_pose, self.object_twist = arrays["object_pose"], arrays["object_twist"]
         self.object_wrench, self.link_wrench = arrays["object_wrench"], arrays.get("link_wrench")
+        self.floating_pose, self.floating_twist = (arrays.get(name) for name in FLOATING)
         layout = ResultLayout(kernel.externals)
         self.result = CompiledResult(compiled.chain, layout, None)
         self._bound.use({name: self.result.array(name) for name in layout.shapes})
@@ -77,7 +79,7 @@ class BoundDynamics:
         Raises:
             StateError: an unknown name, a wrong shape, a number that is not finite.
         """
-        if any(name in parameters and name not in self._externals for name in BASE_MOTION):
+        if any(name in parameters and name not in self._externals for name in MOVING):
             self._move(self._compiled.moving)
         found = parse_parameters(parameters, self._externals, self._compiled.chain)
         for name, x in found.items():

@@ -14,7 +14,7 @@ import numpy as np
 from holdfast.compiled import arrays, statuses
 from holdfast.compiled.arrays import Addresses
 from holdfast.compiled.bound_dynamics import BoundDynamics
-from holdfast.compiled.externals import BASE_MOTION
+from holdfast.compiled.externals import FLOATING, MOVING
 from holdfast.compiled.forward_schedule import forward_externals, forward_schedule
 from holdfast.compiled.functions import ChainFunctions
 from holdfast.compiled.kernels import kernel
@@ -151,9 +151,10 @@ class CompiledChain(ChainFunctions):
             threads: how many threads share a batch.
             **parameters: for this call, any of object_wrench (6,), gravity (3,), object_mass (),
                 object_com (3,), object_inertia (3, 3), base_pose (arms, 7), base_twist and
-                base_acceleration (arms, 6), grasp_pose (grasps, 7), and those asked for in `compile`.
-                With an object_mass goes an object_inertia, or "scale" for it: the chain's own, in
-                proportion to the mass.
+                base_acceleration (arms, 6), grasp_pose (grasps, 7), and those asked for in `compile`; with a
+                trunk also trunk_base_twist and trunk_base_acceleration (6,), or floating_pose (7,) and
+                floating_twist (6,) of its floating base, which are needed then. With an object_mass
+                goes an object_inertia, or "scale" for it: the chain's own, in proportion to the mass.
 
         Returns:
             A `ForwardResult`. In a batch every system has its `status`, and those that are SINGULAR
@@ -173,7 +174,7 @@ class CompiledChain(ChainFunctions):
                 caller's to read at every call (float64, C order), for those not given there are new
                 ones; parameters as in `forward_dynamics`.
         """
-        if not self.options.base_motion and any(name in arrays_or_parameters for name in BASE_MOTION):
+        if not self.options.base_motion and any(name in arrays_or_parameters for name in MOVING):
             return self.moving.bind(**arrays_or_parameters)
         return BoundDynamics(self, self._kernel, self._own, arrays_or_parameters)
 
@@ -204,13 +205,18 @@ class CompiledChain(ChainFunctions):
         **parameters: Any,
     ) -> CompiledResult:
         """Take the calls that the builtin does not; see `forward_dynamics`."""
-        if not self.options.base_motion and any(name in parameters for name in BASE_MOTION):
+        if not self.options.base_motion and any(name in parameters for name in MOVING):
             result = self.moving._forward(q, qd, tau, object_pose, object_twist, out=out, threads=threads, **parameters)
             if self.generic_rank is None and self.moving.generic_rank is not None:
                 self.know_rank(self.moving.generic_rank)
             return result
         inputs = zip(_INPUTS, (q, qd, tau, object_pose, object_twist), strict=True)
         found = {name: arrays.floats(name, x, self._externals[name].shape) for name, x in inputs}
+        lacking = [name for name in FLOATING if self.chain.floats and name not in parameters]
+        if lacking:
+            raise StateError(
+                f"{lacking[0]}: expected that of the trunk's floating base, got none; its state is an input"
+            )
         if parameters:
             found |= parse_parameters(parameters, self._externals, self.chain)
         batch = arrays.batch_of(found, self._externals)

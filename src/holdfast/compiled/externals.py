@@ -11,12 +11,17 @@ from holdfast.model.closed_chain import ClosedChain
 
 STATE = ("q", "qd", "object_pose", "object_twist")
 BASE_MOTION = ("base_twist", "base_acceleration")  # parameters, if bases move
+FLOATING = ("floating_pose", "floating_twist")  # pose and twist of a trunk's floating base
+TRUNK_BASE_MOTION = ("trunk_base_twist", "trunk_base_acceleration")
+MOVING = (*BASE_MOTION, *TRUNK_BASE_MOTION)
 LINKS = ("link_mass", "link_com", "link_inertia")  # parameters, if the links' inertias are
 
 
 def shapes(chain: ClosedChain) -> dict[str, Shape]:
     """Return the shape of every array of a chain that computations take or return, by name."""
     n, l, g = chain.joint_count, len(chain.arms), len(chain.grasps)
+    of_arms = sum(arm.joint_count for arm in chain.arms.values())
+    bodies = 0 if chain.trunk is None else len(chain.trunk.bodies)
     return {
         "q": (n,),
         "qd": (n,),
@@ -26,7 +31,7 @@ def shapes(chain: ClosedChain) -> dict[str, Shape]:
         "object_twist": (6,),
         "object_acceleration": (6,),
         "object_wrench": (6,),
-        "link_wrench": (n, 6),
+        "link_wrench": (of_arms, 6),
         "grasp_wrench": (l, 6),
         "base_wrench": (l, 6),
         "contact_acceleration": (chain.contact_freedom_count,),
@@ -35,16 +40,29 @@ def shapes(chain: ClosedChain) -> dict[str, Shape]:
         "object_mass": (),
         "object_com": (3,),
         "object_inertia": (3, 3),
-        "link_mass": (n,),
-        "link_com": (n, 3),
-        "link_inertia": (n, 3, 3),
+        "link_mass": (of_arms,),
+        "link_com": (of_arms, 3),
+        "link_inertia": (of_arms, 3, 3),
         "base_R": (l, 3, 3),
         "base_p": (l, 3),
         "base_twist": (l, 6),
         "base_acceleration": (l, 6),
         "grasp_R": (g, 3, 3),
         "grasp_p": (g, 3),
+        "floating_pose": (7,),
+        "floating_twist": (6,),
+        "trunk_base_twist": (6,),
+        "trunk_base_acceleration": (6,),
+        "trunk_link_wrench": (bodies, 6),
+        "trunk_base_wrench": (6,),
+        "floating_acceleration": (6,),
     }
+
+
+def link_rows(chain: ClosedChain) -> dict[str, slice]:
+    """Return where the links of each arm lie in arrays of the arms' links."""
+    ends = starts(arm.joint_count for arm in chain.arms.values())
+    return {name: slice(a, b) for name, a, b in zip(chain.arms, ends[:-1], ends[1:], strict=True)}
 
 
 def externals(

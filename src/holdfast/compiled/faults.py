@@ -12,13 +12,13 @@ from holdfast.model.checks import ROTATION_TOLERANCE
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 
+_POSES = ("object_pose", "floating_pose")
 _LARGEST = float(np.finfo(np.float64).max)
 
 
 def largest_positions(chain: ClosedChain) -> Array:
     """Return the largest |q| of each joint, (n,): 1e5 rad; what slides may go anywhere."""
-    joints = [joint for arm in chain.arms.values() for joint in arm.joints]
-    return np.array([LARGEST_ARGUMENT if joint.turns else _LARGEST for joint in joints])
+    return np.array([LARGEST_ARGUMENT if joint.turns else _LARGEST for joint in chain.all_joints])
 
 
 def faulty(found: Mapping[str, Array], ranks: Mapping[str, int], largest: Array, batch: int) -> Array | None:
@@ -47,9 +47,9 @@ def fault(found: Mapping[str, Array], largest: Array) -> StateError | None:
             continue
         if not np.isfinite(x).all():
             return StateError(f"{name}: expected finite numbers, got {x[~np.isfinite(x)][0]}")
-        if name == "object_pose":
+        if name in _POSES:
             length = float(np.linalg.norm(x[:4]))
-            return StateError(f"object_pose: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}")
+            return StateError(f"{name}: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}")
         worst = float(np.abs(x[~_sound(name, x, largest)]).max())
         return StateError(f"{name}: expected at most {LARGEST_ARGUMENT:g} rad, got {worst:.6g}")
     return None
@@ -61,14 +61,14 @@ def _surely_sound(name: str, x: Array) -> bool:
         return True
     most = LARGEST_ARGUMENT if name == "q" else _LARGEST
     within = bool(-most <= x.min() and x.max() <= most)  # false for not-a-number
-    return within and (name != "object_pose" or bool(_of_unit_length(x).all()))
+    return within and (name not in _POSES or bool(_of_unit_length(x).all()))
 
 
 def _sound(name: str, x: Array, largest: Array) -> Array:
     """Return which numbers are sound; of a quaternion that is not of unit length none is."""
     if name == "q":
         return np.abs(x) <= largest
-    if name == "object_pose":
+    if name in _POSES:
         return np.isfinite(x) & _of_unit_length(x)[..., None]
     return np.isfinite(x)
 

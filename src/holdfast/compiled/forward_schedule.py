@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from holdfast.compiled.externals import BASE_MOTION, LINKS, externals, shapes
+from holdfast.compiled.externals import BASE_MOTION, FLOATING, LINKS, TRUNK_BASE_MOTION, externals, shapes
 from holdfast.compiled.structure import Structure
 from holdfast.compiled.traced_chain import Given, traced, traced_chain, traced_inputs, traced_state
 from holdfast.compiler.program import Shape
@@ -23,25 +23,37 @@ DOUBTFUL = 1e-6  # pivot of a row that may follow from others, in a state beside
 GUARDED = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench")
 
 
+def guarded_outputs(chain: ClosedChain) -> tuple[str, ...]:
+    """Return the outputs that are not-a-number where there is no answer."""
+    of_trunk = [] if chain.trunk is None else ["trunk_base_wrench"]
+    return *GUARDED, *of_trunk, *(["floating_acceleration"] if chain.floats else [])
+
+
 def forward_externals(structure: Structure) -> dict[str, External]:
     """Return the arrays of compiled forward dynamics: inputs, parameters, results."""
     chain, options = structure.chain, structure.options
     inputs = ["q", "qd", "tau", "object_pose", "object_twist", "object_wrench"]
     parameters = ["gravity", "generic_rank", "object_mass", "object_com", "object_inertia"]
-    parameters += ["base_R", *(BASE_MOTION if options.base_motion else ()), "grasp_R", "grasp_p"]
+    if chain.floats:
+        inputs += FLOATING
+    moving = [*BASE_MOTION, *(TRUNK_BASE_MOTION if chain.trunk is not None and not chain.floats else ())]
+    # on a trunk the origins of the bases matter too, and where springs are or wrenches are about the tips
+    slides = any(grasp.of_kind.slides for grasp in chain.grasps.values())
+    parameters += ["base_R", *(moving if options.base_motion else ()), "grasp_R", "grasp_p"]
+    parameters += ["base_p"] if slides or chain.springs or chain.trunk is not None else []
     if options.link_wrenches:
-        inputs.append("link_wrench")
+        inputs += ["link_wrench", *(["trunk_link_wrench"] if chain.trunk is not None else ())]
     if options.link_inertia:
         parameters += LINKS
     of_status: dict[str, Shape] = {"generic_rank": (), "rank": (), "status": (), "condition": ()}
-    outputs = (*GUARDED, "rank", "status", "condition")
+    outputs = (*guarded_outputs(chain), "rank", "status", "condition")
     return externals(inputs, parameters, outputs, shapes(chain) | of_status)
 
 
 def forward_schedule(structure: Structure) -> Schedule:
     """Return the schedule of one chain's forward dynamics."""
     externals = forward_externals(structure)
-    guarded = tuple(name for name in GUARDED if externals[name].size)
+    guarded = tuple(name for name in guarded_outputs(structure.chain) if externals[name].size)
     return traced(externals, lambda given: forward(structure, given), "status", guarded)
 
 
@@ -51,6 +63,10 @@ def forward(structure: Structure, given: Given) -> dict[str, Any]:
     state, inputs = traced_state(chain, given), traced_inputs(chain, given)
     found = solve_with_status(chain, state, given["tau"], inputs, given["generic_rank"], structure.options.route)
     outputs = {name: getattr(found.whole, name) for name in GUARDED}
+    if chain.trunk is not None:
+        outputs["trunk_base_wrench"] = found.whole.trunk_base_wrench
+    if chain.floats:
+        outputs["floating_acceleration"] = found.whole.base_acceleration
     return outputs | {name: getattr(found, name) for name in ("rank", "status", "condition")}
 
 

@@ -10,11 +10,11 @@ import numpy as np
 from holdfast.compiled import arrays
 from holdfast.compiled.arm_functions import CLOSED
 from holdfast.compiled.function import CompiledFunction
-from holdfast.compiled.not_compiled import missing
+from holdfast.compiled.not_compiled import NotCompiledError, missing
 from holdfast.compiled.structure import Options
 from holdfast.dynamics.consistency import GraspResidual
 from holdfast.errors import StateError
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import ClosedChain, require_own_bases
 from holdfast.spatial.scalar import Array
 
 
@@ -51,7 +51,7 @@ class ChainFunctions:
     def inverse_dynamics(
         self, q: Any, qd: Any, qdd: Any, grasp_wrench: Any, *, threads: int = 1, **parameters: Any
     ) -> Array:
-        """Return tau = M qdd + C + J^T f + damping qd, as `holdfast.inverse_dynamics`.
+        """Return tau = M qdd + C + J^T f + damping qd + stiffness (q - rest), as `holdfast.inverse_dynamics`.
 
         Args:
             q: (n,) or (batch, n) joint positions, arms in order, base to tip [rad or m].
@@ -68,7 +68,13 @@ class ChainFunctions:
 
         Raises:
             StateError: wrong shapes or numbers, or a wrench on an arm that holds nothing.
+            NotCompiledError: the chain has springs between bodies, whose forces these arguments do not tell.
         """
+        if self.chain.springs:
+            raise NotCompiledError(
+                "compile: 'inverse_dynamics' of a chain with springs between bodies runs as reference only, since they"
+                " ask where the object is; holdfast.inverse_dynamics computes it from the chain"
+            )
         f = arrays.floats("grasp_wrench", grasp_wrench, (len(self.chain.arms), 6))
         self._require_holding(f)
         return self._function("inverse_dynamics")((q, qd, qdd, f), parameters, threads)["tau"]
@@ -133,8 +139,8 @@ class ChainFunctions:
             parts = {part: found[part][..., where[name]] for part, where in function.parts.items()}
             kind, position = grasp.of_kind, parts["shift"]
             if kind.closed_angles:
-                turn = kind.turn(parts["attitude"].reshape(*position.shape, 3))
-                position = np.concatenate([turn[..., list(kind.closed_angles)], position], -1)
+                tip = parts["attitude"].reshape(*position.shape, 3)
+                position = kind.along(kind.gap(tip, -position))[..., list(kind.position_rows)]
             residuals[name] = GraspResidual(position, parts["velocity"])
         return residuals
 
@@ -305,6 +311,7 @@ class ChainFunctions:
 
     def _function(self, name: str) -> CompiledFunction:
         """Return a computation, compiled when first asked for."""
+        require_own_bases(self.chain, f"compile: {name}")
         made: dict[str, CompiledFunction] = self.__dict__.setdefault("_functions", {})
         if name not in made:
             made[name] = CompiledFunction(name, self.chain, self.options)

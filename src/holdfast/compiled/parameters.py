@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.compiled.externals import BASE_MOTION, FLOATING
 from holdfast.compiler.schedule import External
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -18,20 +19,26 @@ from holdfast.spatial.scalar import Array
 
 # Poses are given as wxyz_xyz and taken as a rotation (and an origin, where it matters).
 _POSES = {"base_pose": ("base_R", "base_p"), "grasp_pose": ("grasp_R", "grasp_p")}
+WRENCHES = ("link_wrench", "trunk_link_wrench")
 _INTERNAL = {"generic_rank", *(name for pair in _POSES.values() for name in pair)}
 
 
 def parameters_of(chain: ClosedChain, generic_rank: int | None) -> dict[str, Array]:
     """Return the chain's own parameters, and zeros for what acts on it from outside."""
     arms, grasps, body = list(chain.arms.values()), list(chain.grasps.values()), chain.held_object
-    n, l, g = chain.joint_count, len(arms), len(grasps)
+    l, g = len(arms), len(grasps)
     links = [link for arm in arms for link in arm.links]
     return {
         "object_wrench": np.zeros(6),
-        "link_wrench": np.zeros((n, 6)),
+        "link_wrench": np.zeros((len(links), 6)),
         "gravity": np.array(chain.gravity),
         "about": np.zeros(3),
         "generic_rank": np.array(-1.0 if generic_rank is None else float(generic_rank)),
+        "trunk_link_wrench": np.zeros((0 if chain.trunk is None else len(chain.trunk.bodies), 6)),
+        "floating_pose": np.eye(7)[0],
+        "floating_twist": np.zeros(6),
+        "trunk_base_twist": np.zeros(6),
+        "trunk_base_acceleration": np.zeros(6),
         "object_mass": np.array(body.mass),
         "object_com": np.array(body.com),
         "object_inertia": np.array(body.inertia),
@@ -62,7 +69,7 @@ def parse_parameters(
         StateError: an unknown name, a wrong shape, a number that is not finite, a mass without an inertia.
     """
     shapes = {name: e.shape for name, e in externals.items() if e.role == "parameter" and name not in _INTERNAL}
-    shapes |= {name: externals[name].shape for name in ("object_wrench", "link_wrench") if name in externals}
+    shapes |= {name: externals[name].shape for name in ("object_wrench", *WRENCHES, *FLOATING) if name in externals}
     for name, (rotations, _) in _POSES.items():
         if rotations in externals:
             shapes[name] = (externals[rotations].shape[0], 7)
@@ -76,6 +83,8 @@ def parse_parameters(
             raise StateError(f"{name}: expected shape {shapes[name]} or (batch, *{shapes[name]}), got {a.shape}")
         if not np.isfinite(a).all():
             raise StateError(f"{name}: expected finite numbers")
+        if name in BASE_MOTION:
+            _require_still(name, a, chain)
         if name in ("object_mass", "object_inertia", "link_mass", "link_inertia"):
             _require_inertia(name, a)
         if name in _POSES:
@@ -104,6 +113,13 @@ def _with_inertia(given: Mapping[str, Any], chain: ClosedChain) -> Mapping[str, 
             " object_inertia='scale' (the chain's own, in proportion to the mass), or (3, 3) about the mass centre"
         )
     return given
+
+
+def _require_still(name: str, a: Array, chain: ClosedChain) -> None:
+    """Refuse base motion of its own for an arm on a trunk."""
+    for i, arm in enumerate(chain.arms):
+        if arm in chain.mounts and a[..., i, :].any():
+            raise StateError(f"{name}: arm '{arm}' moves with the trunk it stands on; expected zeros")
 
 
 def _require_inertia(name: str, a: Array) -> None:

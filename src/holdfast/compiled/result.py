@@ -90,7 +90,20 @@ class CompiledResult(ForwardResult):
     @property
     def mobility(self) -> Any:  # type: ignore[override]
         """Dimension of the velocities that the grasps allow."""
-        return self.chain.joint_count + 6 + self.chain.contact_freedom_count - self.rank
+        return self.chain.velocity_count + self.chain.contact_freedom_count - self.rank
+
+    @property
+    def base_acceleration(self) -> Array | None:  # type: ignore[override]
+        """(6,) true acceleration of a floating base; None without one."""
+        return self._of_trunk("floating_acceleration")
+
+    @property
+    def trunk_base_wrench(self) -> Array | None:  # type: ignore[override]
+        """(6,) of the base on the trunk about the base origin; None without a trunk."""
+        return self._of_trunk("trunk_base_wrench")
+
+    def _of_trunk(self, name: str) -> Array | None:
+        return self.array(name) if name in self.layout.shapes else None
 
     @property
     def status(self) -> Any:  # type: ignore[override]

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from holdfast.compiled.externals import STATE
+from holdfast.compiled.externals import FLOATING, STATE
 from holdfast.compiled.faults import fault, largest_positions
-from holdfast.compiled.forward_schedule import GUARDED
+from holdfast.compiled.forward_schedule import guarded_outputs
 from holdfast.compiled.result import INDETERMINATE, INVALID, OK, SINGULAR, UNDECIDED, CompiledResult
 from holdfast.dynamics import rank
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
@@ -52,7 +52,7 @@ def settle(compiled: CompiledChain, found: Mapping[str, Array], result: Compiled
     status[open_[of < generic]] = SINGULAR
     status[open_[of > generic]] = INVALID
     without = open_[of != generic]
-    for name in GUARDED if without.size else ():
+    for name in guarded_outputs(compiled.chain) if without.size else ():
         x = result.array(name)
         (x if result.batch is not None else x[None])[without] = np.nan
 
@@ -63,7 +63,7 @@ def system(chain: ClosedChain, found: Mapping[str, Array], row: int) -> tuple[Cl
     def of(name: str, axes: int) -> Array:
         return found[name][row] if found[name].ndim > axes else found[name]
 
-    state = State(*(of(name, 1) for name in STATE))
+    state = State(*(of(name, 1) for name in (*STATE, *(FLOATING if chain.floats else ()))))
     if "base_p" in found:
         poses = zip(chain.names, of("base_R", 3), of("base_p", 2), strict=True)
         chain = chain.with_bases({name: Pose.unchecked(R, p) for name, R, p in poses})

@@ -16,7 +16,7 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.fingerprint import exact_fingerprint
+from holdfast.model.fingerprint import exact_fingerprint, fingerprint
 from holdfast.model.grasp_kinds import GraspKind
 
 OPTIONAL = ("link_inertia", "link_wrench")  # run-time parameters that are asked for by name
@@ -86,10 +86,12 @@ class Structure:
 
     @cached_property
     def key(self) -> str:
-        """A digest of all that the code depends on: arm types in their order, and the options."""
+        """A digest of all that the code depends on: arm types in their order, springs, and the options."""
         names = list(self.types)
         order = [names.index(self.type_of[name]) for name in self.chain.names]
-        return _digest([repr((names, order, self.options)).encode()])
+        trunk = [] if self.chain.trunk is None else [*_of_trunk(self.chain)]
+        springs = [fingerprint(self.chain.springs).encode()] if self.chain.springs else []
+        return _digest([repr((names, order, self.options)).encode(), *trunk, *springs])
 
     @cached_property
     def type_of(self) -> dict[str, str]:
@@ -114,11 +116,26 @@ def _folded(arm: Arm, without_links: bool) -> Iterator[bytes]:
     for joint in arm.joints:
         yield repr((joint.type.turns, joint.type.travel)).encode()
         yield from (joint.axis.tobytes(), joint.placement.R.tobytes(), joint.placement.p.tobytes())
-        yield np.array([joint.armature, joint.damping]).tobytes()
+        spring = [joint.stiffness, joint.rest] if joint.stiffness else []
+        yield np.array([joint.armature, joint.damping, *spring]).tobytes()
     if not without_links:
         for link in arm.links:
             yield np.array([link.mass, *link.com, *link.inertia.flat]).tobytes()
     yield from (arm.tip.R.tobytes(), arm.tip.p.tobytes())
+
+
+def _of_trunk(chain: ClosedChain) -> Iterator[bytes]:
+    """Yield the bytes of a trunk, all of which becomes constants, and of who stands where on it."""
+    trunk = chain.trunk
+    assert trunk is not None
+    yield repr((chain.names, dict(chain.mounted_on))).encode()
+    if trunk.serial is not None:
+        yield from _folded(trunk.serial, False)
+    if trunk.floating is not None:
+        link = trunk.floating
+        yield np.array([link.mass, *link.com, *link.inertia.flat]).tobytes()
+    else:
+        yield from (trunk.base.R.tobytes(), trunk.base.p.tobytes())
 
 
 def _digest(parts: list[bytes]) -> str:

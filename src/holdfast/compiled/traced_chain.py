@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.externals import BASE_MOTION
+from holdfast.compiled.externals import BASE_MOTION, FLOATING, TRUNK_BASE_MOTION, link_rows
 from holdfast.compiled.structure import Structure
 from holdfast.compiler.composition import Composition
 from holdfast.compiler.constant import Constant, constants
@@ -25,6 +25,8 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
+from holdfast.model.spring import Spring
+from holdfast.model.trunk import Trunk
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, loops, sqrt, where
@@ -70,10 +72,11 @@ def traced_chain(structure: Structure, given: Given) -> ClosedChain:
     chain = structure.chain
     arms: dict[str, Arm] = {}
     of_type: dict[str, Arm] = {}  # its constants: the same objects, which are told apart by looking at them once
+    links_of = link_rows(chain)
     for i, (name, arm) in enumerate(chain.arms.items()):
         key = structure.type_of[name]
         constant = of_type.get(key) or of_type.setdefault(key, _with_constants(arm, structure))
-        made = _with_links(structure, constant, given, chain.joints[name])
+        made = _with_links(structure, constant, given, links_of[name])
         arms[name] = replace(made, base=_pose(given, "base", i), name="")
     held = enumerate(chain.grasps.items() if structure.by_grasp else ())
     grasps = {name: replace(grasp, frame=_pose(given, "grasp", i)) for i, (name, grasp) in held}
@@ -83,7 +86,10 @@ def traced_chain(structure: Structure, given: Given) -> ClosedChain:
         body = HeldObject(mass, given["object_inertia"], given["object_com"], physical=False)
     other = object.__new__(ClosedChain)
     gravity = given.get("gravity", np.zeros(3))
-    other.__dict__.update(arms=arms, held_object=body, grasps=grasps, gravity=gravity)
+    own = {"arms": arms, "held_object": body, "grasps": grasps, "gravity": gravity, "mounts": chain.mounts}
+    own["trunk"] = None if chain.trunk is None else _constant_trunk(chain.trunk)
+    own["springs"] = tuple(_constant_spring(spring) for spring in chain.springs)
+    other.__dict__.update(own)
     return other
 
 
@@ -91,12 +97,15 @@ def traced_state(chain: ClosedChain, given: Given) -> State:
     """Return the state; see `framed`."""
     n, twist = chain.joint_count, given.get("object_twist", np.zeros(6))
     pose = given.get("object_pose", np.eye(7)[0])
-    return framed(State(given["q"], given.get("qd", np.zeros(n)), pose, twist))
+    floating = (given.get(name) for name in FLOATING)
+    return framed(State(given["q"], given.get("qd", np.zeros(n)), pose, twist, *floating))
 
 
 def framed(state: State) -> State:
     """Return the state; its object's frame is not-a-number if the quaternion is not of unit length."""
     vars(state)["object_frame"] = unit_pose(state.object_pose, state.object_twist[3:])
+    if state.base_pose is not None and state.base_twist is not None:
+        vars(state)["base_frame"] = unit_pose(state.base_pose, state.base_twist[3:])
     return state
 
 
@@ -116,7 +125,10 @@ def traced_inputs(chain: ClosedChain, given: Given) -> Inputs:
     """Return what acts on the chain besides torques."""
     still = np.zeros((len(chain.arms), 6))
     twists, accelerations = (given.get(name, still) for name in BASE_MOTION)
-    return Inputs(given.get("object_wrench", np.zeros(6)), given.get("link_wrench"), twists, accelerations)
+    of_trunk: dict[str, Array | None] = {"trunk_link_wrenches": given.get("trunk_link_wrench")}
+    if chain.trunk is not None and not chain.floats:
+        of_trunk |= {name: given.get(name, np.zeros(6)) for name in TRUNK_BASE_MOTION}
+    return Inputs(given.get("object_wrench", np.zeros(6)), given.get("link_wrench"), twists, accelerations, **of_trunk)
 
 
 def _pose(given: Given, what: str, i: int) -> Pose:
@@ -145,14 +157,31 @@ def _with_constants(arm: Arm, structure: Structure) -> Arm:
     return made if structure.options.link_inertia else regrouped(made)
 
 
+def _constant_trunk(trunk: Trunk) -> Trunk:
+    """Return the trunk as constants; it is part of the code as it is."""
+    made = object.__new__(Trunk)
+    joints = tuple(_constant_joint(joint) for joint in trunk.joints)
+    links = tuple(replace(_constant_link(link), name=link.name) for link in trunk.links)  # arms are mounted by name
+    floating = None if trunk.floating is None else _constant_link(trunk.floating)
+    made.__dict__.update(joints=joints, links=links, base=_constant_pose(trunk.base), floating=floating)
+    return made
+
+
 def _constant_joint(joint: Joint) -> Joint:
     plain = Joint(joint.kind, constants(joint.axis), _constant_pose(joint.placement))
-    return replace(plain, armature=Constant(joint.armature), damping=Constant(joint.damping))
+    numbers = {name: Constant(getattr(joint, name)) for name in ("armature", "damping", "stiffness", "rest")}
+    return replace(plain, **numbers)
 
 
 def _constant_link(link: Link) -> Link:
     plain = Link(link.mass, constants(link.com), constants(link.inertia), physical=False)
     return replace(plain, mass=Constant(link.mass))
+
+
+def _constant_spring(spring: Spring) -> Spring:
+    a, b = (replace(end, point=constants(end.point)) for end in spring.ends)
+    numbers = {name: Constant(getattr(spring, name)) for name in ("stiffness", "length", "damping")}
+    return replace(spring, a=a, b=b, **numbers)
 
 
 def _constant_pose(pose: Pose) -> Pose:

@@ -17,7 +17,7 @@ from holdfast.state import Inputs, State
 def computed_torque(
     chain: ClosedChain, state: State, acceleration: Array, wrenches: Array, joint_damping: float = 0.0
 ) -> Array:
-    """Return tau = M qdd + C + J^T f + damping qd with the least qdd that goes with the object's acceleration, (n,).
+    """Return the torques of the least qdd that goes with the object's acceleration, (n,); see `drive_torques`.
 
     Arms that cannot follow do so as nearly as they can. Bases are taken to stand still.
 
@@ -31,8 +31,8 @@ def computed_torque(
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
     qdd = joint_accelerations(motion, state.qd, acceleration - pseudo_gravity(chain), joint_damping)
     return concatenate(
-        drive_torques(arm, state.qd[part], qdd[part], f)
-        for arm, part, f in zip(motion.arms.values(), chain.joints.values(), wrenches, strict=True)
+        drive_torques(arm, qdd[part], f)
+        for arm, part, f in zip(motion.arms.values(), chain.arm_joints, wrenches, strict=True)
     )
 
 

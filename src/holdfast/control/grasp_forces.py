@@ -6,12 +6,14 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import pseudo_gravity
 from holdfast.dynamics.closed.object_motion import object_motion
+from holdfast.dynamics.closed.spring_wrenches import with_springs
 from holdfast.dynamics.constraint import length_scale
+from holdfast.dynamics.contact_places import contact_places
 from holdfast.forces.force_split import motion_wrenches
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import rotate, shift_wrench
-from holdfast.state import State
+from holdfast.state import Inputs, State
 
 
 def commanded_wrenches(chain: ClosedChain, state: State, acceleration: Array, squeeze: float = 0.0) -> Array:
@@ -20,7 +22,7 @@ def commanded_wrenches(chain: ClosedChain, state: State, acceleration: Array, sq
     Every arm pushes along its contact's normal z; the smallest transmissible wrenches (in
     the metric of the force split) then make the sum what the motion needs,
 
-        A^T f = M(C) (alpha - [0; g]) + b(C).
+        A^T f = M(C) (alpha - [0; g]) + b(C) - w,  w of springs on the object.
 
     So the squeeze is the internal part of the pushes: contacts that face each other keep
     all of it.
@@ -37,15 +39,16 @@ def commanded_wrenches(chain: ClosedChain, state: State, acceleration: Array, sq
     """
     if not chain.grasps:
         return np.zeros((len(chain.arms), 6))
-    R = state.object_frame.R
+    places = contact_places(chain, state)
     push = np.array([0.0, 0.0, 0.0, 0.0, 0.0, squeeze])
-    pushes = array([rotate(R @ grasp.frame.R, push) for grasp in chain.grasps.values()])
-    offsets = [R @ grasp.frame.p for grasp in chain.grasps.values()]
-    pushed = sum((shift_wrench(l, f) for l, f in zip(offsets, pushes, strict=True)), start=np.zeros(6))
+    pushes = array([rotate(place.R, push) for place in places])
+    pushed = sum((shift_wrench(at.offset, f) for at, f in zip(places, pushes, strict=True)), start=np.zeros(6))
 
-    body = object_motion(chain.held_object, state.object_frame, state.object_twist, np.zeros(6))
-    needed = body.inertia.apply(acceleration - pseudo_gravity(chain)) + body.bias
+    pulled = with_springs(chain, state, Inputs().shaped(chain)).object_wrench
+    assert pulled is not None
+    body = object_motion(chain.held_object, state.object_frame, state.object_twist, pulled)
+    needed = body.inertia.apply(acceleration - pseudo_gravity(chain)) + body.bias - body.wrench
     length = length_scale([grasp.frame.p for grasp in chain.grasps.values()])
-    found = pushes + motion_wrenches(chain, R, offsets, needed - pushed, length)
+    found = pushes + motion_wrenches(places, needed - pushed, length)
     wrenches = dict(zip(chain.grasps, found, strict=True))
     return array([wrenches.get(name, np.zeros(6)) for name in chain.names])

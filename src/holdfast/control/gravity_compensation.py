@@ -11,7 +11,7 @@ from holdfast.control.grasp_forces import commanded_wrenches
 from holdfast.dynamics.arm.newton_euler import drive_torques
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import ClosedChain, require_own_bases
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, concatenate
 from holdfast.state import Inputs, State
@@ -19,7 +19,7 @@ from holdfast.state import Inputs, State
 
 @dataclass(frozen=True, eq=False)
 class GravityCompensation(Frozen):
-    """tau = C_gravity + J^T f - d qd: the closed chain's static balance.
+    """tau = C_gravity + J^T f + stiffness (q - rest) - d qd: the closed chain's static balance.
 
     f carries the object's weight by the smallest wrenches the grasps can transmit, and
     squeezes. Bases are taken to stand still; external wrenches are not known to it.
@@ -37,6 +37,7 @@ class GravityCompensation(Frozen):
 
     def __post_init__(self) -> None:
         checks.instance(self.chain, ClosedChain, "gravity compensation: chain")
+        require_own_bases(self.chain, "GravityCompensation")
         for name in ("squeeze", "joint_damping"):
             object.__setattr__(self, name, checks.number(getattr(self, name), f"gravity compensation: {name}"))
 
@@ -51,7 +52,7 @@ class GravityCompensation(Frozen):
         wrenches = commanded_wrenches(self.chain, posture, np.zeros(6), self.squeeze)
         motion = chain_motion(self.chain, posture, none, Inputs().shaped(self.chain))
         tau = concatenate(
-            drive_torques(arm, none[part], none[part], f)
-            for arm, part, f in zip(motion.arms.values(), self.chain.joints.values(), wrenches, strict=True)
+            drive_torques(arm, none[part], f)
+            for arm, part, f in zip(motion.arms.values(), self.chain.arm_joints, wrenches, strict=True)
         )
         return tau - self.joint_damping * state.qd, memory

@@ -17,7 +17,7 @@ from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.inverse import inverse_dynamics
 from holdfast.errors import StateError
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import ClosedChain, require_own_bases
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench
 from holdfast.state import Inputs, State
@@ -30,7 +30,7 @@ def balancing_wrenches(motion: ChainMotion, alpha: Array, wished: Array, idle: A
     """Return the transmissible wrenches nearest to the wished ones that balance, (arms, 6).
 
     min |lambda - K f_wished| in the metric of the force split (moments over its length), with
-    A^T K^T lambda = M(C) (alpha - [0; g]) + b(C) and (J^T K^T lambda)_j = -(M qdd + C)_j at
+    A^T K^T lambda = M(C) (alpha - [0; g]) + b(C) - w, w of springs, and (J^T K^T lambda)_j = -(M qdd + C)_j at
     undriven joints j.
 
     Args:
@@ -38,7 +38,7 @@ def balancing_wrenches(motion: ChainMotion, alpha: Array, wished: Array, idle: A
         alpha: (6,) acceleration of C, true, world axes.
         wished: (arms, 6) about the contacts, world axes; of rows of arms that hold.
         idle: places of the undriven joints in the flat arrays.
-        free: (idle,) their torques M qdd + C + damping qd [N m or N].
+        free: (idle,) their torques M qdd + C + damping qd + stiffness (q - rest) [N m or N].
 
     Raises:
         StateError: no wrenches balance.
@@ -46,7 +46,7 @@ def balancing_wrenches(motion: ChainMotion, alpha: Array, wished: Array, idle: A
     chain = motion.chain
     holding = [chain.names.index(name) for name in chain.grasps]
     length = length_scale([c.offset for c in motion.contacts])
-    needed = motion.body.inertia.apply(alpha - pseudo_gravity(chain)) + motion.body.bias
+    needed = motion.body.inertia.apply(alpha - pseudo_gravity(chain)) + motion.body.bias - motion.body.wrench
     unit = np.r_[np.full(3, 1 / length), np.ones(3)]  # moments in newtons
     torque_unit = np.array([1 / length if j.turns else 1.0 for a in chain.arms.values() for j in a.joints])
     columns, start, root = [np.zeros((6 + len(idle), 0))], [np.zeros(0)], [np.zeros(0)]
@@ -56,7 +56,7 @@ def balancing_wrenches(motion: ChainMotion, alpha: Array, wished: Array, idle: A
         to_C = np.array([shift_wrench(c.offset, row) for row in K]).T
         columns.append(np.concatenate([unit[:, None] * to_C, (torque_unit[:, None] * torques)[idle]]))
         start.append(K @ wished[i])
-        root.append(np.array([length if row < 3 else 1.0 for row in c.grasp.transmitted]))
+        root.append(np.array(c.grasp.of_kind.row_scales(length)))
     E, lam, root = np.concatenate(columns, axis=1), np.concatenate(start), np.concatenate(root)
     e = np.concatenate([unit * needed, -torque_unit[idle] * free])
     if lam.size:
@@ -93,7 +93,7 @@ def holding_torques(
 ) -> Array:
     """Return torques that give the object an acceleration, with a chosen internal wrench, (n,) [N m or N].
 
-    tau = M qdd + C + J^T f + damping qd, with the least qdd that goes with the object's
+    tau = M qdd + C + J^T f + damping qd + stiffness (q - rest), with the least qdd that goes with the object's
     acceleration and the f nearest to the chosen one (in the metric of `split`) that satisfies
     A^T f = M(C) (alpha - [0; g]) + b(C). `forward_dynamics` of the result returns alpha, and,
     where forces are unique, f. Bases are taken to stand still. O(n) + O(l^3).
@@ -114,6 +114,7 @@ def holding_torques(
             grasps or the driven joints cannot bear, an unknown joint.
     """
     state.fits(chain)
+    require_own_bases(chain, "holding_torques")
     alpha = np.zeros(6) if acceleration is None else checks.numbers(acceleration, (6,), "acceleration", StateError)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
     qdd = joint_accelerations(motion, state.qd, alpha - pseudo_gravity(chain))

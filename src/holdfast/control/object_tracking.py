@@ -11,7 +11,7 @@ from holdfast.control.grasp_forces import commanded_wrenches
 from holdfast.control.paths import Target
 from holdfast.errors import ModelError
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import ClosedChain, require_own_bases
 from holdfast.spatial import rotation
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, concatenate
@@ -20,7 +20,7 @@ from holdfast.state import State
 
 @dataclass(frozen=True, eq=False)
 class ObjectTracking(Frozen):
-    """tau = M qdd + C + J^T f + damping, with qdd and f that give the object its acceleration.
+    """tau = M qdd + C + J^T f + what dampers and springs take, with qdd and f that give the object its acceleration.
 
     The commanded acceleration is the path's and a correction,
     alpha = alpha_d + damping (V_d - V) + stiffness [log(R_d R^T); p_d - p]; the error then
@@ -45,6 +45,7 @@ class ObjectTracking(Frozen):
 
     def __post_init__(self) -> None:
         checks.instance(self.chain, ClosedChain, "object tracking: chain")
+        require_own_bases(self.chain, "ObjectTracking")
         if not callable(self.path):
             got = type(self.path).__name__
             raise ModelError(f"object tracking: path: expected a function of time, got {got}; try RestToRest(...).at")

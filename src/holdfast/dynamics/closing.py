@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest, chain_motion
 from holdfast.dynamics.consistency import residuals
 from holdfast.dynamics.constraint import constraint_rows, coordinate_sizes
-from holdfast.dynamics.projection import moved
+from holdfast.dynamics.indeterminate import NULL_SINGULAR_VALUE
+from holdfast.dynamics.projection import Change, moved, quickened
 from holdfast.errors import ClosureError
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.tip_direction import advice_for
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
@@ -17,8 +20,8 @@ from holdfast.state import Inputs, State
 CLOSED = 1e-13  # rad, and lengths over the arms' reach: where iterating on stops
 ACCEPTED = 1e-10  # the same: what counts as closed
 MAX_ITERATIONS = 200
-NULL = 1e-9  # of the largest singular value: what is smaller is none
-NULL_PER_GAP = 1e3  # the same per position gap: beside the constraint rows may seem independent that are not on it
+# Of the largest singular value, per position gap: beside the constraint rows may seem independent that are not on it.
+NULL_PER_GAP = 1e3
 LONGEST_STEP = 0.5  # rad, or part of the arms' reach, in one iteration
 WORTH_NAMING = 1e-2  # of the largest miss: a smaller one was only waiting for it
 MOST_NAMED = 4  # arms in one message
@@ -30,6 +33,7 @@ def close(
     guess: State,
     *,
     hold_object: bool = False,
+    hold_base: bool = False,
     limits: bool = True,
     inputs: Inputs | None = None,
 ) -> State:
@@ -42,7 +46,8 @@ def close(
     Args:
         chain: the chain.
         guess: positions and velocities to stay near.
-        hold_object: keep the object's pose and twist; move the arms only.
+        hold_object: keep the object's pose and twist, and those of a trunk; move the arms only.
+        hold_base: keep pose and twist of a floating base.
         limits: keep joints within their position limits.
         inputs: base motion, if the bases move.
 
@@ -50,18 +55,26 @@ def close(
         ClosureError: naming the arms that cannot reach, and by how much.
     """
     guess.fits(chain)
-    low, high = np.concatenate([arm.position_limits for arm in chain.arms.values()]).T
+    low, high = np.array([joint.position_limits for joint in chain.all_joints]).T
     if not limits:
         low, high = np.full_like(low, -np.inf), np.full_like(high, np.inf)
     # the object where it is: a turn by nothing may cost the last bit
-    state = State(np.clip(guess.q, low, high), guess.qd, guess.object_pose, guess.object_twist)
-    state = (_arms_brought if hold_object else _brought_together)(chain, state, low, high)
+    state = replace(guess, q=np.clip(guess.q, low, high))
+    if hold_object:
+        state = _arms_brought(chain, state, low, high)
+    else:
+        state = _brought_together(chain, state, low, high, hold_base=hold_base)
     _require_reached(chain, state)
-    return project_velocity(chain, state, hold_object=hold_object, inputs=inputs)
+    return project_velocity(chain, state, hold_object=hold_object, hold_base=hold_base, inputs=inputs)
 
 
 def project_velocity(
-    chain: ClosedChain, state: State, *, hold_object: bool = False, inputs: Inputs | None = None
+    chain: ClosedChain,
+    state: State,
+    *,
+    hold_object: bool = False,
+    hold_base: bool = False,
+    inputs: Inputs | None = None,
 ) -> State:
     """Return the state with the nearest velocities that keep every grasp.
 
@@ -71,7 +84,8 @@ def project_velocity(
     Args:
         chain: the chain.
         state: positions that close the grasps, and velocities to stay near.
-        hold_object: keep the object's twist; change the joint rates only.
+        hold_object: keep the object's twist, and that of a trunk; change the joint rates of the arms only.
+        hold_base: keep the twist of a floating base.
         inputs: base motion, if the bases move.
 
     Raises:
@@ -81,45 +95,55 @@ def project_velocity(
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), (inputs or Inputs()).shaped(chain))
     if not motion.contacts:
         return state
-    n, sizes, gap = (
-        chain.joint_count,
-        coordinate_sizes(motion),
-        np.concatenate([c.velocity_gap for c in motion.contacts]),
-    )
-    U, s, Vt = np.linalg.svd(_velocity_rows(motion, hold_object), full_matrices=False)
-    rank = int((s > NULL * s[0]).sum())
-    position_gap = np.abs(_gap(chain, state)[1]).max(initial=0.0)
+    n, sizes = chain.joint_count, coordinate_sizes(motion)
+    gap = np.concatenate([c.velocity_gap for c in motion.contacts])
+    hold = _held_columns(chain, hold_object=hold_object, hold_base=hold_base)
+    U, s, Vt = np.linalg.svd(_velocity_rows(motion, hold), full_matrices=False)
+    rank = int((s > NULL_SINGULAR_VALUE * s[0]).sum())
+    position_gap = np.abs(_position_gaps(motion, state)).max(initial=0.0)
     if rank > 0 and s[rank - 1] < NULL_PER_GAP * position_gap * s[0]:
         # a row that follows from others does so where the grasps are closed; beside it, it would stop the motion
         free = np.full(n, np.inf)
         closed = chain_at_rest(chain, _brought_together(chain, state, -free, free))
-        there = np.linalg.svd(_velocity_rows(closed, hold_object), compute_uv=False)
-        rank = min(rank, int((there > NULL * there[0]).sum()))
+        there = np.linalg.svd(_velocity_rows(closed, hold), compute_uv=False)
+        rank = min(rank, int((there > NULL_SINGULAR_VALUE * there[0]).sum()))
     step = sizes * (Vt[:rank].T @ ((U[:, :rank].T @ gap) / s[:rank]))
-    return State(state.q, state.qd + step[:n], state.object_pose, state.object_twist + step[n:])
+    return quickened(state, Change(step[:n], step[n : n + 6], step[n + 6 :] if chain.floats else None))
 
 
-def _velocity_rows(motion: ChainMotion, hold_object: bool) -> Array:
-    """Return K [J, -A] for unknowns in units of `coordinate_sizes`."""
-    rows = constraint_rows(motion)
-    object_rows = 0.0 * rows.object if hold_object else rows.object
-    return np.hstack([rows.joints, object_rows]) * coordinate_sizes(motion)
+def _held_columns(chain: ClosedChain, *, hold_object: bool, hold_base: bool = False) -> Array:
+    """Return which columns of `ConstraintRows.matrix` are kept from moving, (n + 6,) or (n + 12,) booleans."""
+    n, held = chain.joint_count, np.zeros(chain.velocity_count, dtype=bool)
+    if hold_object:
+        held[n:] = True
+        if chain.trunk is not None:
+            held[chain.joints[TRUNK]] = True
+    if hold_base:
+        held[n + 6 :] = True
+    return held
+
+
+def _velocity_rows(motion: ChainMotion, held: Array) -> Array:
+    """Return K [J, -A] for unknowns in units of `coordinate_sizes`, zero where they are held."""
+    return np.where(held, 0.0, constraint_rows(motion).matrix * coordinate_sizes(motion))
 
 
 def _arms_brought(chain: ClosedChain, state: State, low: Array, high: Array) -> State:
     """Return the state with the grasps closed, the object held: each arm is alone, none waits for one that cannot."""
-    q = np.array(state.q)
+    q, arms = np.array(state.q), chain_at_rest(chain, state).arms
     for name, grasp in chain.grasps.items():
         part = chain.joints[name]
-        alone = ClosedChain({name: chain.arms[name]}, chain.held_object, {name: grasp})
+        alone = ClosedChain({name: arms[name].arm}, chain.held_object, {name: grasp})
         start = State(q[part], state.qd[part], state.object_pose)
         q[part] = _brought_together(alone, start, low[part], high[part], hold_object=True).q
-    return State(q, state.qd, state.object_pose, state.object_twist)
+    return replace(state, q=q)
 
 
-def _brought_together(chain: ClosedChain, state: State, low: Array, high: Array, *, hold_object: bool = False) -> State:
+def _brought_together(
+    chain: ClosedChain, state: State, low: Array, high: Array, *, hold_object: bool = False, hold_base: bool = False
+) -> State:
     """Return the state with the grasps closed, as far as they can be."""
-    n = chain.joint_count
+    held = _held_columns(chain, hold_object=hold_object, hold_base=hold_base)
     motion, gap = _gap(chain, state)
     damping = 1e-6
     for _ in range(MAX_ITERATIONS):
@@ -127,9 +151,7 @@ def _brought_together(chain: ClosedChain, state: State, low: Array, high: Array,
         if size <= CLOSED:
             break
         sizes = coordinate_sizes(motion)
-        rows = _position_rows(motion) * sizes
-        if hold_object:
-            rows[:, n:] = 0.0
+        rows = np.where(held, 0.0, _position_rows(motion) * sizes)
         step = _inward_step(rows, gap, damping, state.q <= low, state.q >= high)
         step *= min(1.0, LONGEST_STEP / max(float(np.abs(step).max()), 1e-300))
         trial = _clipped(state, sizes * step, low, high)
@@ -147,19 +169,24 @@ def _brought_together(chain: ClosedChain, state: State, low: Array, high: Array,
 def _gap(chain: ClosedChain, state: State) -> tuple[ChainMotion, Array]:
     """Return the motion and the position residuals, lengths over the arms' reach; velocities have no part in them."""
     motion = chain_at_rest(chain, state)
+    return motion, _position_gaps(motion, state)
+
+
+def _position_gaps(motion: ChainMotion, state: State) -> Array:
+    """Return the position residuals of all grasps, lengths over the arms' reach."""
     reach = coordinate_sizes(motion)[-1]
     parts = []
     for gap in residuals(motion, state).values():
         lengths = np.arange(len(gap.position)) >= len(gap.position) - 3
         parts.append(np.where(lengths, gap.position / reach, gap.position))
-    return motion, np.concatenate(parts) if parts else np.zeros(0)
+    return np.concatenate(parts) if parts else np.zeros(0)
 
 
 def _position_rows(motion: ChainMotion) -> Array:
     """Return d(gap)/d(q, object): the velocity rows that are rates of position rows."""
     rows = constraint_rows(motion)
     reach = coordinate_sizes(motion)[-1]
-    matrix = -np.hstack([rows.joints, rows.object])
+    matrix = -rows.matrix
     keep = np.ones(len(matrix), dtype=bool)
     for c, part in zip(motion.contacts, rows.slices, strict=True):
         matrix[part.stop - 3 : part.stop] /= reach
@@ -190,8 +217,8 @@ def _inward_step(rows: Array, gap: Array, damping: float, lowest: Array, highest
 
 def _clipped(state: State, step: Array, low: Array, high: Array) -> State:
     """Return the state displaced by (dq, turn, shift), its joints kept within the limits."""
-    there = moved(state, step[: len(state.q)], step[len(state.q) :])
-    return State(np.clip(there.q, low, high), there.qd, there.object_pose, there.object_twist)
+    there = moved(state, step)
+    return replace(there, q=np.clip(there.q, low, high))
 
 
 def _require_reached(chain: ClosedChain, state: State) -> None:

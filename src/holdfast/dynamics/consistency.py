@@ -2,7 +2,7 @@
 
 Closed means: rigid: tip frame = contact frame; hinge: origins and x axes agree; soft
 finger and ball: origins agree. Rows, position / velocity: rigid 6/6, hinge 5/5, soft
-finger 3/4 (its no-spin condition does not integrate), ball 3/3.
+finger 3/4 (its no-spin condition does not integrate), ball 3/3. Others: docs/theory/contacts.md.
 """
 
 from __future__ import annotations
@@ -40,12 +40,15 @@ class GraspResidual(NamedTuple):
 def tip_from_contact(c: Contact, contact_point: Array, tip: Pose) -> Pose:
     """Return the tip frame seen from the contact frame: the identity where a rigid grasp holds.
 
+    A motion given by hand has its place in the tip's axes, since these carry it.
+
     Args:
         c: the grasp in motion.
         contact_point: (3,) on the object, world axes.
         tip: the arm's tip frame in the world.
     """
-    return Pose.unchecked(c.R.T @ tip.R, (tip.p - contact_point) @ c.R)
+    axes = c.R if c.grasp.of_kind.given is None else c.frame
+    return Pose.unchecked(axes.T @ tip.R, (tip.p - contact_point) @ c.R)
 
 
 def position_gap(c: Contact, contact_point: Array, tip: Pose) -> Array:
@@ -59,24 +62,21 @@ def position_gap(c: Contact, contact_point: Array, tip: Pose) -> Array:
         contact_point: (3,) on the object, world axes.
         tip: the arm's tip frame in the world.
     """
-    return rotate(c.R, _gap(c, tip_from_contact(c, contact_point, tip)))
+    seen = tip_from_contact(c, contact_point, tip)
+    return rotate(c.R, c.grasp.of_kind.gap(seen.R, seen.p))
 
 
 def position_residual(c: Contact, contact_point: Array, tip: Pose) -> Array:
     """Return the position rows of one grasp, contact axes: angles [rad], then lengths [m]."""
-    return _gap(c, tip_from_contact(c, contact_point, tip))[list(c.grasp.of_kind.position_rows)]
-
-
-def _gap(c: Contact, seen: Pose) -> Array:
-    """Return [turn; shift] in contact axes; a turn is the same in tip axes."""
-    return np.concatenate([c.grasp.of_kind.turn(seen.R), -seen.p])
+    kind, seen = c.grasp.of_kind, tip_from_contact(c, contact_point, tip)
+    return kind.along(kind.gap(seen.R, seen.p))[list(kind.position_rows)]
 
 
 def residuals(motion: ChainMotion, state: State) -> dict[str, GraspResidual]:
     """Return position and velocity residuals of every grasp, by arm name."""
     origin = state.object_frame.p
     return {
-        name: GraspResidual(position_residual(c, origin + c.offset, motion.arms[name].at.tip), c.velocity_gap)
+        name: GraspResidual(position_residual(c, origin + c.origin, motion.arms[name].at.tip), c.velocity_gap)
         for name, c in zip(motion.chain.grasps, motion.contacts, strict=True)
     }
 

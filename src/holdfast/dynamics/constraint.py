@@ -1,4 +1,4 @@
-"""The grasp constraint on velocities: K_i J_i qd_i = K_i A_i V(C), arm by arm.
+"""The grasp constraint on velocities: K_i J_i qd_i = K_i A_i V(C), arm by arm; J_i has columns for a trunk's joints.
 
 With the relative rates W as unknowns it reads [J, -A, H^T] (qd, V(C), W) = base motion, six
 rows a grasp; K takes W out. rank[J, -A, H^T] = rank K[J, -A] + sum n_g.
@@ -12,6 +12,7 @@ import numpy as np
 
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion
+from holdfast.model.closed_chain import TRUNK
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import twist_shift
 
@@ -19,30 +20,41 @@ SMALLEST_LENGTH = 1e-3  # m: what is smaller sets no scale
 
 
 class ConstraintRows(NamedTuple):
-    """Rows of K [J, -A] over all joints and V(C), one block a grasp, in order.
+    """Rows of K [J, -A] over all joints, V(C) and the twist of a floating base, one block a grasp, in order.
 
     Attributes:
         joints: (rows, n).
         object: (rows, 6).
+        base: (rows, 6) of the twist of a floating base; (rows, 0) without one.
         slices: per grasp, where its rows lie.
     """
 
     joints: Array
     object: Array
+    base: Array
     slices: list[slice]
+
+    @property
+    def matrix(self) -> Array:
+        """(rows, n + 6) all of K [J, -A]; 6 columns more of a floating base."""
+        return np.hstack([self.joints, self.object, self.base])
 
 
 def coordinate_sizes(motion: ChainMotion) -> Array:
     """Return what counts as one unit of each joint and of [turn; shift] of the object, (n + 6,).
 
     1 rad for what turns; for what slides the longest reach of an arm, or of the object to a grasp if that is longer
-    [m], so that no step, norm or rank depends on the unit of length.
+    [m], so that no step, norm or rank depends on the unit of length. With a floating base (n + 12,), it
+    comes last.
     """
     reach = [r for arm in motion.arms.values() for r in arm.at.reach] + [c.offset for c in motion.contacts]
+    if motion.trunk is not None:
+        reach += [body.reach for body in motion.trunk.bodies]
     length = max(float(np.linalg.norm(r)) for r in reach)
     length = length if length > SMALLEST_LENGTH else 1.0
-    joints = [1.0 if joint.turns else length for arm in motion.chain.arms.values() for joint in arm.joints]
-    return np.array([*joints, 1.0, 1.0, 1.0, length, length, length])
+    joints = [1.0 if joint.turns else length for joint in motion.chain.all_joints]
+    free_bodies = 2 if motion.chain.floats else 1
+    return np.array([*joints, *free_bodies * [1.0, 1.0, 1.0, length, length, length]])
 
 
 def length_scale(offsets: list[Array]) -> float:
@@ -59,16 +71,21 @@ def length_scale(offsets: list[Array]) -> float:
 
 def constraint_rows(motion: ChainMotion) -> ConstraintRows:
     """Return K J and -K A of all grasps (velocity rows)."""
-    chain = motion.chain
-    joint_rows, object_rows, slices, start = [], [], [], 0
+    chain, trunk = motion.chain, motion.trunk
+    free = 6 if chain.floats else 0
+    joint_rows, object_rows = [np.zeros((0, chain.joint_count))], [np.zeros((0, 6))]
+    base_rows, slices, start = [np.zeros((0, free))], [], 0
     for name, c in zip(chain.grasps, motion.contacts, strict=True):
         arm = motion.arms[name]
-        rows = np.zeros((len(c.K), chain.joint_count))
+        rows, base = np.zeros((len(c.K), chain.joint_count)), np.zeros((len(c.K), 0))
         rows[:, chain.joints[name]] = c.K @ jacobian(arm.arm, arm.at)
+        if trunk is not None:
+            by_trunk, by_base = trunk.jacobian(name, arm.base_to_tip)
+            rows[:, chain.joints[TRUNK]], base = c.K @ by_trunk, c.K @ by_base
         joint_rows.append(rows)
         object_rows.append(-c.K @ twist_shift(c.offset))
+        base_rows.append(base)
         slices.append(slice(start, start + len(rows)))
         start += len(rows)
-    if not slices:
-        return ConstraintRows(np.zeros((0, chain.joint_count)), np.zeros((0, 6)), [])
-    return ConstraintRows(np.concatenate(joint_rows), np.concatenate(object_rows), slices)
+    whole = [np.concatenate(rows) for rows in (joint_rows, object_rows, base_rows)]
+    return ConstraintRows(whole[0], whole[1], whole[2], slices)

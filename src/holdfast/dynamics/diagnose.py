@@ -93,7 +93,7 @@ def diagnose(chain: ClosedChain, state: State) -> Diagnosis:
         `docs/theory/singular.md`; the constraint's rank is that of the filter's pivots.
     """
     state.fits(chain)
-    still = State(state.q, 0.0 * state.qd, state.object_pose)
+    still = state.at_rest()
     motion = chain_at_rest(chain, still)
     rank, condition = rank_of.constraint_pivots(chain, still)
     rows = chain.constraint_row_count
@@ -104,7 +104,7 @@ def diagnose(chain: ClosedChain, state: State) -> Diagnosis:
         for direction in lost_directions(name, c, jacobian(arm.arm, arm.at), arm.at.tip.p)
     ]
     return Diagnosis(
-        mobility=chain.joint_count + 6 + chain.contact_freedom_count - rank,
+        mobility=chain.velocity_count + chain.contact_freedom_count - rank,
         rank=rank,
         generic_rank=found.generic_rank,
         rows=rows,

@@ -10,12 +10,15 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.posture import Posture, posture
 from holdfast.dynamics.arm.velocity import link_twists
+from holdfast.dynamics.closed.spring_wrenches import Stretch, stretches
 from holdfast.dynamics.result import ForwardResult
+from holdfast.dynamics.trunk.trunk_motion import Standing, standing
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.held_object import HeldObject
+from holdfast.model.trunk import Trunk
 from holdfast.spatial.inertia import RigidInertia
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, concatenate, each
@@ -56,10 +59,21 @@ class Body(NamedTuple):
 
 
 def bodies(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> Iterator[Body]:
-    """Yield every link, arms in order, base to tip, and then the object."""
-    for arm, part, base_twist in _moving_arms(chain, inputs):
+    """Yield every body of the trunk, base outward, every link, arms in order, base to tip, and then the object."""
+    at = standing(chain, state, (inputs or Inputs()).shaped(chain))
+    yield from trunk_bodies(chain, at)
+    for arm, part, base_twist in zip(at.arms, chain.arm_joints, at.base_twists, strict=True):
         yield from links(arm, state.q[part], state.qd[part], base_twist)
     yield held_body(chain.held_object, state.object_frame, state.object_twist)
+
+
+def trunk_bodies(chain: ClosedChain, at: Standing) -> list[Body]:
+    """Return the bodies of the trunk, base outward; none without one."""
+    of_trunk = () if chain.trunk is None else chain.trunk.bodies
+    return [
+        Body(link.spatial_inertia, unrotate(body.frame.R, body.twist), body.frame.R, body.frame.p)
+        for link, body in zip(of_trunk, at.trunk, strict=True)
+    ]
 
 
 def links(arm: Arm, q: Array, qd: Array, base_twist: Array) -> Iterator[Body]:
@@ -87,16 +101,19 @@ def kinetic_energy(chain: ClosedChain, state: State, inputs: Inputs | None = Non
         StateError: a state or inputs of the wrong shape for the chain.
     """
     state.fits(chain)
-    twists = (inputs or Inputs()).shaped(chain).base_twists
-    assert twists is not None
-    return float(total_kinetic_energy(chain, state, twists))
+    return float(total_kinetic_energy(chain, state, (inputs or Inputs()).shaped(chain)))
 
 
-def total_kinetic_energy(chain: ClosedChain, state: State, base_twists: Array) -> Scalar:
-    """Return T of arms and object [J]; see `kinetic_energy`."""
-    parts = list(chain.joints.values())
-    q, qd = ([x[part] for part in parts] for x in (state.q, state.qd))
-    arms = each(arm_kinetic_energy, chain.arms.values(), q, qd, base_twists)
+def total_kinetic_energy(chain: ClosedChain, state: State, inputs: Inputs) -> Scalar:
+    """Return T of trunk, arms and object [J], inputs shaped; see `kinetic_energy`."""
+    at = standing(chain, state, inputs)
+    q, qd = ([x[part] for part in chain.arm_joints] for x in (state.q, state.qd))
+    arms = each(arm_kinetic_energy, at.arms, q, qd, at.base_twists)
+    for body in trunk_bodies(chain, at):
+        arms.append(body.kinetic_energy)
+    if chain.trunk is not None:
+        of_trunk = state.qd[chain.joints[TRUNK]]
+        arms.append(0.5 * (_armature(chain.trunk) @ of_trunk**2))
     return sum(arms) + held_body(chain.held_object, state.object_frame, state.object_twist).kinetic_energy
 
 
@@ -106,7 +123,9 @@ def arm_kinetic_energy(arm: Arm, q: Array, qd: Array, base_twist: Array) -> Scal
 
 
 def potential_energy(chain: ClosedChain, state: State) -> float:
-    """Return U = -sum m g . r over links and object, zero at the world's origin [J]. O(n).
+    """Return U = -sum m g . r over links and object, zero at the world's origin, and what springs store [J]. O(n).
+
+    A joint's spring stores 1/2 stiffness (q - rest)^2, another one 1/2 stiffness (s - length)^2.
 
     Args:
         chain: the chain.
@@ -120,16 +139,38 @@ def potential_energy(chain: ClosedChain, state: State) -> float:
 
 
 def total_potential_energy(chain: ClosedChain, state: State) -> Scalar:
-    """Return U of arms and object [J]; see `potential_energy`."""
-    q = [state.q[part] for part in chain.joints.values()]
-    arms = each(lambda arm, q: arm_potential_energy(arm, q, chain.gravity), chain.arms.values(), q)
-    return sum(arms) + held_body(chain.held_object, state.object_frame, np.zeros(6)).potential_energy(chain.gravity)
+    """Return U of trunk, arms and object [J]; see `potential_energy`."""
+    at, q = standing(chain, state, Inputs().shaped(chain)), [state.q[part] for part in chain.arm_joints]
+    arms = each(lambda arm, q: arm_potential_energy(arm, q, chain.gravity), at.arms, q)
+    for body in trunk_bodies(chain, at):
+        arms.append(body.potential_energy(chain.gravity))
+    if chain.trunk is not None and chain.trunk.serial is not None:
+        arms.append(arm_elastic_energy(chain.trunk.serial, state.q[chain.joints[TRUNK]]))
+    held = held_body(chain.held_object, state.object_frame, np.zeros(6)).potential_energy(chain.gravity)
+    return sum(arms) + held + spring_energy(chain, state)
 
 
 def arm_potential_energy(arm: Arm, q: Array, gravity: Array) -> Scalar:
-    """Return U of one arm's links [J]."""
+    """Return U of one arm's links and joint springs [J]."""
     resting = links(arm, q, np.zeros(arm.joint_count), np.zeros(6))
-    return sum(body.potential_energy(gravity) for body in resting)
+    return sum(body.potential_energy(gravity) for body in resting) + arm_elastic_energy(arm, q)
+
+
+def arm_elastic_energy(arm: Arm, q: Array) -> Scalar:
+    """Return what the springs in an arm's joints store [J]."""
+    return 0.5 * (arm.stiffness @ (q - arm.rest) ** 2)
+
+
+def elastic_energy(chain: ClosedChain, state: State) -> Scalar:
+    """Return what all springs store [J]."""
+    in_joints = [arm_elastic_energy(arm, state.q[chain.joints[name]]) for name, arm in chain.arms.items()]
+    return sum(in_joints) + spring_energy(chain, state)
+
+
+def spring_energy(chain: ClosedChain, state: State) -> Scalar:
+    """Return what the springs between bodies store [J]."""
+    still = np.zeros((len(chain.arms), 6))
+    return sum(map(Stretch.energy, stretches(chain, state, still), chain.springs))
 
 
 def centre_of_mass(chain: ClosedChain, state: State) -> Array:
@@ -143,9 +184,10 @@ def centre_of_mass(chain: ClosedChain, state: State) -> Array:
         StateError: a state of the wrong shape for the chain.
     """
     state.fits(chain)
-    parts = [state.q[part] for part in chain.joints.values()]
+    at, parts = standing(chain, state, Inputs().shaped(chain)), [state.q[part] for part in chain.arm_joints]
     held = held_body(chain.held_object, state.object_frame, np.zeros(6))
-    sums = sum(each(arm_mass_moment, chain.arms.values(), parts)) + held.mass_moment
+    sums = sum(each(arm_mass_moment, at.arms, parts)) + held.mass_moment
+    sums = sum((body.mass_moment for body in trunk_bodies(chain, at)), start=sums)
     return sums[1:] / sums[0]
 
 
@@ -170,19 +212,17 @@ def momentum(chain: ClosedChain, state: State, about: ArrayLike | None = None, i
         StateError: wrong shape of `about` or the inputs.
     """
     state.fits(chain)
-    twists = (inputs or Inputs()).shaped(chain).base_twists
-    assert twists is not None
     point = np.zeros(3) if about is None else checks.numbers(about, (3,), "about", StateError)
-    return total_momentum(chain, state, twists, point)
+    return total_momentum(chain, state, (inputs or Inputs()).shaped(chain), point)
 
 
-def total_momentum(chain: ClosedChain, state: State, base_twists: Array, about: Array) -> Array:
-    """Return the momentum of links and object, (6,); see `momentum`."""
-    parts = list(chain.joints.values())
-    q, qd = ([x[part] for part in parts] for x in (state.q, state.qd))
-    arms = each(
-        lambda arm, q, qd, twist: arm_momentum(arm, q, qd, twist, about), chain.arms.values(), q, qd, base_twists
-    )
+def total_momentum(chain: ClosedChain, state: State, inputs: Inputs, about: Array) -> Array:
+    """Return the momentum of trunk, links and object, (6,), inputs shaped; see `momentum`."""
+    at = standing(chain, state, inputs)
+    q, qd = ([x[part] for part in chain.arm_joints] for x in (state.q, state.qd))
+    arms = each(lambda arm, q, qd, twist: arm_momentum(arm, q, qd, twist, about), at.arms, q, qd, at.base_twists)
+    for body in trunk_bodies(chain, at):
+        arms.append(body.momentum(about))
     return sum(arms) + held_body(chain.held_object, state.object_frame, state.object_twist).momentum(about)
 
 
@@ -192,11 +232,11 @@ def arm_momentum(arm: Arm, q: Array, qd: Array, base_twist: Array, about: Array)
 
 
 class Power(NamedTuple):
-    """Power into the chain, without gravity's, whose work is potential energy [W].
+    """Power into the chain, without that of gravity and springs, whose work is potential energy [W].
 
     Attributes:
         drives: tau . qd.
-        damping: -sum d qd^2 of the joints' viscous damping, <= 0.
+        damping: -sum d qd^2 of the joints' viscous damping, and -sum c (ds/dt)^2 of the springs', <= 0.
         base: sum F_b . V_b of the base wrenches.
         external: of the external wrenches on object and links.
     """
@@ -232,31 +272,37 @@ def power(
     state.fits(chain)
     torques = checks.numbers(tau, (chain.joint_count,), "tau", StateError)
     base = checks.numbers(result.base_wrench, (len(chain.arms), 6), "result: base_wrench", StateError)
-    found = power_of(chain, state, torques, base, (inputs or Inputs()).shaped(chain))
+    found = power_of(chain, state, torques, base, (inputs or Inputs()).shaped(chain), result.trunk_base_wrench)
     return Power(*map(float, found))
 
 
-def power_of(chain: ClosedChain, state: State, tau: Array, base_wrench: Array, inputs: Inputs) -> Power:
-    """Return the same for base wrenches (arms, 6) and shaped inputs, on any kind of numbers."""
+def power_of(
+    chain: ClosedChain, state: State, tau: Array, base_wrench: Array, inputs: Inputs, under_trunk: Array | None = None
+) -> Power:
+    """Return the same for base wrenches (arms, 6) and shaped inputs, on any kind of numbers.
+
+    Arms on a trunk have no base motion of their own: what the trunk's base puts in is `under_trunk`'s, (6,).
+    """
     assert inputs.base_twists is not None and inputs.object_wrench is not None
     damping = concatenate(arm.damping for arm in chain.arms.values())
-    external = inputs.object_wrench @ state.object_twist
-    if inputs.link_wrenches is not None:
+    if chain.trunk is not None:
+        damping = concatenate([[joint.damping for joint in chain.trunk.joints], damping])
+    lost = sum(map(Stretch.loss, stretches(chain, state, inputs.base_twists), chain.springs))
+    external, base = inputs.object_wrench @ state.object_twist, base_wrench.ravel() @ inputs.base_twists.ravel()
+    moving = [] if inputs.link_wrenches is None else [*inputs.link_wrenches]
+    if inputs.trunk_link_wrenches is not None:
+        moving = [*inputs.trunk_link_wrenches, *moving]
+    if moving:
         links = list(bodies(chain, state, inputs))[:-1]
-        external += sum(f @ rotate(body.R, body.twist) for f, body in zip(inputs.link_wrenches, links, strict=True))
-    return Power(
-        tau @ state.qd,
-        -(damping @ (state.qd * state.qd)),
-        base_wrench.ravel() @ inputs.base_twists.ravel(),
-        external,
-    )
+        external += sum(f @ rotate(body.R, body.twist) for f, body in zip(moving, links, strict=False))
+    if under_trunk is not None and inputs.trunk_base_twist is not None:
+        base = base + under_trunk @ inputs.trunk_base_twist
+    return Power(tau @ state.qd, -(damping @ (state.qd * state.qd)) - lost, base, external)
 
 
-def _moving_arms(chain: ClosedChain, inputs: Inputs | None) -> Iterator[tuple[Arm, slice, Array]]:
-    """Yield each arm, where its joints lie, and its base's twist."""
-    twists = (inputs or Inputs()).shaped(chain).base_twists
-    assert twists is not None
-    yield from zip(chain.arms.values(), chain.joints.values(), twists, strict=True)
+def _armature(trunk: Trunk) -> Array:
+    """Return (n_t,) drive inertias of a trunk's joints."""
+    return np.array([joint.armature for joint in trunk.joints])
 
 
 def _origins(at: Posture) -> list[Array]:

@@ -75,6 +75,11 @@ def forward_dynamics(
     chosen = method_named(method)
     if route not in get_args(Route):
         raise MethodNotApplicable(f"no route {route!r}.{checks.did_you_mean(str(route), get_args(Route))}")
+    if chain.trunk is not None and not chosen.takes_trunk:
+        raise MethodNotApplicable(
+            f"{chosen.name}: the paper's arms stand on bases of their own, but the chain has a trunk; try"
+            " method='sequential' or 'kkt'"
+        )
     if chosen.rigid_only:
         _require_rigid(chain, chosen)
 
@@ -85,7 +90,9 @@ def forward_dynamics(
     with np.errstate(all="ignore"):  # what comes out of it is looked at below
         regular = sequential(motion, route)
     for name, pivots in zip(chain.grasps, regular.pivots, strict=True):
-        _require_inertia(name, pivots)
+        _require_inertia(f"arm '{name}'", pivots)
+    if regular.trunk_pivots is not None:
+        _require_inertia("trunk", regular.trunk_pivots)
     _require_finite(regular)
     if held is None and motion.generic_rank is None:
         rank.require_trusted(motion, state, rank.Pivots(int(regular.rank), 1.0 / float(regular.weakest_pivot)))
@@ -101,7 +108,8 @@ def forward_dynamics(
 
 def _require_finite(found: Solution) -> None:
     """Refuse numbers that overflow: no NaN leaves this library."""
-    if not np.isfinite(np.concatenate([*found.qdd, *found.wrenches, found.object_acceleration])).all():
+    of_trunk = [] if found.trunk is None else [part for part in found.trunk if part is not None]
+    if not np.isfinite(np.concatenate([*found.qdd, *found.wrenches, found.object_acceleration, *of_trunk])).all():
         raise StateError("the accelerations overflow float64; check the sizes of lengths, masses, rates and torques")
 
 
@@ -114,13 +122,13 @@ def _require_rigid(chain: ClosedChain, method: Method) -> None:
         )
 
 
-def _require_inertia(name: str, pivots: Array) -> None:
-    """Refuse an arm whose mass matrix is singular: a massless link that nothing loads."""
+def _require_inertia(what: str, pivots: Array) -> None:
+    """Refuse an arm or a trunk whose mass matrix is singular: a massless link that nothing loads."""
     lacking = np.flatnonzero(~(pivots > NO_INERTIA * np.max(pivots, initial=0.0, where=np.isfinite(pivots))))
     if lacking.size:
         k = int(lacking[-1])  # the one nearest the tip spoils those before it
         raise ModelError(
-            f"arm '{name}', joint {k + 1}: the inertia about its axis is {pivots[k]:.3g}, expected > 0; give the links"
+            f"{what}, joint {k + 1}: the inertia about its axis is {pivots[k]:.3g}, expected > 0; give the links"
             " beyond it mass or inertia, or the joint an armature, and keep the links' masses within 1e12 of each other"
         )
 
@@ -131,7 +139,7 @@ def _assemble(motion: ChainMotion, found: Solution, regular: Solution, status: S
     with np.errstate(all="ignore"):
         whole = chain_solution(motion, found, "auto")
     for name, pivots in whole.lone_pivots.items():
-        _require_inertia(name, pivots)
+        _require_inertia(f"arm '{name}'", pivots)
     return ForwardResult(
         chain=chain,
         qdd=whole.qdd,
@@ -140,9 +148,11 @@ def _assemble(motion: ChainMotion, found: Solution, regular: Solution, status: S
         contact_acceleration=whole.contact_acceleration,
         base_wrench=whole.base_wrench,
         rank=int(regular.rank),
-        mobility=chain.joint_count + 6 + chain.contact_freedom_count - int(regular.rank),
+        mobility=chain.velocity_count + chain.contact_freedom_count - int(regular.rank),
         status=status,
         condition=1.0 / float(regular.weakest_pivot),
         method=method,
         held=regular.held,
+        base_acceleration=whole.base_acceleration,
+        trunk_base_wrench=whole.trunk_base_wrench,
     )

@@ -17,6 +17,7 @@ import numpy as np
 from holdfast.dynamics.arm.motion import at_rest
 from holdfast.dynamics.arm.newton_euler import newton_euler
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion
+from holdfast.dynamics.closed.chain_solution import base_wrench
 from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.consistency import (
     POSITION_TOLERANCE,
@@ -25,12 +26,13 @@ from holdfast.dynamics.consistency import (
     require_closed,
 )
 from holdfast.dynamics.indeterminate import with_smallest_forces
-from holdfast.dynamics.projection import constraint_impulses
+from holdfast.dynamics.projection import constraint_impulses, quickened
 from holdfast.dynamics.rank import rank_and_held_near
 from holdfast.dynamics.result import Status
+from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import ClosureError
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import Pose
@@ -151,10 +153,11 @@ def grasp_here(grasp: Grasp, object_frame: Pose, tip: Pose, name: str = "") -> G
 def _require_there(motion: ChainMotion, state: State, name: str, tolerance: float) -> None:
     """Refuse a tip that is not at its grasp, naming both gaps."""
     c = motion.contacts[list(motion.chain.grasps).index(name)]
-    gap = position_residual(c, state.object_frame.p + c.offset, motion.arms[name].at.tip)
-    shift, turn = float(np.linalg.norm(gap[-3:])), float(np.linalg.norm(gap[:-3]))
+    gap = position_residual(c, state.object_frame.p + c.origin, motion.arms[name].at.tip)
+    angles = len(c.grasp.of_kind.closed_angles)
+    shift, turn = float(np.linalg.norm(gap[angles:])), float(np.linalg.norm(gap[:angles]))
     if not max(shift, turn) <= tolerance:
-        angle = f" and {turn:.3g} rad" if len(gap) > 3 else ""
+        angle = f" and {turn:.3g} rad" if angles else ""
         raise ClosureError(
             f"arm '{name}': its tip is {shift:.3g} m{angle} away from the grasp, expected <= {tolerance:g}; try moving"
             " it there (holdfast.close), or here=True to grip where it is"
@@ -169,21 +172,25 @@ def _stopped(motion: ChainMotion, state: State, given: Inputs) -> Attachment:
         arm.tip_twist - shift_twist(c.offset, state.object_twist)
         for arm, c in zip(motion.holding, motion.contacts, strict=True)
     ]
-    dqd, dV, found = constraint_impulses(motion, holding(motion, held).contacts, mismatch)
+    jump, found = constraint_impulses(motion, holding(motion, held).contacts, mismatch)
     status = Status.OK
     if rank < chain.constraint_row_count:
         status = Status.INDETERMINATE_FORCES
-        found = with_smallest_forces(motion, Solution([], found, dV, rank=rank)).wrenches
+        found = with_smallest_forces(motion, Solution([], found, jump.object, rank=rank)).wrenches
     impulses, base = np.zeros((len(chain.arms), 6)), np.zeros((len(chain.arms), 6))
     for name, impulse in zip(chain.grasps, found, strict=True):
-        i = chain.names.index(name)
-        impulses[i] = impulse
-        base[i] = newton_euler(at_rest(motion.arms[name]), dqd[chain.joints[name]], impulse)[1]
+        impulses[chain.names.index(name)] = impulse
+    trunk = None if motion.trunk is None else motion.trunk.at_rest()
+    betas = [] if trunk is None else trunk.accelerations(TrunkAcceleration(jump.qd[chain.joints[TRUNK]], jump.base))
+    for i, (name, arm) in enumerate(motion.arms.items()):
+        beta = None if trunk is None else trunk.under(name, betas)
+        base[i] = newton_euler(at_rest(arm), jump.qd[chain.joints[name]], impulses[i], beta)[1]
     assert given.base_twists is not None
     change = (given.base_twists * base).sum()  # V_b.j_b
+    if trunk is not None and given.trunk_base_twist is not None:
+        change += given.trunk_base_twist @ base_wrench(trunk, betas, dict(zip(chain.arms, base, strict=True)))
     change -= 0.5 * sum(p @ v for p, v in zip(found, mismatch, strict=True))  # p^T K v = p^T K Omega K^T p
-    after = State(state.q, state.qd + dqd, state.object_pose, state.object_twist + dV)
-    return Attachment(chain, after, impulses, base, float(change), status)
+    return Attachment(chain, quickened(state, jump), impulses, base, float(change), status)
 
 
 def _require_velocities(stopped: Attachment, given: Inputs) -> None:

@@ -42,8 +42,10 @@ def felt_wrenches(motion: ChainMotion, length: float, *, by_joints: bool = True)
     K = block_diagonal([c.K for c in motion.contacts])
     metric = np.tile(np.r_[np.full(3, 1 / length), np.ones(3)], len(motion.contacts))
     # angular unknowns in units of 1/length, so that all entries are lengths
-    object_scale = np.r_[np.full(3, 1.0), np.full(3, length)]
-    matrix = np.hstack([rows.joints[:, : None if by_joints else 0], rows.object * object_scale])
+    scale = np.r_[np.full(3, 1.0), np.full(3, length)]
+    used = slice(None if by_joints else 0)
+    by_base = rows.base * scale if rows.base.size else rows.base
+    matrix = np.hstack([rows.joints[:, used], rows.object * scale, by_base[:, used]])
     # each column (a joint) to unit length: what a joint feels has then no unit
     matrix = (K.T @ matrix) / metric[:, None]  # wrenches in metric units against velocities
     sizes = np.linalg.norm(matrix, axis=0)

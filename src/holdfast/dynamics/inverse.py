@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.newton_euler import drive_torques
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
+from holdfast.dynamics.trunk.trunk_inverse import trunk_inverse_dynamics
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -15,9 +16,14 @@ from holdfast.state import Inputs, State
 
 
 def inverse_dynamics(
-    chain: ClosedChain, state: State, qdd: ArrayLike, grasp_wrench: ArrayLike, inputs: Inputs | None = None
+    chain: ClosedChain,
+    state: State,
+    qdd: ArrayLike,
+    grasp_wrench: ArrayLike,
+    inputs: Inputs | None = None,
+    base_acceleration: ArrayLike | None = None,
 ) -> Array:
-    """Return tau = M qdd + C + J^T f + damping qd, arm by arm (2.1a). O(n).
+    """Return tau = M qdd + C + J^T f + damping qd + stiffness (q - rest), arm by arm (2.1a). O(n).
 
     Accelerations that keep the grasps and wrenches that move the object accordingly are
     the caller's part (`forward_dynamics` of the result returns them if they do).
@@ -29,12 +35,13 @@ def inverse_dynamics(
         grasp_wrench: (arms, 6) of each arm on the object, about the contact, world axes;
             rows of arms without a grasp must be zero.
         inputs: external wrenches and base motion.
+        base_acceleration: (6,) true acceleration of a trunk's floating base, world axes; it is needed with one.
 
     Returns:
         (n,) joint torques [N m or N].
 
     Raises:
-        StateError: wrong shapes, or a wrench on an arm that holds nothing.
+        StateError: wrong shapes, a wrench on an arm that holds nothing, or a floating base that would need a drive.
     """
     state.fits(chain)
     qdd = checks.numbers(qdd, (chain.joint_count,), "qdd", StateError)
@@ -43,12 +50,17 @@ def inverse_dynamics(
     for i, name in enumerate(chain.names):
         if name not in chain.grasps and f[i].any():
             raise StateError(f"grasp_wrench: arm '{name}' holds nothing, expected zeros, got {f[i]}")
-    return torques(motion, state.qd, qdd, f)
+    if motion.trunk is not None:
+        if chain.floats != (base_acceleration is not None):
+            wanted = "the acceleration of the floating base" if chain.floats else "none, as no base floats"
+            raise StateError(f"base_acceleration: expected {wanted}, got {checks.short(base_acceleration)}")
+        of_base = None
+        if base_acceleration is not None:
+            of_base = checks.numbers(base_acceleration, (6,), "base_acceleration", StateError)
+        return trunk_inverse_dynamics(motion, qdd, f, of_base)
+    return torques(motion, qdd, f)
 
 
-def torques(motion: ChainMotion, qd: Array, qdd: Array, f: Array) -> Array:
+def torques(motion: ChainMotion, qdd: Array, f: Array) -> Array:
     """Return the drives' torques of all arms, (n,); see `inverse_dynamics`."""
-    parts = list(motion.chain.joints.values())
-    return concatenate(
-        each(drive_torques, motion.arms.values(), [qd[part] for part in parts], [qdd[part] for part in parts], f)
-    )
+    return concatenate(each(drive_torques, motion.arms.values(), [qdd[part] for part in motion.chain.arm_joints], f))

@@ -35,6 +35,7 @@ class Method(Frozen):
         applies: to which chains.
         rigid_only: whether every grasp must be rigid.
         solve: the algorithm.
+        takes_trunk: whether arms may stand on a trunk.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Method(Frozen):
     applies: str
     rigid_only: bool
     solve: Callable[[ChainMotion], Solution]
+    takes_trunk: bool = False
 
 
 def _general(name: str, source: str, cost: str, solver: FreeDynamics) -> Method:
@@ -51,14 +53,15 @@ def _general(name: str, source: str, cost: str, solver: FreeDynamics) -> Method:
     )
 
 
+_FILTER = "O(n) + O(l)"
 _LINEAR = "O(n) + O(l^3)"
 _CUBIC = "O(n^3)"
 METHODS: Mapping[str, Method] = FrozenDict(
     {
         m.name: m
         for m in (
-            Method("sequential", "filter across arms, after (6.18)", "O(n) + O(l)", "every chain", False, sequential),
-            Method("kkt", "(2.11), (b.1)", _CUBIC, "all grasps, f unique", False, kkt),
+            Method("sequential", "filter across arms, after (6.18)", _FILTER, "every chain", False, sequential, True),
+            Method("kkt", "(2.11), (b.1)", _CUBIC, "all grasps, f unique", False, kkt, True),
             Method("reduced_kkt", "(2.14)", _CUBIC, RIGID_REGULAR, True, reduced_kkt),
             Method("analytic", "(3.6)", _CUBIC, RIGID_REGULAR, True, analytic),
             _general("composite", "the mass matrix", "O(n N^2) + O(l^3)", free_dynamics.composite),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from holdfast.dynamics.closed.spring_wrenches import with_springs
 from holdfast.dynamics.energy import bodies
 from holdfast.dynamics.result import ForwardResult
 from holdfast.errors import StateError
@@ -25,7 +26,7 @@ def momentum_rate(
 ) -> Array:
     """Return the rate of `energy.momentum` about a fixed world point, (6,) [angular; linear] [N m, N].
 
-    d/dt (L, P) = sum of the wrenches of bases, weights and the surroundings, about the same point. O(n).
+    d/dt (L, P) = sum of the wrenches of bases, weights, springs and the surroundings, about the same point. O(n).
 
     Args:
         chain: the chain.
@@ -40,14 +41,21 @@ def momentum_rate(
     state.fits(chain)
     base = checks.numbers(result.base_wrench, (len(chain.arms), 6), "result: base_wrench", StateError)
     point = np.zeros(3) if about is None else checks.numbers(about, (3,), "about", StateError)
-    given = (inputs or Inputs()).shaped(chain)
+    given = with_springs(chain, state, (inputs or Inputs()).shaped(chain))
     *links, held = bodies(chain, state)
+    on_trunk = 0 if chain.trunk is None else len(chain.trunk.bodies)
     assert given.object_wrench is not None
     rate = shift_wrench(held.origin - point, given.object_wrench)
-    for arm, f in zip(chain.arms.values(), base, strict=True):
-        rate = rate + shift_wrench(arm.base.p - point, f)
+    for (name, arm), f in zip(chain.arms.items(), base, strict=True):
+        if name not in chain.mounts:
+            rate = rate + shift_wrench(arm.base.p - point, f)
+    if chain.trunk is not None and result.trunk_base_wrench is not None:  # zero below a floating base
+        rate = rate + shift_wrench(chain.trunk.base.p - point, result.trunk_base_wrench)
+    if given.trunk_link_wrenches is not None:
+        for body, f in zip(links[:on_trunk], given.trunk_link_wrenches, strict=True):
+            rate = rate + shift_wrench(body.origin - point, f)
     if given.link_wrenches is not None:
-        for body, f in zip(links, given.link_wrenches, strict=True):
+        for body, f in zip(links[on_trunk:], given.link_wrenches, strict=True):
             rate = rate + shift_wrench(body.origin - point, f)
     for body in (*links, held):
         moment = cross(body.com - body.inertia.m * point, chain.gravity)

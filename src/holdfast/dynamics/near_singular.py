@@ -44,7 +44,7 @@ def arm_strength(arm: Arm, at: Posture, grasp: Grasp, object_rotation: Array) ->
         grasp: its grasp; only directions that it transmits count.
         object_rotation: (3, 3) object axes to world axes.
     """
-    K = _rows(grasp, object_rotation @ grasp.frame.R)
+    K = _rows(grasp, grasp.of_kind.axes(object_rotation @ grasp.frame.R, at.tip.R))
     rank = generic_tip_rank(arm, grasp)
     return float(tip_directions(K, jacobian(arm, at)).strengths[rank - 1]) if rank else 1.0
 

@@ -9,7 +9,7 @@ from holdfast.dynamics.arm.motion import ArmInputs, arm_motion
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.consistency import require_closed
 from holdfast.errors import MethodNotApplicable
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import ClosedChain, require_own_bases
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import twist_shift
@@ -34,6 +34,7 @@ def state_from_joints(
         MethodNotApplicable: a grasp is not rigid, or there is none.
         StateError: the joints do not close the chains.
     """
+    require_own_bases(chain, "state_from_joints")
     others = [f"'{name}' is a {grasp.kind}" for name, grasp in chain.grasps.items() if grasp.free]
     if others or not chain.grasps:
         raise MethodNotApplicable(

@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
-from holdfast.dynamics.closed.object_filter import object_filter
 from holdfast.dynamics.closed.object_motion import object_motion
-from holdfast.dynamics.closed.tip_response import tip_response
+from holdfast.dynamics.closed.rest_response import rest_response
 from holdfast.dynamics.constraint import constraint_rows
 from holdfast.errors import SingularChainError
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.scalar import Array, each
+from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
 IMMOBILE = 1e-9  # of the largest scaled mobility: the object does not move there
@@ -34,9 +33,7 @@ def object_mobility(chain: ClosedChain, state: State) -> Array:
         `docs/theory/sequential_filter.md`.
     """
     state.fits(chain)
-    motion = chain_at_rest(chain, state)
-    tips = each(lambda arm: tip_response(arm, "auto"), motion.holding)
-    return object_filter(motion.contacts, tips, motion.body.free).mobility
+    return rest_response(chain_at_rest(chain, state)).mobility
 
 
 def object_inertia(chain: ClosedChain, state: State) -> Array:
@@ -74,15 +71,14 @@ def motion_basis(chain: ClosedChain, state: State) -> Array:
 
     Returns:
         (n + 6, mobility): columns span the null space of K [J, -A]; the relative rates W
-        follow from them.
+        follow from them. With a floating base (n + 12, mobility), its twist last.
 
     Raises:
         StateError: a state of the wrong shape for the chain.
     """
     state.fits(chain)
     motion = chain_at_rest(chain, state)
-    rows = constraint_rows(motion)
-    matrix = np.hstack([rows.joints, rows.object])
+    matrix = constraint_rows(motion).matrix
     if not len(matrix):
         return np.eye(matrix.shape[1])
     _, sizes, Vt = np.linalg.svd(matrix)

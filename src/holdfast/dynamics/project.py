@@ -14,7 +14,7 @@ from holdfast.dynamics.projection import (
     position_mismatch,
     project_velocities,
 )
-from holdfast.dynamics.rank import ROW_PER_GAP, constraint_pivots, rank_and_held_near
+from holdfast.dynamics.rank import constraint_pivots, may_mislead, rank_and_held_near
 from holdfast.errors import ClosureError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
@@ -44,9 +44,8 @@ def project(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> t
     given = (inputs or Inputs()).shaped(chain)
     tau = np.zeros(chain.joint_count)
     motion = chain_motion(chain, state, tau, given)
-    held = _rows_to_hold(motion, state, given)
-    before = size = np.inf
-    for _ in range(ROUNDS):
+    held, before, size = None, np.inf, np.inf
+    for k in range(ROUNDS):
         gaps = position_mismatch(motion, state)
         size = max((float(np.abs(gap).max()) for gap in gaps), default=0.0)
         if size <= CLOSED or size >= 0.5 * before:
@@ -55,6 +54,8 @@ def project(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> t
             raise ClosureError(
                 f"the grasps are open by {size:.3g} (m or rad), expected a step's rounding; try a smaller time step"
             )
+        if k == 0:
+            held = _rows_to_hold(chain, state, given, size)
         before = size
         state = closer(holding(motion, held, positions=True), state, gaps)
         motion = chain_motion(chain, state, tau, given)
@@ -67,9 +68,8 @@ def project(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> t
     return state, chain_motion(chain, state, tau, given)
 
 
-def _rows_to_hold(motion: ChainMotion, state: State, inputs: Inputs) -> Array | None:
-    """Return which components of the grasps to hold, where the gaps make rows look independent; None: all of them."""
-    gap = max((float(np.abs(gap).max()) for gap in position_mismatch(motion, state)), default=0.0)
-    if gap <= CLOSED or constraint_pivots(motion.chain, state).condition * (ROW_PER_GAP * gap) ** 2 < 1.0:
+def _rows_to_hold(chain: ClosedChain, state: State, inputs: Inputs, gap: float) -> Array | None:
+    """Return which components of the grasps to hold, where a gap makes rows look independent; None: all of them."""
+    if not may_mislead(constraint_pivots(chain, state).condition, gap):
         return None
-    return rank_and_held_near(motion.chain, state, inputs)[1]
+    return rank_and_held_near(chain, state, inputs)[1]

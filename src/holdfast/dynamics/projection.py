@@ -22,6 +22,7 @@ from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.closed.object_filter import object_filter
 from holdfast.dynamics.closed.tip_response import TipResponse, tip_response
 from holdfast.dynamics.consistency import tip_from_contact
+from holdfast.dynamics.trunk.trunk_dynamics import filtered
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
@@ -35,10 +36,24 @@ FARTHEST = 1e-2  # m and rad: a state further off was not produced by a sound st
 LEFT_OPEN = 1e-9  # m and rad: what is left beyond this is no rounding
 
 
+class Change(NamedTuple):
+    """A change of the chain's velocities, or a small displacement.
+
+    Attributes:
+        qd: (n,) of the joint rates.
+        object: (6,) of the object's twist.
+        base: (6,) of the twist of a floating base; None without one.
+    """
+
+    qd: Array
+    object: Array
+    base: Array | None
+
+
 def constraint_impulses(
     motion: ChainMotion, contacts: list[Contact], mismatch: list[Array]
-) -> tuple[Array, Array, list[Array]]:
-    """Return (dqd, dV(C), impulses) that remove a mismatch at the grasps.
+) -> tuple[Change, list[Array]]:
+    """Return the change of velocities that removes a mismatch at the grasps, and the impulses that bring it.
 
     Args:
         motion: the chain at its configuration; its velocities do not enter.
@@ -47,17 +62,42 @@ def constraint_impulses(
             world axes; only its transmitted part counts.
 
     Returns:
-        (n,) change of joint rates, (6,) change of the object's twist, and per grasp the
-        impulse of the arm on the object.
+        The change, and per grasp the impulse of the arm on the object.
     """
     none, chain = np.zeros(6), motion.chain
     tips = each(gap_response, motion.holding, mismatch)
     still = each(lambda c: replace(c, a=none, g=none), contacts)
+    if motion.trunk is not None:
+        return trunk_impulses(replace(motion, contacts=still), tips)
     found = object_filter(still, tips, motion.body.free.at_rest())
     changes = each(lambda tip, impulse: tip.back_substitute(impulse)[0], tips, found.wrenches)
     of_arm = dict(zip(chain.grasps, changes, strict=True))
     dqd = [of_arm.get(name, np.zeros(arm.joint_count)) for name, arm in chain.arms.items()]
-    return concatenate(dqd), found.object_acceleration, found.wrenches
+    return Change(concatenate(dqd), found.object_acceleration, None), found.wrenches
+
+
+def trunk_impulses(motion: ChainMotion, tips: list[TipResponse]) -> tuple[Change, list[Array]]:
+    """Return what `constraint_impulses` does where arms stand on a trunk: it moves too, and all arms on it.
+
+    Args:
+        motion: the chain, its grasps without accelerations of their own.
+        tips: the answers of the arms that hold, at rest but for the mismatch.
+    """
+    assert motion.trunk is not None
+    chain, none = motion.chain, np.zeros(6)
+    still = replace(motion, trunk=motion.trunk.at_rest(), body=replace(motion.body, free=motion.body.free.at_rest()))
+    lone = each(lambda name: gap_response(motion.arms[name], none), motion.lone_on_trunk)
+    whole = filtered(still, tips, lone)
+    of_arm = dict(zip(chain.grasps, zip(tips, whole.found.wrenches, strict=True), strict=True))
+    of_arm |= {name: (tip, none) for name, tip in zip(motion.lone_on_trunk, lone, strict=True)}
+    dqd = [whole.trunk.qdd]
+    for name, arm in chain.arms.items():
+        if name in of_arm:
+            tip, impulse = of_arm[name]
+            dqd.append(tip.back_substitute(impulse, motion.trunk.under(name, whole.betas))[0])
+        else:
+            dqd.append(np.zeros(arm.joint_count))
+    return Change(concatenate(dqd), whole.found.object_acceleration, whole.trunk.base), whole.found.wrenches
 
 
 def gap_response(arm: ArmMotion, gap: Array) -> TipResponse:
@@ -69,8 +109,14 @@ def project_velocities(motion: ChainMotion, state: State) -> State:
     """Return the state with the velocities nearest in kinetic energy that keep the grasps."""
     twist = state.object_twist
     mismatch = each(lambda arm, c: arm.tip_twist - shift_twist(c.offset, twist), motion.holding, motion.contacts)
-    dqd, dV, _ = constraint_impulses(motion, motion.contacts, mismatch)
-    return State(state.q, state.qd + dqd, state.object_pose, state.object_twist + dV)
+    change, _ = constraint_impulses(motion, motion.contacts, mismatch)
+    return quickened(state, change)
+
+
+def quickened(state: State, by: Change) -> State:
+    """Return the state with its velocities changed."""
+    base = None if by.base is None or state.base_twist is None else state.base_twist + by.base
+    return State(state.q, state.qd + by.qd, state.object_pose, state.object_twist + by.object, state.base_pose, base)
 
 
 class Gap(NamedTuple):
@@ -111,8 +157,8 @@ def closer(motion: ChainMotion, state: State, gaps: list[Array]) -> State:
         state: the state.
         gaps: its `position_mismatch`.
     """
-    dq, dx, _ = constraint_impulses(motion, each(position_contact, motion.contacts), gaps)
-    return moved(state, dq, dx)
+    change, _ = constraint_impulses(motion, each(position_contact, motion.contacts), gaps)
+    return displaced_by(state, change)
 
 
 def largest_gaps(chain: ClosedChain, state: State, inputs: Inputs) -> Gap:
@@ -145,7 +191,7 @@ def largest(x: Array) -> Scalar:
 def position_mismatch(motion: ChainMotion, state: State) -> list[Array]:
     """Return per grasp the small displacement tip minus object, (6,) world axes."""
     origin = state.object_frame.p
-    return each(lambda arm, c: small_displacement(c, origin + c.offset, arm.at.tip), motion.holding, motion.contacts)
+    return each(lambda arm, c: small_displacement(c, origin + c.origin, arm.at.tip), motion.holding, motion.contacts)
 
 
 def small_displacement(c: Contact, contact_point: Array, tip: Pose) -> Array:
@@ -160,14 +206,27 @@ def small_displacement(c: Contact, contact_point: Array, tip: Pose) -> Array:
         tip: the arm's tip frame in the world.
     """
     seen = tip_from_contact(c, contact_point, tip)
-    return rotate(c.R, concatenate([c.grasp.of_kind.opening(seen.R), seen.p]))
+    return rotate(c.R, c.grasp.of_kind.small_gap(seen.R, seen.p))
 
 
-def moved(state: State, dq: Array, dx: Array) -> State:
-    """Return the state displaced by joint steps dq and an object displacement [turn; shift]."""
-    turn = rotation.quaternion_product(rotation.quaternion_exp(dx[:3]), state.object_pose[:4])
-    pose = concatenate([rotation.normalised(turn), state.object_pose[4:] + dx[3:]])
-    return State(state.q + dq, state.qd, pose, state.object_twist)
+def moved(state: State, step: Array) -> State:
+    """Return the state displaced by a step in the columns of `ConstraintRows.matrix`: joints, object, floating base."""
+    n = len(state.q)
+    base = step[n + 6 :]
+    return displaced_by(state, Change(step[:n], step[n : n + 6], base if len(base) else None))
+
+
+def displaced_by(state: State, by: Change) -> State:
+    """Return the state displaced by joint steps, and [turn; shift] of the object and of a floating base."""
+    base = None if by.base is None or state.base_pose is None else turned_and_shifted(state.base_pose, by.base)
+    object_pose = turned_and_shifted(state.object_pose, by.object)
+    return State(state.q + by.qd, state.qd, object_pose, state.object_twist, base, state.base_twist)
+
+
+def turned_and_shifted(pose: Array, dx: Array) -> Array:
+    """Return a pose wxyz_xyz displaced by [turn; shift], world axes."""
+    turn = rotation.quaternion_product(rotation.quaternion_exp(dx[:3]), pose[:4])
+    return concatenate([rotation.normalised(turn), pose[4:] + dx[3:]])
 
 
 def position_contact(c: Contact) -> Contact:

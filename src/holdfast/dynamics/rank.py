@@ -14,9 +14,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
-from holdfast.dynamics.closed.object_filter import object_filter
+from holdfast.dynamics.closed.rest_response import rest_response
 from holdfast.dynamics.closed.sequential import sequential
-from holdfast.dynamics.closed.tip_response import tip_response
 from holdfast.dynamics.closing import close
 from holdfast.dynamics.consistency import GraspResidual, residuals
 from holdfast.dynamics.constraint import coordinate_sizes
@@ -26,6 +25,7 @@ from holdfast.dynamics.result import Status
 from holdfast.errors import ClosureError, SingularChainError, StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
+from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
@@ -66,9 +66,7 @@ class Pivots(NamedTuple):
 
 def constraint_pivots(chain: ClosedChain, state: State) -> Pivots:
     """Return rank and condition of [J, -A, H^T] at a configuration, as forward dynamics finds them."""
-    motion = chain_at_rest(chain, state)
-    tips = [tip_response(arm, "auto") for arm in motion.holding]
-    found = object_filter(motion.contacts, tips, motion.body.free)
+    found = rest_response(chain_at_rest(chain, state))
     return Pivots(int(found.rank), 1.0 / float(found.weakest_pivot))
 
 
@@ -86,7 +84,7 @@ def generic_constraint_rank(chain: ClosedChain, state: State) -> int:
     still, sizes = _still(chain, state)
     for seed in range(NEIGHBOURS):
         step = NEIGHBOUR_DISTANCE * sizes * np.random.default_rng(seed).uniform(-1, 1, len(sizes))
-        there = moved(still, *np.split(step, [chain.joint_count]))
+        there = moved(still, step)
         try:
             neighbour = close(chain, there, limits=False)
         except ClosureError:
@@ -129,7 +127,7 @@ def require_trusted(motion: ChainMotion, state: State, found: Pivots) -> None:
     if found.condition * SUSPECT_GAP**2 < 1.0:
         return  # a gap that could do this is refused, or seen, elsewhere
     gap, chain = _largest_gap(residuals(motion, state)), motion.chain
-    if gap <= CLOSED or found.condition * (ROW_PER_GAP * gap) ** 2 < 1.0:
+    if not may_mislead(found.condition, gap):
         return
     closed = closed_near(chain, state)
     there = found.rank if closed is None else constraint_rank(chain, closed)
@@ -139,6 +137,11 @@ def require_trusted(motion: ChainMotion, state: State, found: Pivots) -> None:
             f" {chain.constraint_row_count} here, {there} where they are closed, as some rows follow from others. Try"
             f" holdfast.close(chain, state) first, or generic_rank={there} for states beside the constraint"
         )
+
+
+def may_mislead(condition: float, gap: float) -> bool:
+    """Return whether a gap of the grasps [m or rad] may have made a row seem independent that follows from others."""
+    return gap > CLOSED and not condition * (ROW_PER_GAP * gap) ** 2 < 1.0
 
 
 def _largest_gap(gaps: Mapping[str, GraspResidual]) -> float:
@@ -198,21 +201,27 @@ def _survive(chain: ClosedChain, state: State, still: State, sizes: Array, basis
     """Return whether steps of a length along all directions survive closing."""
     kept = []
     for direction in basis.T:
-        there = moved(still, *np.split(step * sizes * direction, [chain.joint_count]))
+        there = moved(still, step * sizes * direction)
         try:
             closed = close(chain, there, limits=False)
         except ClosureError:
             return False
-        turn = rotation.log(closed.object_frame.R @ state.object_frame.R.T)
-        shift = closed.object_pose[4:] - state.object_pose[4:]
-        moved_by = np.concatenate([closed.q - state.q, turn, shift]) / sizes
+        moved_by = np.concatenate([closed.q - state.q, _displacement(state.object_frame, closed.object_frame)])
+        if state.base_frame is not None and closed.base_frame is not None:
+            moved_by = np.concatenate([moved_by, _displacement(state.base_frame, closed.base_frame)])
+        moved_by = moved_by / sizes
         kept.append(basis.T @ moved_by / step)
     return bool(np.linalg.svd(np.array(kept), compute_uv=False)[-1] > 0.5)
 
 
+def _displacement(a: Pose, b: Pose) -> Array:
+    """Return the [turn; shift] from one pose to another, (6,) world axes."""
+    return np.concatenate([rotation.log(b.R @ a.R.T), b.p - a.p])
+
+
 def _still(chain: ClosedChain, state: State) -> tuple[State, Array]:
     """Return the configuration at rest, and the size of one unit of each coordinate."""
-    still = State(state.q, 0.0 * state.qd, state.object_pose)
+    still = state.at_rest()
     return still, coordinate_sizes(chain_at_rest(chain, still))
 
 

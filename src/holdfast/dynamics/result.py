@@ -48,8 +48,8 @@ class ForwardResult(Frozen):
             contact point; zero for an arm without a grasp [N m, N].
         object_acceleration: (6,) [omega_dot; v_dot of C], true (gravity in).
         contact_acceleration: (sum n_g,) W_dot; hinge and soft finger along the contact
-            frame's axes, ball along world axes [rad/s^2].
-        base_wrench: (arms, 6) of the base on each arm about the base origin [N m, N].
+            frame's axes, ball along world axes [rad/s^2, m/s^2].
+        base_wrench: (arms, 6) of the base, or of the trunk, on each arm about the arm's base origin [N m, N].
         rank: independent rows of the grasp constraint [J, -A, H^T], of 6 a grasp.
         mobility: dimension of the velocities (qd, V(C), W) that the grasps allow.
         status: whether the forces are unique. (Only compiled code returns SINGULAR and INVALID,
@@ -63,6 +63,9 @@ class ForwardResult(Frozen):
         held: (grasps, 1 or 2, 6) 1 for the components along each grasp's axes that are held, in velocity and, if
             others, in position; 0 for those that are free or follow from others. None unless the generic rank was
             given and is below the constraint's rows.
+        base_acceleration: (6,) [omega_dot; v_dot] of a floating base's origin, true (gravity in); None without one.
+        trunk_base_wrench: (6,) of the base on the trunk about the base origin, 0 below a floating base [N m, N]; None
+            without a trunk.
     """
 
     chain: ClosedChain
@@ -77,6 +80,8 @@ class ForwardResult(Frozen):
     condition: float
     method: str
     held: Array | None = None
+    base_acceleration: Array | None = None
+    trunk_base_wrench: Array | None = None
 
     def __getitem__(self, arm: str) -> ArmResult:
         """Return one arm's part."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.constraint import length_scale
+from holdfast.dynamics.contact_places import ContactPlace, contact_places
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -51,37 +52,34 @@ def split(chain: ClosedChain, state: State, grasp_wrench: ArrayLike, length: flo
     """
     state.fits(chain)
     f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
-    R = state.object_frame.R
-    offsets = [R @ grasp.frame.p for grasp in chain.grasps.values()]
+    places = contact_places(chain, state)
+    offsets = [place.offset for place in places]
     L = length_scale(offsets) if length is None else checks.number(length, "length", above=0.0)
     rows = [chain.names.index(name) for name in chain.grasps]
     motion, internal = np.zeros_like(f), np.zeros_like(f)
     if rows:
         net = sum((shift_wrench(o, f[i]) for i, o in zip(rows, offsets, strict=True)), start=np.zeros(6))
-        motion[rows] = motion_wrenches(chain, R, offsets, net, L)
+        motion[rows] = motion_wrenches(places, net, L)
         internal[rows] = f[rows] - motion[rows]
     return Split(motion, internal, _load_share(motion[:, 3:]), L)
 
 
-def motion_wrenches(chain: ClosedChain, R: Array, offsets: list[Array], net: Array, length: float) -> Array:
+def motion_wrenches(places: list[ContactPlace], net: Array, length: float) -> Array:
     """Return the smallest transmissible wrenches with a given sum at C, (grasps, 6).
 
     min sum |moment / L|^2 + |force|^2 over f = K^T lambda with A^T f = net: lambda =
-    W^-1 K A y, where W is diagonal because each row of K is a pure moment or force.
+    W^-1 K A y, where W is diagonal because no two rows of K share a component.
 
     Args:
-        chain: the chain.
-        R: (3, 3) object axes to world axes.
-        offsets: per grasp, C to contact point, world axes [m].
+        places: where the grasps are.
         net: (6,) wrench on the object about C, world axes.
         length: L [m].
     """
     columns, weights = [], []
-    for grasp, offset in zip(chain.grasps.values(), offsets, strict=True):
-        axes = R @ grasp.frame.R
+    for grasp, axes, offset in places:
         K = array([rotate(axes, row) for row in grasp.transmission])
         columns.append((K, array([shift_wrench(offset, row) for row in K])))
-        weights.extend(length**2 if i < 3 else 1.0 for i in grasp.transmitted)
+        weights.extend(scale**2 for scale in grasp.of_kind.row_scales(length))
     to_C = np.concatenate([at_C for _, at_C in columns]).T  # A^T K^T, (6, rows)
     unit = np.r_[np.full(3, 1 / length), np.ones(3)]  # moments in newtons
     root = np.sqrt(weights)

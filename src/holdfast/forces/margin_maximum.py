@@ -20,7 +20,7 @@ from holdfast.dynamics.result import ForwardResult, require_result_of
 from holdfast.forces.cone_program import AffineMargin, Largest, largest_within
 from holdfast.forces.margin_interval import affine_margins
 from holdfast.forces.margins import grasp_margins
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import ClosedChain, require_own_bases
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
@@ -67,6 +67,7 @@ def largest_margin(
         StateError: a result of another chain, or one without forces.
     """
     state.fits(chain)
+    require_own_bases(chain, "largest_margin")
     require_result_of(chain, result)
     now = grasp_margins(chain, state, result.grasp_wrench)
     given = (inputs or Inputs()).shaped(chain)

@@ -69,8 +69,7 @@ class JointLimits(NamedTuple):
 
 def joint_limits(chain: ClosedChain) -> JointLimits:
     """Return the limits of all joints, arms in order, base to tip."""
-    joints = [joint for arm in chain.arms.values() for joint in arm.joints]
-    rows = [(*joint.position_limits, joint.rate_limit, joint.effort_limit) for joint in joints]
+    rows = [(*joint.position_limits, joint.rate_limit, joint.effort_limit) for joint in chain.all_joints]
     return JointLimits(*np.array(rows, dtype=float).reshape(-1, 4).T)
 
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from holdfast.dynamics.arm.free_dynamics import tip_acceleration
-from holdfast.dynamics.arm.posture import posture
-from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.closed.chain_motion import chain_at_rest, chain_motion
 from holdfast.dynamics.result import ForwardResult, require_result_of
 from holdfast.errors import StateError
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import ClosedChain, require_own_bases
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench, unrotate
 from holdfast.state import Inputs, State
@@ -32,12 +31,8 @@ def wrist_wrenches(chain: ClosedChain, state: State, result: ForwardResult) -> A
     """
     state.fits(chain)
     wrenches = checks.numbers(result.grasp_wrench, (len(chain.arms), 6), "result: grasp_wrench", StateError)
-    return np.array(
-        [
-            unrotate(posture(arm, state.q[chain.joints[name]]).tip.R, f)
-            for (name, arm), f in zip(chain.arms.items(), wrenches, strict=True)
-        ]
-    )
+    arms = chain_at_rest(chain, state).arms.values()
+    return np.array([unrotate(arm.at.tip.R, f) for arm, f in zip(arms, wrenches, strict=True)])
 
 
 def last_joint_wrenches(chain: ClosedChain, state: State, result: ForwardResult, inputs: Inputs | None = None) -> Array:
@@ -45,7 +40,7 @@ def last_joint_wrenches(chain: ClosedChain, state: State, result: ForwardResult,
 
     F = phi f + M alpha + b, by Newton and Euler: the grasp wrench, and what the last link's own weight, inertia and
     external wrench ask for; in the LAST LINK's axes, [moment; force] about that link's origin, which lies on the joint.
-    Its part along the joint's axis is the drive's torque less damping and rotor. O(n).
+    Its part along the joint's axis is the drive's torque less damping, spring and rotor. O(n).
 
     Args:
         chain: the chain.
@@ -57,6 +52,7 @@ def last_joint_wrenches(chain: ClosedChain, state: State, result: ForwardResult,
         StateError: a state or inputs of the wrong shape for the chain, or a result of another chain.
     """
     state.fits(chain)
+    require_own_bases(chain, "last_joint_wrenches")
     require_result_of(chain, result)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), (inputs or Inputs()).shaped(chain))
     found = []

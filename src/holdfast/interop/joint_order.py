@@ -8,7 +8,7 @@ import numpy as np
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import ClosedChain, require_own_bases
 from holdfast.spatial.scalar import Array
 
 
@@ -81,6 +81,7 @@ def pinocchio_order(chain: ClosedChain, model: Any) -> PinocchioOrder:
         ModelError: a joint that is not there, that has not one velocity, or that turns
             without limits (Pinocchio gives it a cosine and a sine for q).
     """
+    require_own_bases(chain, "pinocchio_order")
     known = list(model.names)
     v_places, q_places = [], []
     for full in chain.joint_names():

@@ -68,7 +68,7 @@ def load_mjcf(
     tip (fingers, another arm) must be held. Several joints in one body get massless links
     between them.
 
-    Hinges and slides keep axis, range, damping, armature and friction loss; the effort limit
+    Hinges and slides keep axis, range, damping, spring, armature and friction loss; the effort limit
     is the joint's `actuatorfrcrange`, or else the force range of its one actuator times the
     gear, the smaller side of each. MJCF has no rate limits. What belongs to the scene is not
     read: gravity, contacts, actuators and what they do, equalities with bodies that are not of
@@ -168,6 +168,8 @@ def _joint(model: Any, j: int, placement: Pose) -> Joint:
         armature=float(model.dof_armature[dof]),
         damping=float(model.dof_damping[dof]),
         friction=float(model.dof_frictionloss[dof]),
+        stiffness=float(model.jnt_stiffness[j]),
+        rest=float(model.qpos_spring[model.jnt_qposadr[j]]),
     )
 
 

@@ -104,14 +104,14 @@ def _beyond(model: Any, body: int, base: int) -> bool:
 
 
 def require_plain(source: str, model: Any, j: int) -> None:
-    """Refuse a joint with a spring, with damping that is not linear, or with a drive's own damping or armature.
+    """Refuse a joint with a spring or damping that is not linear, or with a drive's own damping or armature.
 
     Raises:
         SceneError: naming the joint and what it has.
     """
     dof, drives = model.jnt_dofadr[j], drives_of(model, j)
     excess = {
-        "a spring (stiffness)": [model.jnt_stiffness[j], *model.jnt_stiffnesspoly[j]],
+        "a spring that is not linear": model.jnt_stiffnesspoly[j],
         "damping that is not linear": model.dof_dampingpoly[dof],
         "a plastic spring": [model.jnt_plasticadr[j] + 1],
         "an actuator with armature": model.actuator_armature[drives],
@@ -120,8 +120,8 @@ def require_plain(source: str, model: Any, j: int) -> None:
     found = [name for name, values in excess.items() if np.any(np.asarray(values))]
     if found:
         raise SceneError(
-            f"{source}: joint '{joint_name(model, j)}': expected damping, armature and friction loss of its own only,"
-            f" got {', '.join(found)}; try another model of the joint, or holding it (locked=)"
+            f"{source}: joint '{joint_name(model, j)}': expected linear damping and springs, armature and friction"
+            f" loss of its own only, got {', '.join(found)}; try another model of the joint, or holding it (locked=)"
         )
 
 

@@ -16,10 +16,11 @@ import numpy as np
 from holdfast.errors import ModelError
 from holdfast.model.arm import Arm
 from holdfast.model.checks import INERTIA_TOLERANCE
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import ClosedChain, require_own_bases
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
+from holdfast.model.spring import WORLD, Spring, SpringEnd
 from holdfast.robots.looks import looks_of
 from holdfast.robots.primitive import COLOURS, Primitive, box
 from holdfast.spatial import rotation
@@ -38,9 +39,10 @@ def to_mjcf(chain: ClosedChain, state: State | None = None, *, looks: bool = Tru
 
     Body "left" is where the arm of that name stands; its links and joints are
     "left/link1", "left/joint1" by their own names, its tip the site "left/tip"; the object is
-    the free body "object" with a site "object/left" at the contact of each arm. Inertias are
-    exact; damping, armature, Coulomb friction, position and effort limits go along, rate limits
-    have no place. A motor on every joint takes its torque. A massless link shares the next
+    the free body "object" with a site "object/left" at the contact of each arm. A spring between bodies
+    is a tendon "spring1", counted from 1, between sites "spring1/a" and "spring1/b". Inertias are
+    exact; damping, springs, armature, Coulomb friction, position and effort limits go along, rate
+    limits have no place. A motor on every joint takes its torque. A massless link shares the next
     one's body. No geom collides.
 
     Not the same in MuJoCo: equalities are soft; a hinge has a sixth, redundant row; a soft
@@ -54,9 +56,10 @@ def to_mjcf(chain: ClosedChain, state: State | None = None, *, looks: bool = Tru
 
     Raises:
         ModelError: a link MuJoCo cannot have: no rotational inertia, or principal moments that no
-            mass distribution has; a massless last link; two bodies of one name.
+            mass distribution has; a massless last link; a spring on a massless link; two bodies of one name.
         StateError: a state of another chain.
     """
+    require_own_bases(chain, "to_mjcf")
     root = document(chain, looks=looks)
     drives = _add(root, "actuator")
     for joint in root.iter("joint"):
@@ -90,6 +93,8 @@ def document(chain: ClosedChain, *, looks: bool) -> Element:
     equality = _add(root, "equality")
     for name in chain.grasps:
         _add_grasp(equality, world, chain, name)
+    for k, spring in enumerate(chain.springs, start=1):
+        _add_spring(root, world, chain, f"spring{k}", spring)
     _require_distinct(root)
     return root
 
@@ -175,6 +180,33 @@ def _add_grasp(equality: Element, world: Element, chain: ClosedChain, name: str)
         _add(equality, "connect", name=f"{name}/axis", site1=f"{ends[0][0]}/axis", site2=f"{ends[1][0]}/axis", **hard)
 
 
+def _add_spring(root: Element, world: Element, chain: ClosedChain, name: str, spring: Spring) -> None:
+    """Append a spring between bodies: a tendon, and a site at each of its ends."""
+    tendons = root.find("tendon")
+    tendon = _add(
+        _add(root, "tendon") if tendons is None else tendons, "spatial", name=name, stiffness=repr(spring.stiffness),
+        springlength=repr(spring.length), damping=repr(spring.damping),
+    )  # fmt: skip
+    for side, end in zip("ab", spring.ends, strict=True):
+        wanted = _body_of(chain, name, end)
+        (holder,) = (b for b in world.iter("body") if b.get("name") == wanted) if wanted else (world,)
+        _add(holder, "site", name=f"{name}/{side}", pos=digits(end.point))
+        _add(tendon, "site", site=f"{name}/{side}")
+
+
+def _body_of(chain: ClosedChain, name: str, end: SpringEnd) -> str:
+    """Return the name of the body that a spring ends on; nothing for the world."""
+    if not end.on_arm:
+        return "" if end.body == WORLD else end.body
+    links = chain.arms[end.body].links
+    if links[end.link_number()].mass == 0:
+        raise ModelError(
+            f"{name}: to_mjcf: expected a link with mass, got one without, {end.link_number()} of arm '{end.body}';"
+            " try giving it some"
+        )
+    return f"{end.body}/{_names(links, 'link')[end.link_number()]}"
+
+
 def _add_joint(body: Element, name: str, joint: Joint, frame: Pose) -> None:
     """Append a joint whose frame at q = 0 stands so in the body's axes."""
     if joint.type.mjcf is None:
@@ -184,6 +216,8 @@ def _add_joint(body: Element, name: str, joint: Joint, frame: Pose) -> None:
         ("armature", joint.armature),
         ("damping", joint.damping),
         ("frictionloss", joint.friction),
+        ("stiffness", joint.stiffness),
+        ("springref", joint.rest),
     ):
         if value:
             made.set(attribute, repr(value))

@@ -8,130 +8,39 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from os import PathLike
-from typing import Annotated, Any, Literal
+from typing import Any
 
-import msgspec
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.errors import SceneError
 from holdfast.io import typed
+from holdfast.io.case_data import (
+    ArmData,
+    CaseData,
+    CaseFileData,
+    ExpectedData,
+    FloatingData,
+    GraspData,
+    JointData,
+    LinkData,
+    TrunkData,
+)
 from holdfast.io.files import file_path
 from holdfast.io.typed import Location
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.model.grasp import Grasp, GraspName
+from holdfast.model.grasp import Grasp
 from holdfast.model.grasp_kinds import GRASP_KINDS
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
+from holdfast.model.trunk import BASE, Trunk
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import cross
 from holdfast.state import Inputs, State
-
-Vector3 = Annotated[list[float], msgspec.Meta(min_length=3, max_length=3)]
-Matrix3 = Annotated[list[Vector3], msgspec.Meta(min_length=3, max_length=3)]
-
-
-class _Strict(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
-    """Base of the file's structures."""
-
-
-class BaseData(_Strict):
-    """Pose and prescribed motion of an arm's base, world axes."""
-
-    R: Matrix3
-    p: Vector3
-    omega: Vector3 = msgspec.field(default_factory=lambda: [0.0, 0.0, 0.0])
-    v: Vector3 = msgspec.field(default_factory=lambda: [0.0, 0.0, 0.0])
-    omega_dot: Vector3 = msgspec.field(default_factory=lambda: [0.0, 0.0, 0.0])
-    v_dot: Vector3 = msgspec.field(default_factory=lambda: [0.0, 0.0, 0.0])
-
-
-class JointData(_Strict):
-    """A joint; its link's frame at q = 0 is (R0, p0) in the parent frame."""
-
-    type: Literal["revolute", "prismatic"]
-    axis: Vector3
-    R0: Matrix3
-    p0: Vector3
-
-
-class LinkData(_Strict):
-    """A link; inertia about the mass centre, link axes."""
-
-    mass: float
-    com: Vector3
-    inertia: Matrix3
-
-
-class GraspData(_Strict):
-    """A grasp; point and free axes in object axes, W the relative rates."""
-
-    type: GraspName
-    point_object: Vector3
-    h_object: list[Vector3] = []
-    W: list[float] | None = None
-
-
-class ArmData(_Strict):
-    """An arm with its positions, rates and torques, base to tip."""
-
-    base: BaseData
-    joints: list[JointData]
-    links: list[LinkData]
-    tip: Vector3
-    q: list[float]
-    qd: list[float]
-    tau: list[float]
-    grasp: GraspData
-
-
-class ObjectData(_Strict):
-    """The object, its pose (R, p of point C) and velocity."""
-
-    mass: float
-    com: Vector3
-    inertia: Matrix3
-    R: Matrix3
-    p: Vector3
-    omega: Vector3
-    v: Vector3
-
-
-class ExpectedData(_Strict):
-    """The answer: per arm, and alpha(C)."""
-
-    qdd: list[list[float]]
-    f: list[list[float]]
-    alpha_C: list[float]
-    W_dot: list[list[float]]
-
-
-class CaseData(_Strict):
-    """One problem."""
-
-    name: str
-    gravity: Vector3
-    object: ObjectData
-    arms: list[ArmData]
-    expected: ExpectedData | None = None
-    tags: Any = None
-    debug: Any = None
-    oracle: Any = None
-    see: Any = None
-
-
-class CaseFileData(_Strict):
-    """A file of many problems."""
-
-    cases: list[Any]
-    format: str = ""
-    version: Any = None
-    units: Any = None
-    see: Any = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,51 +117,160 @@ def build_case(data: CaseData, source: str = "case", root: str = "$") -> Case:
 def _build(data: CaseData, at: Location) -> Case:
     if not data.arms:
         raise (at / "arms").refuse("expected at least one arm, got none")
-    arms, grasps = {}, {}
+    arms, grasps, mounts = {}, {}, {}
+    drives = _drives(data, at)
+    trunk = None if data.trunk is None else _trunk(data.trunk, at / "trunk")
     for i, arm in enumerate(data.arms):
-        arms[f"arm{i + 1}"], grasps[f"arm{i + 1}"] = _arm(arm, at / "arms" / i)
+        name = f"arm{i + 1}"
+        arms[name] = _arm(arm, at / "arms" / i, drives[i])
+        if arm.grasp is not None:
+            grasps[name] = _grasp(arm.grasp, at / "arms" / i / "grasp")
+        if arm.parent is not None:
+            mounts[name] = _mount(arm.parent, trunk, at / "arms" / i / "parent")
     body = data.object
     with (at / "object").refusals():
         frame = Pose(checks.rotation_matrix(body.R, "object: R"), checks.numbers(body.p, (3,), "object: p"))
         held = HeldObject(body.mass, np.array(body.inertia), np.array(body.com))
+    parts = [*([] if data.trunk is None else [data.trunk]), *data.arms]
     with at.refusals():
-        chain = ClosedChain(arms, held, grasps, np.array(data.gravity))
-        q, qd, tau = (np.concatenate([getattr(arm, key) for arm in data.arms]) for key in ("q", "qd", "tau"))
-        state = State(q, qd, frame.wxyz_xyz, np.array([*body.omega, *body.v]))
-    inputs = Inputs(
-        base_twists=np.array([[*a.base.omega, *a.base.v] for a in data.arms]),
-        base_accelerations=np.array([[*a.base.omega_dot, *a.base.v_dot] for a in data.arms]),
-    )
+        chain = ClosedChain(arms, held, grasps, np.array(data.gravity), trunk, mounts)
+        q, qd, tau = (np.concatenate([getattr(part, key) for part in parts]) for key in ("q", "qd", "tau"))
+        state = State(q, qd, frame.wxyz_xyz, np.array([*body.omega, *body.v]), *_floating(data.trunk, at / "trunk"))
+        inputs = _inputs(data, at)
+        inputs.shaped(chain)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), inputs.shaped(chain))
     with at.refusals():
         chain = _with_tip_attitudes(motion)
     rates = None
-    if any(arm.grasp.W for arm in data.arms):  # a W left out is the one the velocities imply
-        given = [arm.grasp.W for arm in data.arms]
+    given = [arm.grasp.W for arm in data.arms if arm.grasp is not None]
+    if any(given):  # a W left out is the one the velocities imply
         rates = np.concatenate([c.W if W is None else W for W, c in zip(given, motion.contacts, strict=True)])
     _check_expected(data, at / "expected")
     return Case(data.name, chain, state, tau, inputs, rates, data.expected)
 
 
-def _arm(data: ArmData, at: Location) -> tuple[Arm, Grasp]:
-    joints, links = [], []
-    for k, joint in enumerate(data.joints):
-        with (at / "joints" / k).refusals():
-            placement = Pose(checks.rotation_matrix(joint.R0, "joint: R0"), np.array(joint.p0))
-            joints.append(Joint(joint.type, np.array(joint.axis), placement))
-    for k, link in enumerate(data.links):
-        with (at / "links" / k).refusals():
-            links.append(Link(link.mass, np.array(link.com), np.array(link.inertia)))
+def _arm(data: ArmData, at: Location, drives: dict[str, list[float]]) -> Arm:
+    """Return an arm; `drives` holds what the tags say of its joints."""
+    joints = [_joint(joint, at / "joints" / k) for k, joint in enumerate(data.joints)]
+    for key, values in drives.items():
+        joints = [replace(joint, **{key: value}) for joint, value in zip(joints, values, strict=True)]
+    links = [_link(link, at / "links" / k) for k, link in enumerate(data.links)]
     if not joints:
         raise (at / "joints").refuse("expected at least one joint, got none")
-    for key in ("links", "q", "qd", "tau"):
-        if len(getattr(data, key)) != len(joints):
-            raise (at / key).refuse(f"expected {len(joints)} entries, one per joint, got {len(getattr(data, key))}")
-    with (at / "base").refusals():
-        base = Pose(checks.rotation_matrix(data.base.R, "base: R"), np.array(data.base.p))
+    _require_lengths(data, ("links", "q", "qd", "tau"), len(joints), at)
     with at.refusals():
-        arm = Arm(joints, links, Pose(np.eye(3), np.array(data.tip)), base)
-    return arm, _grasp(data.grasp, at / "grasp")
+        return Arm(joints, links, Pose(np.eye(3), np.array(data.tip)), _pose(data.base, "base", at))
+
+
+def _joint(data: JointData, at: Location) -> Joint:
+    with at.refusals():
+        placement = Pose(checks.rotation_matrix(data.R0, "joint: R0"), np.array(data.p0))
+        return Joint(data.type, np.array(data.axis), placement, armature=data.armature, damping=data.damping)
+
+
+def _link(data: LinkData, at: Location) -> Link:
+    with at.refusals():
+        return Link(data.mass, np.array(data.com), np.array(data.inertia))
+
+
+def _pose(data: Any, key: str, at: Location) -> Pose:
+    with (at / key).refusals():
+        return Pose(checks.rotation_matrix(data.R, f"{key}: R"), np.array(data.p))
+
+
+def _require_lengths(data: ArmData | TrunkData, keys: tuple[str, ...], count: int, at: Location) -> None:
+    for key in keys:
+        if len(getattr(data, key)) != count:
+            raise (at / key).refuse(f"expected {count} entries, one per joint, got {len(getattr(data, key))}")
+
+
+def _floats(data: TrunkData) -> bool:
+    """Return whether a trunk begins with a floating joint."""
+    return bool(data.joints) and isinstance(data.joints[0], dict) and data.joints[0].get("type") == "floating"
+
+
+def _trunk(data: TrunkData, at: Location) -> Trunk:
+    """Return the trunk; a floating joint's link is its first."""
+    floats = _floats(data)
+    if floats:
+        typed.convert(data.joints[0], FloatingData, at.source, (at / "joints" / 0).path)
+    joints = []
+    for k, joint in enumerate(data.joints):
+        if k or not floats:
+            where = at / "joints" / k
+            joints.append(_joint(typed.convert(joint, JointData, where.source, where.path), where))
+    links = [_link(link, at / "links" / k) for k, link in enumerate(data.links)]
+    if len(links) != len(data.joints):
+        raise (at / "links").refuse(f"expected {len(data.joints)} entries, one per joint, got {len(links)}")
+    _require_lengths(data, ("q", "qd", "tau"), len(joints), at)
+    for key, wanted in (("base", not floats), ("pose", floats), ("twist", floats)):
+        if (getattr(data, key) is not None) != wanted:
+            verb = "expected it" if wanted else "expected none"
+            raise (at / key).refuse(f"{verb}, as the trunk's base is {'floating' if floats else 'in the world'}")
+    with at.refusals():
+        if floats:
+            return Trunk(joints, links[1:], floating=links[0])
+        return Trunk(joints, links, _pose(data.base, "base", at))
+
+
+def _floating(data: TrunkData | None, at: Location) -> tuple[Array | None, Array | None]:
+    """Return pose and twist of a floating base, None without one."""
+    if data is None or data.pose is None or data.twist is None:
+        return None, None
+    return _pose(data.pose, "pose", at).wxyz_xyz, np.array([*data.twist.omega, *data.twist.v])
+
+
+def _mount(parent: int, trunk: Trunk | None, at: Location) -> int | str:
+    """Return where an arm stands, as `ClosedChain.mounts` says it, from an index of the trunk's links in the file."""
+    bodies = 0 if trunk is None else len(trunk.bodies)
+    if not 0 <= parent < bodies:
+        listed = f"0 .. {bodies - 1}, or null" if bodies else "null, as there is no trunk"
+        raise at.refuse(f"expected an index of the trunk's links, {listed}, got {parent}")
+    assert trunk is not None
+    first = bodies - len(trunk.links)
+    return BASE if parent < first else parent - first
+
+
+def _inputs(data: CaseData, at: Location) -> Inputs:
+    """Return base motion and external wrenches."""
+    wrench = data.object.wrench
+    if isinstance(data.tags, dict) and "object_wrench" in data.tags:
+        wrench = typed.convert(data.tags["object_wrench"], list[float], at.source, (at / "tags" / "object_wrench").path)
+    of_arms = [link.wrench for arm in data.arms for link in arm.links]
+    trunk: dict[str, Any] = {}
+    if data.trunk is not None:
+        trunk = {"trunk_link_wrenches": _wrenches([link.wrench for link in data.trunk.links])}
+        if data.trunk.base is not None:
+            base = data.trunk.base
+            trunk["trunk_base_twist"] = np.array([*base.omega, *base.v])
+            trunk["trunk_base_acceleration"] = np.array([*base.omega_dot, *base.v_dot])
+    return Inputs(
+        object_wrench=wrench,
+        link_wrenches=_wrenches(of_arms) if any(of_arms) else None,
+        base_twists=np.array([[*a.base.omega, *a.base.v] for a in data.arms]),
+        base_accelerations=np.array([[*a.base.omega_dot, *a.base.v_dot] for a in data.arms]),
+        **trunk,
+    )
+
+
+def _wrenches(given: list[list[float] | None]) -> Array:
+    return np.array([[0.0] * 6 if one is None else one for one in given])
+
+
+def _drives(data: CaseData, at: Location) -> list[dict[str, list[float]]]:
+    """Return per arm what the tags say of its drives: `armature` and `damping`, per arm and joint."""
+    found: list[dict[str, list[float]]] = [{} for _ in data.arms]
+    for key in ("armature", "damping"):
+        if not isinstance(data.tags, dict) or key not in data.tags:
+            continue
+        where = at / "tags" / key
+        given = typed.convert(data.tags[key], list[list[float]], where.source, where.path)
+        counts = [len(arm.joints) for arm in data.arms]
+        if [len(part) for part in given] != counts:
+            raise where.refuse(f"expected a list per arm of {counts} numbers, got {[len(part) for part in given]}")
+        for own, values in zip(found, given, strict=True):
+            own[key] = values
+    return found
 
 
 def _grasp(data: GraspData, at: Location) -> Grasp:
@@ -285,11 +303,10 @@ def _perpendicular(x: Array) -> Array:
 
 def _with_tip_attitudes(motion: ChainMotion) -> ClosedChain:
     """Return the chain with every tip frame turned to its contact frame."""
-    arms = {
-        name: arm.with_tip(Pose(motion.arms[name].at.R[-1].T @ c.R, arm.tip.p))
-        for (name, arm), c in zip(motion.chain.arms.items(), motion.contacts, strict=True)
-    }
-    return replace(motion.chain, arms=arms)
+    arms, given = {}, motion.chain.arms
+    for name, c in zip(motion.chain.grasps, motion.contacts, strict=True):
+        arms[name] = given[name].with_tip(Pose(motion.arms[name].at.R[-1].T @ c.R, given[name].tip.p))
+    return replace(motion.chain, arms={**given, **arms})
 
 
 def _check_expected(data: CaseData, at: Location) -> None:
@@ -299,8 +316,14 @@ def _check_expected(data: CaseData, at: Location) -> None:
     shapes = {
         "qdd": [len(arm.joints) for arm in data.arms],
         "f": [6] * len(data.arms),
-        "W_dot": [len(GRASP_KINDS[arm.grasp.type].free) for arm in data.arms],
+        "W_dot": [0 if arm.grasp is None else len(GRASP_KINDS[arm.grasp.type].free) for arm in data.arms],
     }
+    if data.expected.base_wrench is not None:
+        shapes["base_wrench"] = [6] * len(data.arms)
+    if data.expected.trunk is not None:
+        wanted = 0 if data.trunk is None else len(data.trunk.q)
+        if data.trunk is None or len(data.expected.trunk.qdd) != wanted:
+            raise (at / "trunk" / "qdd").refuse(f"expected {wanted} numbers, got {len(data.expected.trunk.qdd)}")
     for key, lengths in shapes.items():
         parts = getattr(data.expected, key)
         if len(parts) != len(lengths):

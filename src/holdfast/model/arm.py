@@ -78,6 +78,12 @@ class Arm(Frozen):
         """Return the same arm mounted at a world pose (a Pose or wxyz_xyz)."""
         return replace(self, base=checks.pose(base, "base"))
 
+    def standing_at(self, base: Pose) -> Arm:
+        """Return the same arm on a base that is known to be sound, for algorithms; nothing is checked or copied."""
+        arm = object.__new__(Arm)
+        arm.__dict__.update(vars(self), base=base)
+        return arm
+
     def with_tip(self, tip: Any) -> Arm:
         """Return the same arm with another tip pose in the last link's axes (a tool)."""
         return replace(self, tip=checks.pose(tip, "tip"))
@@ -96,6 +102,16 @@ class Arm(Frozen):
     def damping(self) -> Array:
         """(N,) viscous damping [N m s/rad or N s/m]."""
         return np.array([j.damping for j in self.joints])
+
+    @frozen_property
+    def stiffness(self) -> Array:
+        """(N,) of the joints' springs [N m/rad or N/m]."""
+        return np.array([j.stiffness for j in self.joints])
+
+    @frozen_property
+    def rest(self) -> Array:
+        """(N,) joint positions at which the springs are slack [rad or m]."""
+        return np.array([j.rest for j in self.joints])
 
 
 def _links(joint: Joint, link: Link) -> tuple[Link, ...]:

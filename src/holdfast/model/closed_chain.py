@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from holdfast.errors import ModelError
+from holdfast.errors import MethodNotApplicable, ModelError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
+from holdfast.model.fingerprint import ADDED
 from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
+from holdfast.model.joint import Joint
+from holdfast.model.spring import Spring
+from holdfast.model.trunk import NAME as TRUNK
+from holdfast.model.trunk import Trunk
 from holdfast.spatial.converted import ArrayField, making
 from holdfast.spatial.frozen import Frozen, FrozenDict, frozen_property
 
@@ -20,19 +25,26 @@ STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 
 @dataclass(frozen=True, eq=False)
 class ClosedChain(Frozen):
-    """Named arms that hold one object, in a fixed order.
+    """Named arms that hold one object, in a fixed order, each on a base of its own or on a common trunk.
 
     Attributes:
-        arms: arm by name; their order is the order of every flat array.
+        arms: arm by name; their order is the order of every flat array, the trunk's joints before them.
         held_object: the object.
         grasps: grasp by arm name; an arm without one moves freely.
         gravity: (3,) world axes [m/s^2].
+        trunk: what the arms in `mounts` stand on, or None.
+        mounts: by arm name, the trunk's link that it stands on: its name or index, or "base" for a floating body;
+            the arm's base is then a pose in that link's axes. Other arms stand in the world.
+        springs: between points of world, links and object.
     """
 
     arms: Mapping[str, Arm]
     held_object: HeldObject
     grasps: Mapping[str, Grasp]
     gravity: ArrayField = field(default_factory=making(np.array, STANDARD_GRAVITY))
+    trunk: Trunk | None = field(default=None, metadata=ADDED)
+    mounts: Mapping[str, str | int] = field(default_factory=dict, metadata=ADDED)
+    springs: Sequence[Spring] = field(default=(), metadata=ADDED)
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -54,6 +66,30 @@ class ClosedChain(Frozen):
         put(self, "arms", FrozenDict({name: replace(arm, name=name) for name, arm in self.arms.items()}))
         put(self, "grasps", FrozenDict({name: self.grasps[name] for name in self.arms if name in self.grasps}))
         put(self, "gravity", checks.numbers(self.gravity, (3,), "chain: gravity"))
+        if not isinstance(self.springs, Sequence) or not all(isinstance(spring, Spring) for spring in self.springs):
+            raise ModelError(f"chain: springs: expected a list of Spring, got {checks.short(self.springs)}")
+        put(self, "springs", tuple(spring.found(self.arms) for spring in self.springs))
+        if self.springs and self.trunk is not None:
+            raise ModelError("chain: springs: expected none in a chain with a trunk, where they are not covered yet")
+        self._check_trunk()
+        put(self, "mounts", FrozenDict({name: self.mounts[name] for name in self.arms if name in self.mounts}))
+
+    def _check_trunk(self) -> None:
+        """Refuse a trunk or mounts that do not fit the arms."""
+        if not isinstance(self.trunk, Trunk | None):
+            raise ModelError(f"trunk: expected a Trunk or None, got {type(self.trunk).__name__}")
+        if not isinstance(self.mounts, Mapping):
+            raise ModelError("chain: expected mounts as a mapping from an arm's name, e.g. {'left': 'chest'}")
+        if self.trunk is None:
+            if self.mounts:
+                raise ModelError(f"mounts: expected a trunk to mount {', '.join(map(repr, self.mounts))} on, got none")
+            return
+        if TRUNK in self.arms:
+            raise ModelError(f"arm '{TRUNK}': the name is the trunk's in flat arrays; try another")
+        for name, mount in self.mounts.items():
+            if name not in self.arms:
+                raise ModelError(f"mount of '{name}': no such arm.{checks.did_you_mean(name, self.arms)}")
+            self.trunk.body(mount, name)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -62,12 +98,26 @@ class ClosedChain(Frozen):
 
     @frozen_property
     def joints(self) -> Mapping[str, slice]:
-        """Where each arm's joints lie in the flat arrays q, qd, tau."""
-        ends = np.cumsum([arm.joint_count for arm in self.arms.values()])
-        return {
-            name: slice(int(end) - arm.joint_count, int(end))
-            for (name, arm), end in zip(self.arms.items(), ends, strict=True)
-        }
+        """Where each arm's joints lie in the flat arrays q, qd, tau; those of "trunk" come first."""
+        counts = {} if self.trunk is None else {TRUNK: self.trunk.joint_count}
+        counts |= {name: arm.joint_count for name, arm in self.arms.items()}
+        ends = np.cumsum([*counts.values()])
+        return {name: slice(int(end) - n, int(end)) for (name, n), end in zip(counts.items(), ends, strict=True)}
+
+    @property
+    def arm_joints(self) -> list[slice]:
+        """Where the joints of each arm lie, in the arms' order."""
+        return [self.joints[name] for name in self.arms]
+
+    @frozen_property
+    def mounted_on(self) -> Mapping[str, int]:
+        """By name of a mounted arm, the place of its body in `Trunk.bodies`."""
+        return {} if self.trunk is None else {name: self.trunk.body(at, name) for name, at in self.mounts.items()}
+
+    @property
+    def floats(self) -> bool:
+        """Whether the trunk begins with a floating base, whose pose and twist are in the state."""
+        return self.trunk is not None and self.trunk.floating is not None
 
     @frozen_property
     def contact_freedoms(self) -> Mapping[str, slice]:
@@ -80,13 +130,20 @@ class ClosedChain(Frozen):
 
     @frozen_property
     def joint_count(self) -> int:
-        """n, over all arms."""
-        return sum(arm.joint_count for arm in self.arms.values())
+        """n, over trunk and all arms; a floating base is not among them."""
+        return sum(arm.joint_count for arm in self.arms.values()) + (
+            0 if self.trunk is None else self.trunk.joint_count
+        )
 
     @frozen_property
     def contact_freedom_count(self) -> int:
         """Sum of n_g over all grasps: the length of W."""
         return sum(len(grasp.free) for grasp in self.grasps.values())
+
+    @property
+    def velocity_count(self) -> int:
+        """n + 6, and 6 more of a floating base: the length of (twist of the base, qd, V(C))."""
+        return self.joint_count + 6 + (6 if self.floats else 0)
 
     @property
     def constraint_row_count(self) -> int:
@@ -95,11 +152,19 @@ class ClosedChain(Frozen):
 
     def joint_names(self) -> list[str]:
         """Return 'arm/joint' names in the order of q."""
+        parts = {} if self.trunk is None else {TRUNK: self.trunk.joints}
+        parts |= {name: arm.joints for name, arm in self.arms.items()}
         return [
             f"{name}/{joint.name or f'joint{k + 1}'}"
-            for name, arm in self.arms.items()
-            for k, joint in enumerate(arm.joints)
+            for name, joints in parts.items()
+            for k, joint in enumerate(joints)
         ]
+
+    @property
+    def all_joints(self) -> list[Joint]:
+        """The joints in the order of q."""
+        of_trunk = () if self.trunk is None else self.trunk.joints
+        return [*of_trunk, *(joint for arm in self.arms.values() for joint in arm.joints)]
 
     def with_bases(self, bases: Mapping[str, object]) -> ClosedChain:
         """Return the chain with the named arms mounted elsewhere (Pose or wxyz_xyz)."""
@@ -127,3 +192,20 @@ class ClosedChain(Frozen):
         if name not in self.grasps:
             raise ModelError(f"grasp '{name}': no such grasp.{checks.did_you_mean(name, self.grasps)}")
         return replace(self, grasps={n: g for n, g in self.grasps.items() if n != name})
+
+
+def require_own_bases(chain: ClosedChain, what: str) -> None:
+    """Refuse a chain whose arms stand on a trunk, for what does not cover trunks yet.
+
+    Args:
+        chain: the chain.
+        what: what was asked for.
+
+    Raises:
+        MethodNotApplicable: naming it, and what there is.
+    """
+    if chain.trunk is not None:
+        raise MethodNotApplicable(
+            f"{what}: expected arms on bases of their own, got a chain with a trunk, which is not covered yet;"
+            " forward and inverse dynamics, close, project, diagnose, attach, energies and momentum do"
+        )

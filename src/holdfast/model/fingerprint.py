@@ -10,6 +10,9 @@ from typing import Any
 
 import numpy as np
 
+# of a field that earlier versions did not have: at its default it has no part, so that their models keep their text
+ADDED = {"added": True}
+
 
 def fingerprint(model: Any) -> str:
     """Return the SHA-256 of a model's names and numbers, hexadecimal.
@@ -53,7 +56,8 @@ def _parts(value: Any, exact: bool) -> Iterator[bytes]:
     if exact and type(value) not in (list, tuple) and (is_dataclass(value) or isinstance(value, list | tuple)):
         yield _name_of(type(value)).encode()
     if is_dataclass(value) and not isinstance(value, type):
-        value = {f.name: getattr(value, f.name) for f in fields(value)}
+        own = [(f, getattr(value, f.name)) for f in fields(value)]
+        value = {f.name: x for f, x in own if f.metadata != ADDED or not _same(x, f.default)}
     if isinstance(value, Mapping):
         yield b"{"
         for key, item in value.items():
@@ -72,6 +76,10 @@ def _parts(value: Any, exact: bool) -> Iterator[bytes]:
         yield repr(value).encode()
     elif exact:
         raise TypeError(f"nothing stands for a {type(value).__name__}")
+
+
+def _same(x: Any, default: Any) -> bool:
+    return x is None or x == {} or bool(np.array_equal(x, default))
 
 
 def _name_of(own: Any) -> str:

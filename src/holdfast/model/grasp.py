@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
-
-import numpy as np
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.grasp_kinds import GRASP_KINDS, GraspKind
-from holdfast.spatial.converted import making
-from holdfast.spatial.frozen import Frozen
+from holdfast.model.motion_subspace import motion_subspace
+from holdfast.spatial.converted import NOT_GIVEN, OptionalArrayField, making
+from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
 
-GraspName = Literal["rigid", "hinge", "softfinger", "ball"]
+GraspName = Literal[
+    "rigid", "hinge", "softfinger", "ball", "universal", "slider", "cylinder", "screw", "planar", "subspace"
+]
+
+LEAST_PITCH = 1e-6  # [m/rad]
 
 
 @dataclass(frozen=True)
@@ -68,19 +71,29 @@ class Grasp(Frozen):
     """The attachment of one arm's tip frame to the contact frame on the object.
 
     The contact frame's z axis is the normal INTO the object: an arm that presses has
-    f.z >= 0. A hinge turns about the frame's x axis, a soft finger about x and y.
+    f.z >= 0. A hinge turns about the frame's x axis, a soft finger about x and y, a universal joint about the
+    tip's x and the frame's y. A slider slides along x, a cylinder does and turns about it, a screw does
+    both at once; a planar grasp slides along x and y and turns about z. A subspace is any of these, or another
+    group of motions, given by hand.
 
     Attributes:
-        kind: "rigid", "hinge", "softfinger" or "ball".
+        kind: "rigid", "hinge", "softfinger", "ball", "universal", "slider", "cylinder", "screw", "planar" or
+            "subspace".
         frame: pose of the contact frame in object axes.
         contact: None for a two-sided grasp, or a `Friction` for a one-sided one.
         wrench_limits: the largest moment and force it takes, or None.
+        pitch: how far the object travels along x with every radian it turns about x, for a screw [m/rad];
+            negative for a left-handed one.
+        motion: (6, k) twists [turn; slide] of the object against the tip that are free, tip axes about the tip's
+            origin, for a subspace; closed under the bracket, as those of a joint are.
     """
 
     kind: GraspName
     frame: PoseField = field(default_factory=making(Pose.identity))
     contact: Friction | None = None
     wrench_limits: WrenchLimits | None = None
+    pitch: float | None = None
+    motion: OptionalArrayField = NOT_GIVEN
 
     def __post_init__(self) -> None:
         if not isinstance(self.kind, str) or self.kind not in GRASP_KINDS:
@@ -96,6 +109,24 @@ class Grasp(Frozen):
                 f"grasp: wrench_limits: expected None or WrenchLimits, got {type(self.wrench_limits).__name__}"
             )
 
+        self._check_pitch()
+        if (self.motion is not None) != GRASP_KINDS[self.kind].by_hand:
+            needed = "needs a motion, (6, k) twists" if self.motion is None else "has no motion"
+            raise ModelError(f"grasp: a {self.kind} grasp {needed}")
+        if self.motion is not None:
+            object.__setattr__(self, "motion", checks.numbers(self.motion, None, "grasp: motion"))
+            _ = self.of_kind  # refuses what is no group's
+
+    def _check_pitch(self) -> None:
+        if (self.pitch is not None) != GRASP_KINDS[self.kind].threaded:
+            needed = "needs a pitch [m/rad]" if self.pitch is None else "has no pitch"
+            raise ModelError(f"grasp: a {self.kind} grasp {needed}")
+        if self.pitch is not None:
+            pitch = checks.number(self.pitch, "grasp: pitch")
+            if not abs(pitch) >= LEAST_PITCH:
+                raise ModelError(f"grasp: pitch: expected at least {LEAST_PITCH:g} m/rad, got {pitch!r}; try a hinge")
+            object.__setattr__(self, "pitch", pitch)
+
     def _check_contact(self, contact: Friction) -> None:
         if self.of_kind.friction is None:
             raise ModelError(f"grasp: a {self.kind} grasp is two-sided; expected contact=None, got Friction")
@@ -106,25 +137,28 @@ class Grasp(Frozen):
                 verb = "needs" if name == self.of_kind.size else "has no"
                 raise ModelError(f"grasp: a {self.kind} contact {verb} {name}")
 
-    @property
+    @frozen_property
     def of_kind(self) -> GraspKind:
-        """The row of its kind."""
-        return GRASP_KINDS[self.kind]
+        """The row of its kind, with its pitch or its motion."""
+        row = GRASP_KINDS[self.kind]
+        if self.motion is not None:
+            return row.with_motion(motion_subspace(self.motion))
+        return row if self.pitch is None else replace(row, pitch=self.pitch)
 
     @property
     def transmitted(self) -> tuple[int, ...]:
-        """Components of a contact-axes wrench that the grasp transmits; their number is 6 - n_g."""
+        """Components of a wrench along its kind's `directions` that the grasp transmits; their number is 6 - n_g."""
         return self.of_kind.transmitted
 
     @property
     def free(self) -> tuple[int, ...]:
-        """Contact axes of free rotation; their number is n_g."""
+        """Contact axes that are free, of turns 0, 1, 2 and of slides 3, 4, 5; their number is n_g."""
         return self.of_kind.free
 
     @property
     def transmission(self) -> Array:
         """K in contact axes, (6 - n_g, 6)."""
-        return np.eye(6)[list(self.transmitted)]
+        return self.of_kind.directions[list(self.transmitted)]
 
     @property
     def contact_size(self) -> float | None:

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
+from holdfast.model.motion_subspace import MotionSubspace
 from holdfast.model.wrench_condition import MOMENT_Y, MOMENT_Z, NORMAL, Condition, friction_cone
 from holdfast.spatial import rotation
-from holdfast.spatial.scalar import Array, Scalar, array
+from holdfast.spatial.frozen import Frozen, frozen_property
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, cos, sin, sqrt
 from holdfast.spatial.vector import cross
 
 PERPENDICULAR = 1e-6  # sine below which a tip's hinge axis lies along the contact's normal
 
-X = np.eye(3)[0]
+X, _, Z = np.eye(3)
 
 
 def no_turn(tip: Array) -> Array:
@@ -44,6 +46,34 @@ def axis_opening(tip: Array) -> Array:
     return cross(X, tip[:, 0])
 
 
+def normal_turn(tip: Array) -> Array:
+    """Return the shortest rotation vector from the tip's z axis to the contact frame's, (3,) [rad]."""
+    return rotation.align(tip[..., 2], Z)
+
+
+def normal_opening(tip: Array) -> Array:
+    """Return the shortest rotation vector from the contact frame's z axis to the tip's, its length as a sine, (3,)."""
+    return cross(Z, tip[:, 2])
+
+
+def cross_turn(tip: Array) -> Array:
+    """Return the turn about z, in the axes of a cardan cross, that makes its arms perpendicular, (3,) [rad]."""
+    sine = tip[..., 1, 0]
+    return np.stack([0.0 * sine, 0.0 * sine, -np.arcsin(np.clip(sine, -1.0, 1.0))], -1)
+
+
+def cross_opening(tip: Array) -> Array:
+    """Return the opposite turn, as a sine, (3,)."""
+    return concatenate([np.zeros(2), [tip[1, 0]]])
+
+
+def cross_axes(contact: Array, tip: Array) -> Array:
+    """Return the axes of a cardan cross: the tip's x, where it is perpendicular, and the contact frame's y."""
+    z = cross(tip[:, 0], contact[:, 1])
+    z = z / sqrt(z @ z)
+    return array([cross(contact[:, 1], z), contact[:, 1], z]).T
+
+
 def contact_axes(contact: Array, tip: Array) -> Array:
     """Return the contact frame's attitude, whatever the tip's."""
     return contact
@@ -65,6 +95,27 @@ def attitude_about_tip_axis(contact: Array, tip: Array) -> Array | None:
     return np.column_stack([x, np.cross(z, x), z])
 
 
+def attitude_about_tip_normal(contact: Array, tip: Array) -> Array | None:
+    """Return the attitude nearest to the contact frame's whose z axis is the tip's, or None along its x."""
+    z, x = tip[:, 2], contact[:, 0]
+    across = x - (x @ z) * z
+    sine = math.sqrt(across @ across)
+    if sine < PERPENDICULAR:
+        return None
+    x = across / sine
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def attitude_across_tip_axis(contact: Array, tip: Array) -> Array | None:
+    """Return the attitude nearest to the contact frame's whose y axis is across the tip's x, or None along it."""
+    x, y = tip[:, 0], contact[:, 1]
+    across = y - (y @ x) * x
+    sine = math.sqrt(across @ across)
+    if sine < PERPENDICULAR:
+        return None
+    return rotation.exp(rotation.align(y, across / sine)) @ contact
+
+
 def sliding(mu: Scalar, size: Scalar) -> tuple[Condition, ...]:
     """Return the conditions of a contact at a point: mu f_n >= |f_t|."""
     return friction_cone(mu)
@@ -81,15 +132,16 @@ def sliding_or_tipping(mu: Scalar, size: Scalar) -> tuple[Condition, ...]:
 
 
 @dataclass(frozen=True)
-class GraspKind:
+class GraspKind(Frozen):
     """What distinguishes one kind of grasp from another.
 
-    The tip's attitude seen from the contact frame decides whether the angles of a grasp are closed. Where a
+    The object moves against the tip within a motion subspace that is constant in contact axes, about the tip's
+    point: the columns of H^T. The tip's pose seen from the contact frame decides whether the grasp is closed. Where a
     transmitted moment has no closed angle, the grasp constrains a rate only: it is nonholonomic.
 
     Attributes:
-        free: contact axes about which the object turns against the tip: the columns of h.
-        carried_by: the body on which each of these axes is fixed; g = Hdot^T W follows from it.
+        free: contact axes about which (0, 1, 2) and along which (3, 4, 5) the object moves against the tip.
+        carried_by: the body on which each of these axes is fixed; g follows from it.
         closed_angles: contact axes about which the tip may not be turned while the grasp is closed.
         turn: tip's attitude in contact axes (..., 3, 3) -> rotation vector that closes the angles (..., 3) [rad].
         opening: tip's attitude in contact axes (3, 3) -> the opposite of `turn`, its length replaced by its
@@ -103,6 +155,10 @@ class GraspKind:
         listed_axes: number of unit vectors that a case file lists for such a grasp.
         equality: what an MJCF file says of it: a weld, a connect of two points, or two of them along x; None if it
             cannot be written.
+        threaded: whether the object travels along x as it turns about it, by the grasp's pitch.
+        pitch: that travel [m/rad].
+        by_hand: whether the grasp's own motion subspace takes the place of free axes.
+        given: that subspace, carried by the tip.
     """
 
     free: tuple[int, ...]
@@ -116,16 +172,27 @@ class GraspKind:
     friction: Callable[[Scalar, Scalar], tuple[Condition, ...]] | None = None
     listed_axes: int = 0
     equality: Literal["weld", "connect", "two connects"] | None = None
+    threaded: bool = False
+    pitch: float = 0.0
+    by_hand: bool = False
+    given: MotionSubspace | None = None
+
+    def with_motion(self, given: MotionSubspace) -> GraspKind:
+        """Return the kind with a motion subspace given by hand."""
+        k = len(given.columns)
+        return replace(self, free=tuple(range(k)), carried_by=("tip",) * k, given=given)
 
     @property
     def transmitted(self) -> tuple[int, ...]:
-        """Components of a contact-axes wrench [moment; force] that the grasp transmits: the rows of K."""
+        """Components of a wrench along `directions` that the grasp transmits: the rows of K."""
         return tuple(i for i in range(6) if i not in self.free)
 
     @property
     def position_rows(self) -> tuple[int, ...]:
-        """Components of a contact-axes displacement [turn; shift] that vanish while the grasp is closed."""
-        return *self.closed_angles, 3, 4, 5
+        """Components of a displacement [turn; shift] along `directions` that vanish while the grasp is closed."""
+        if self.given is not None:
+            return self.transmitted
+        return *self.closed_angles, *(i for i in (3, 4, 5) if i not in self.free)
 
     @property
     def rate_rows(self) -> tuple[int, ...]:
@@ -137,9 +204,123 @@ class GraspKind:
         """Whether the attitude of the contact frame matters: not where all free axes are the world's."""
         return self.carried_by != ("world", "world", "world")
 
+    @property
+    def slides(self) -> bool:
+        """Whether the object's point at the tip moves: the grasp's wrench is about the tip's point then."""
+        return self.threaded or self.by_hand or any(i > 2 for i in self.free)
+
+    @property
+    def aligned(self) -> bool:
+        """Whether `directions` are the contact axes themselves."""
+        return not self.threaded and self.given is None
+
+    @property
+    def follows_tip(self) -> bool:
+        """Whether its axes, or the point that its wrench is about, are not fixed on the object."""
+        return self.slides or self.axes is not contact_axes
+
+    def row_scales(self, length: float) -> list[float]:
+        """Return how large a wrench along each row of K counts 1 N, moments by a length [m]."""
+        if self.aligned:
+            return [length if i < 3 else 1.0 for i in self.transmitted]
+        rows = self.directions[list(self.transmitted)] / np.repeat([length, 1.0], 3)
+        return [1.0 / math.hypot(*row) for row in rows]
+
+    @frozen_property
+    def angular(self) -> tuple[bool, ...]:
+        """Which of the `directions` are moments rather than forces, (6,)."""
+        return tuple(math.hypot(*row[:3]) > math.hypot(*row[3:]) for row in self.directions)
+
+    @frozen_property
+    def motion(self) -> Array:
+        """(6, n_g) H^T in contact axes."""
+        if self.given is not None:
+            return np.array(self.given.columns).T
+        columns = np.eye(6)[:, list(self.free)]
+        return columns + self.pitch * np.eye(6)[:, [3]] if self.threaded else columns
+
+    @frozen_property
+    def rate_map(self) -> Array:
+        """(n_g, 6) from the object's twist against the tip, contact axes, to the relative rates W."""
+        return np.linalg.pinv(self.motion)
+
+    @frozen_property
+    def directions(self) -> Array:
+        """(6, 6) orthonormal rows in contact axes: the free ones span H^T, the transmitted ones are K.
+
+        A thread's are those of its contact axes, the first and the fourth turned towards each other.
+        """
+        if self.given is not None:
+            return np.array(self.given.rows)
+        rows = np.eye(6)
+        if self.threaded:
+            rows[0, 3], rows[3, 0] = self.pitch, -self.pitch
+            rows[[0, 3]] /= math.hypot(1.0, self.pitch)
+        return rows
+
+    def along(self, x: Array) -> Array:
+        """Return the components of contact-axes 6-vectors (..., 6) along `directions`."""
+        return x if self.aligned else x @ self.directions.T
+
+    def back(self, x: Array) -> Array:
+        """Return the contact-axes 6-vectors (..., 6) of components along `directions`."""
+        return x if self.aligned else x @ self.directions
+
+    def gap(self, tip: Array, p: Array) -> Array:
+        """Return the displacement [turn; shift] of the object against the tip that its free motions do not explain.
+
+        Args:
+            tip: (..., 3, 3) the tip's attitude, contact axes.
+            p: (..., 3) the tip's origin, along its `axes` [m].
+
+        Returns:
+            (..., 6) along its `axes`.
+        """
+        if self.given is not None:
+            return self.given.gap(tip, p)
+        return np.concatenate([self.turn(tip), -self.across(p, tip)], -1)
+
+    def small_gap(self, tip: Array, p: Array) -> Array:
+        """Return the opposite, of the tip against the object, angles as sines, (6,); on traced numbers too."""
+        if self.given is not None:
+            return self.given.small_gap(tip, p)
+        return concatenate([self.opening(tip), self.small_across(p, tip)])
+
+    def across(self, p: Array, tip: Array) -> Array:
+        """Return how far a tip's origin is from where its free slides can take it, contact axes, (..., 3) [m].
+
+        On a thread that is its travel less what it has turned; the nearest of the thread's turns, which look alike.
+
+        Args:
+            p: (..., 3) the tip's origin, contact axes [m].
+            tip: (..., 3, 3) its attitude, contact axes.
+        """
+        if not self.threaded:
+            return p * self._closed_lengths if self.slides else p
+        sine, cosine = _sine_cosine_past_thread(p, tip, self.pitch)
+        return np.concatenate([(self.pitch * np.arctan2(sine, cosine))[..., None], p[..., 1:]], -1)
+
+    def small_across(self, p: Array, tip: Array) -> Array:
+        """Return the same with the angle's sine in its place, (3,); on traced numbers too."""
+        if not self.threaded:
+            return p * self._closed_lengths if self.slides else p
+        sine, _ = _sine_cosine_past_thread(p, tip, self.pitch)
+        return concatenate([[self.pitch * sine], p[1:]])
+
+    @property
+    def _closed_lengths(self) -> Array:
+        return np.array([0.0 if i in self.free else 1.0 for i in (3, 4, 5)])
+
     def axes_carried_by(self, body: str) -> list[int]:
         """Return which of the free axes are fixed on a body."""
         return [k for k, one in enumerate(self.carried_by) if one == body]
+
+
+def _sine_cosine_past_thread(p: Array, tip: Array, pitch: float) -> tuple[Scalar, Scalar]:
+    """Return sine and cosine, up to a factor, of a tip's travel over the pitch less its turn about x."""
+    s, c = tip[..., 2, 1] - tip[..., 1, 2], tip[..., 1, 1] + tip[..., 2, 2]
+    angle = p[..., 0] / pitch
+    return 0.5 * (sin(angle) * c - cos(angle) * s), 0.5 * (cos(angle) * c + sin(angle) * s)
 
 
 GRASP_KINDS: dict[str, GraspKind] = {
@@ -165,4 +346,27 @@ GRASP_KINDS: dict[str, GraspKind] = {
         equality="connect",
     ),
     "ball": GraspKind((0, 1, 2), ("world", "world", "world"), friction=sliding, equality="connect"),
+    "universal": GraspKind(
+        (0, 1),
+        ("tip", "object"),
+        (2,),
+        cross_turn,
+        cross_opening,
+        axes=cross_axes,
+        regrasped=attitude_across_tip_axis,
+    ),
+    "slider": GraspKind((3,), ("object",), (0, 1, 2), full_turn, full_opening, regrasped=tip_attitude),
+    "cylinder": GraspKind(
+        (0, 3), ("object", "object"), (1, 2), axis_turn, axis_opening, regrasped=attitude_about_tip_axis
+    ),
+    "screw": GraspKind((0,), ("object",), (1, 2), axis_turn, axis_opening, regrasped=tip_attitude, threaded=True),
+    "planar": GraspKind(
+        (2, 3, 4),
+        ("object", "object", "object"),
+        (0, 1),
+        normal_turn,
+        normal_opening,
+        regrasped=attitude_about_tip_normal,
+    ),
+    "subspace": GraspKind((), (), (0, 1, 2), axes=tip_attitude, regrasped=tip_attitude, by_hand=True),
 }

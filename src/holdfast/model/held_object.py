@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from os import PathLike
 
 import numpy as np
 
@@ -46,6 +47,60 @@ class HeldObject(Frozen):
         x, y, z = (checks.number(edge, f"box: {name}", above=0.0) for name, edge in (("x", x), ("y", y), ("z", z)))
         m = checks.number(mass, "object: mass", above=0.0)
         return HeldObject(m, m / 12 * np.diag([y * y + z * z, x * x + z * z, x * x + y * y]))
+
+    @staticmethod
+    def sphere(mass: float, radius: float) -> HeldObject:
+        """Return a solid sphere of uniform density with C at its centre; radius > 0 [m]."""
+        m, r = checks.number(mass, "object: mass", above=0.0), checks.number(radius, "sphere: radius", above=0.0)
+        return HeldObject(m, 0.4 * m * r * r * np.eye(3))
+
+    @staticmethod
+    def cylinder(mass: float, radius: float, length: float) -> HeldObject:
+        """Return a solid cylinder about z of uniform density with C at its centre; radius and length > 0 [m]."""
+        m, r = checks.number(mass, "object: mass", above=0.0), checks.number(radius, "cylinder: radius", above=0.0)
+        l = checks.number(length, "cylinder: length", above=0.0)
+        across = m * (r * r / 4 + l * l / 12)
+        return HeldObject(m, np.diag([across, across, m * r * r / 2]))
+
+    @staticmethod
+    def from_mesh(
+        path: str | PathLike[str],
+        *,
+        mass: float | None = None,
+        density: float | None = None,
+        scale: float = 1.0,
+    ) -> HeldObject:
+        """Return the solid of uniform density inside a closed surface; C is the origin of the mesh's frame.
+
+        Args:
+            path: an .stl, .obj or .dae file. Its faces turn counter-clockwise seen from outside.
+            mass: [kg]; or
+            density: [kg/m^3].
+            scale: of the file's lengths, such as 0.001 for millimetres.
+
+        Raises:
+            ModelError: both or neither of mass and density, or numbers that are not > 0.
+            SceneError: a file that cannot be read, or whose surface is open, inside out or flat.
+        """
+        from holdfast.robots.mesh_files.solid import held_object_from_mesh
+
+        return held_object_from_mesh(path, mass, density, scale)
+
+    @staticmethod
+    def from_urdf(path_or_text: str | PathLike[str], link: str | None = None, *, physical: bool = True) -> HeldObject:
+        """Return a link of a URDF file with all that is fixed to it; C is the origin of the link's frame.
+
+        Args:
+            path_or_text: a file, or the text itself.
+            link: its name; by default the root, if nothing in the file moves.
+            physical: False accepts principal moments that no mass distribution has.
+
+        Raises:
+            SceneError: what is wrong in the file, an unknown link, or one on which joints move others.
+        """
+        from holdfast.robots.urdf.held_object import held_object_from_urdf
+
+        return held_object_from_urdf(path_or_text, link, physical)
 
     @frozen_property
     def spatial_inertia(self) -> RigidInertia:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
+from holdfast.model.fingerprint import ADDED
 from holdfast.model.joint_types import JOINT_TYPES, JointType
 from holdfast.spatial.converted import ArrayField, Converted, making
 from holdfast.spatial.frozen import Frozen, frozen_property
@@ -17,7 +18,7 @@ from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import outer, skew
 
-PER_FREEDOM = ("rate_limit", "effort_limit", "armature", "damping", "friction")
+PER_FREEDOM = ("rate_limit", "effort_limit", "armature", "damping", "friction", "stiffness", "rest")
 UNBOUNDED: Any = (-np.inf, np.inf)  # to a type checker no tuple is a `Converted`
 
 
@@ -29,7 +30,7 @@ class Joint(Frozen):
     Prismatic: R = R_parent R0, p = p_parent + R_parent (p0 + R0 axis q).
     Other types of `JOINT_TYPES` combine both; see `JointType`. A joint of several degrees of freedom
     becomes as many joints in an `Arm`, the links between them without mass; a limit, the armature, the
-    damping and the friction are then one value for all of them or a sequence of one each.
+    damping, the friction and the spring are then one value for all of them or a sequence of one each.
 
     Attributes:
         kind: "revolute" [rad] or "prismatic" [m].
@@ -42,6 +43,8 @@ class Joint(Frozen):
         armature: inertia of the drive felt at the joint, >= 0 [kg m^2 or kg].
         damping: viscous damping, >= 0 [N m s/rad or N s/m].
         friction: Coulomb friction, >= 0 [N m or N]; used by simulation only.
+        stiffness: k of a spring in the joint, torque -k (q - rest), >= 0 [N m/rad or N/m].
+        rest: q at which that spring is slack [rad or m].
     """
 
     kind: Literal["revolute", "prismatic"] = "revolute"
@@ -54,6 +57,8 @@ class Joint(Frozen):
     armature: float = 0.0
     damping: float = 0.0
     friction: float = 0.0
+    stiffness: float = field(default=0.0, metadata=ADDED)
+    rest: float = field(default=0.0, metadata=ADDED)
 
     def __post_init__(self) -> None:
         checks.instance(self.name, str, "joint: name")
@@ -67,8 +72,9 @@ class Joint(Frozen):
             return
         put(self, "axis", checks.unit_vector(self.axis, f"{label}: axis"))
         put(self, "placement", checks.pose(self.placement, f"{label}: placement"))
-        for quantity in ("armature", "damping", "friction"):
+        for quantity in ("armature", "damping", "friction", "stiffness"):
             put(self, quantity, checks.number(getattr(self, quantity), f"{label}: {quantity}", at_least=0.0))
+        put(self, "rest", checks.number(self.rest, f"{label}: rest"))
         for quantity in ("rate_limit", "effort_limit"):
             put(self, quantity, checks.limit(getattr(self, quantity), f"{label}: {quantity}"))
         limits = checks.real_array(self.position_limits, f"{label}: position_limits", "two numbers", ModelError)

@@ -19,10 +19,10 @@ from holdfast.spatial.scalar import Array
 
 if TYPE_CHECKING:
     from holdfast.robots.descriptions import load_robot_description
-    from holdfast.robots.urdf import urdf_chain
+    from holdfast.robots.urdf import load_urdf_trunk, urdf_chain
 
 # Who asks for a built-in arm has no need of the readers of files.
-_FROM_FILES = {"descriptions": ["load_robot_description"], "urdf": ["urdf_chain"]}
+_FROM_FILES = {"descriptions": ["load_robot_description"], "urdf": ["load_urdf_trunk", "urdf_chain"]}
 __getattr__, _, _ = lazy_loader.attach(__name__, submod_attrs=_FROM_FILES)
 
 ROBOTS: Mapping[str, Callable[..., Arm]] = FrozenDict({"panda": panda, "iiwa14": iiwa14, "ur5e": ur5e, "gen3": gen3})
@@ -39,6 +39,7 @@ __all__ = [
     "gen3",
     "iiwa14",
     "load_robot_description",
+    "load_urdf_trunk",
     "panda",
     "stewart_platform",
     "three_finger_hand",

@@ -177,8 +177,9 @@ def build_chain(data: SceneData, robots: Mapping[str, Robot], at: Location) -> t
         grasps[grasp.arm] = parts.grasp(grasp, at / "grasps" / i)
     held = parts.held_object(data.object, at / "object")
     pose = parts.pose(data.object.pose, at / "object" / "pose")
+    springs = [parts.spring(spring, arms, at / "springs" / i) for i, spring in enumerate(data.springs)]
     with at.refusals():
-        chain = ClosedChain(arms, held, grasps, np.array(data.gravity))
+        chain = ClosedChain(arms, held, grasps, np.array(data.gravity), springs=springs)
     q = np.concatenate([robot.q for robot in robots.values()])
     return chain, State(q, 0 * q, pose.wxyz_xyz)
 

@@ -23,6 +23,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Friction, Grasp, WrenchLimits
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
+from holdfast.model.spring import Spring, SpringEnd
 from holdfast.robots import ROBOTS
 from holdfast.robots.urdf import UrdfChain, urdf_chain
 from holdfast.robots.urdf.source import Source, read_source
@@ -33,10 +34,10 @@ from holdfast.scenario.scene import (
     ObjectData,
     ObjectTrackingData,
     PoseData,
+    SpringData,
     TorqueScheduleData,
     UrdfData,
 )
-from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -91,8 +92,8 @@ def pose(data: PoseData | GraspData, at: Location) -> Pose:
     if data.quaternion is not None and data.rpy is not None:
         raise at.refuse("expected quaternion or rpy, got both")
     if data.quaternion is None:
-        roll, pitch, yaw = data.rpy or (0.0, 0.0, 0.0)
-        return Pose(rotation.from_euler_zyx(yaw, pitch, roll), np.array(data.position, dtype=float))
+        with at.refusals():
+            return Pose.from_rpy(*(data.rpy or (0.0, 0.0, 0.0)), xyz=data.position)
     with (at / "quaternion").refusals():
         return checks.pose(np.array([*data.quaternion, *data.position]), "pose")
 
@@ -108,8 +109,16 @@ def grasp(data: GraspData, at: Location) -> Grasp:
         given = data.wrench_limits
         with (at / "wrench_limits").refusals():
             limits = WrenchLimits(*(math.inf if limit is None else limit for limit in (given.moment, given.force)))
+    motion = None if data.motion is None else np.array(data.motion, dtype=float).T
     with at.refusals():
-        return Grasp(data.kind, frame, contact, limits)
+        return Grasp(data.kind, frame, contact, limits, data.pitch, motion)
+
+
+def spring(data: SpringData, arms: Mapping[str, Arm], at: Location) -> Spring:
+    """Return a spring, its ends' links found."""
+    with at.refusals():
+        a, b = (SpringEnd(end.body, end.point, end.link) for end in (data.a, data.b))
+        return Spring(a, b, data.stiffness, data.length, data.damping).found(arms)
 
 
 def held_object(data: ObjectData, at: Location) -> HeldObject:
@@ -174,21 +183,22 @@ def _of_file(data: UrdfData, files: RobotFiles, name: str, base: Pose, tool: Pos
     if tool is not None:  # the note is about the link's own frame, not the tool's
         arm = arm.with_tip(arm.tip @ tool)
         links = replace(links, notes=tuple(note for note in links.notes if note != links.tip_note), tip_note="")
-    if data.armature:
-        arm = replace(arm, joints=_driven(arm, data.armature, at / "urdf" / "armature"))
+    for quantity in ("armature", "stiffness", "rest"):
+        if given := getattr(data, quantity):
+            arm = replace(arm, joints=_with(quantity, given, arm, at / "urdf" / quantity))
     return Robot(arm, preferred_posture(arm), source, links)
 
 
-def _driven(arm: Arm, armature: dict[str, float], at: Location) -> list[Joint]:
-    """Return the joints with their drives' inertia."""
+def _with(quantity: str, given: dict[str, float], arm: Arm, at: Location) -> list[Joint]:
+    """Return the joints with a quantity, such as their drives' inertia, given by their names."""
     names = [joint.name for joint in arm.joints]
-    for name in armature:
+    for name in given:
         if name not in names:
             raise at.refuse(f"no moving joint '{name}'.{checks.did_you_mean(name, names)}")
     joints = []
     for joint in arm.joints:
         with (at / joint.name).refusals():
-            joints.append(replace(joint, armature=armature.get(joint.name, joint.armature)))
+            joints.append(replace(joint, **{quantity: given.get(joint.name, getattr(joint, quantity))}))
     return joints
 
 

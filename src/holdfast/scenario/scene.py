@@ -13,6 +13,7 @@ from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
+Twist = tuple[float, float, float, float, float, float]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
 ZEROS: Vector3 = (0.0, 0.0, 0.0)
 
@@ -51,7 +52,8 @@ class BaseMotionData(_Strict):
 class UrdfData(_Strict):
     """An arm out of a URDF or xacro file, see `load_urdf`; `file` starts from the scene's folder.
 
-    `armature`: inertia of drives felt at their joints [kg m^2 or kg], which URDF has no place for.
+    `armature`: inertia of drives felt at their joints [kg m^2 or kg], which URDF has no place for. `stiffness` [N m/rad
+    or N/m] and `rest` [rad or m]: of springs in joints.
     """
 
     file: str
@@ -61,6 +63,8 @@ class UrdfData(_Strict):
     lock_others: bool = False
     xacro_args: dict[str, str] = {}
     armature: dict[str, float] = {}
+    stiffness: dict[str, float] = {}
+    rest: dict[str, float] = {}
 
 
 class ArmData(_Strict):
@@ -113,6 +117,8 @@ class GraspData(_Strict):
     position: Vector3 = ZEROS
     quaternion: Quaternion | None = None
     rpy: Vector3 | None = None
+    pitch: float | None = None
+    motion: list[Twist] | None = None
     contact: ContactData | None = None
     wrench_limits: WrenchLimitsData | None = None
 
@@ -129,6 +135,24 @@ class ReleaseData(_Strict, tag_field="type", tag="release"):
 
     t: float
     arm: str
+
+
+class SpringEndData(_Strict):
+    """An end of a spring: on "world", "object" or an arm's link, in their axes [m]."""
+
+    body: str
+    point: Vector3 = ZEROS
+    link: str | int | None = None
+
+
+class SpringData(_Strict):
+    """A spring and damper between two points [N/m, m, N s/m]."""
+
+    a: SpringEndData
+    b: SpringEndData
+    stiffness: float
+    length: float = 0.0
+    damping: float = 0.0
 
 
 class WrenchData(_Strict):
@@ -209,5 +233,6 @@ class SceneData(_Strict):
     grasps: list[GraspData] = []
     events: list[AttachData | ReleaseData] = []
     wrenches: list[WrenchData] = []
+    springs: list[SpringData] = []
     gravity: Vector3 = STANDARD_GRAVITY
     name: str = ""

@@ -97,9 +97,8 @@ class Proposal:
 
 def first_proposal(now: Instant) -> Proposal:
     """Return a cautious first step, from the velocities and accelerations at the start."""
-    rates = np.concatenate([now.state.qd, now.state.object_twist])
     accelerations = np.concatenate([now.result.qdd, now.result.object_acceleration])
-    inverse_time = max(float(np.abs(rates).max()), math.sqrt(float(np.abs(accelerations).max())))
+    inverse_time = max(float(np.abs(now.velocities).max()), math.sqrt(float(np.abs(accelerations).max())))
     return Proposal(FIRST_STEP / max(inverse_time, FIRST_STEP))  # 1 s where nothing moves
 
 

@@ -1,8 +1,9 @@
 """Fixed steps near a singular posture, taken in parts whose errors are estimated.
 
 There a motion turns within the time in which the constraint's strength changes by its own size, and a step of fixed
-length may be longer than that. So where a step changes the strength by more than a fiftieth (or a tenth, where it is
-far from zero), it is believed only if its halves lead to the same, and otherwise taken in parts of the adaptive scheme.
+length may be longer than that. So where a step changes the strength by more than a fiftieth (or by a thirtieth, where
+it is far from zero), it is believed only if its halves lead to the same, and otherwise taken in parts of the adaptive
+scheme.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ from holdfast.simulation.adaptive import Tolerance, first_proposal, next_step
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.runge_kutta import dop853
 from holdfast.simulation.stepper import NO_GAPS, Advance, ReferenceStepper, Stepper, in_parts, together
-from holdfast.spatial.scalar import Array
 
 RTOL = 1e-11
 MOST_PARTS = 256
@@ -29,12 +29,8 @@ def halves_agree(stepper: Stepper, now: Instant, later: Instant) -> bool:
     halves = in_parts(stepper, now, later.t, 2).instant
     if halves is None:
         return False
-    v, w, u = (_velocities(at) for at in (later, halves, now))
-    return bool(np.abs(v - w).max() <= SAME * np.abs(w - u).max())
-
-
-def _velocities(at: Instant) -> Array:
-    return np.concatenate([at.state.qd, at.state.object_twist])
+    off, change = (np.abs(at.velocities - halves.velocities).max() for at in (later, now))
+    return bool(off <= SAME * change)
 
 
 @dataclass(frozen=True, eq=False)

@@ -148,7 +148,7 @@ class Checkpoint:
             raise ResultError(f"checkpoint: cannot be read: {cause!r}; try starting the run anew") from cause
 
 
-_STATE = tuple(f.name for f in fields(State))
+_STATE = ("q", "qd", "object_pose", "object_twist")
 
 
 def _origin_data(name: str, origin: Origin, arrays: dict[str, Array]) -> Any:
@@ -167,6 +167,7 @@ def _origin(name: str, memory: Any, arrays: Mapping[str, Array]) -> Origin:
 
 def _grasp_data(name: str, grasp: Grasp, arrays: dict[str, Array]) -> dict[str, Any]:
     arrays |= {f"grasps.{name}.R": grasp.frame.R, f"grasps.{name}.p": grasp.frame.p}
+    arrays |= {} if grasp.motion is None else {f"grasps.{name}.motion": grasp.motion}
     parts = {
         part: None if of is None else {f.name: getattr(of, f.name) for f in fields(of)}
         for part, of in (("contact", grasp.contact), ("wrench_limits", grasp.wrench_limits))
@@ -174,6 +175,7 @@ def _grasp_data(name: str, grasp: Grasp, arrays: dict[str, Array]) -> dict[str, 
     return {
         "arm": name,
         "kind": grasp.kind,
+        "pitch": grasp.pitch,
         **{part: packed(parts[part], f"grasps.{name}.{part}", arrays) for part in parts},
     }
 
@@ -187,6 +189,8 @@ def _grasp(given: Mapping[str, Any], arrays: Mapping[str, Array]) -> tuple[str, 
         frame,
         None if contact is None else Friction(**contact),
         None if limits is None else WrenchLimits(**limits),
+        given.get("pitch"),
+        arrays.get(f"grasps.{name}.motion"),
     )
 
 

@@ -8,24 +8,23 @@ in the middle of the step (or at its ends).
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import numpy as np
 
-from holdfast.errors import ClosureError, ModelError, SingularChainError, StateError
+from holdfast.errors import StateError
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.runge_kutta import Tableau
-from holdfast.simulation.step import Arrival, Closing, Question, Stage, Step, answered, displaced
-from holdfast.simulation.stepper import NO_GAPS, Advance, ReferenceStepper
+from holdfast.simulation.step import Arrival, Closing, Stage, Step, StepCourse, displaced
+from holdfast.simulation.stepper import ReferenceStepper
 from holdfast.spatial import rotation
 
 STAGES = 6
 MOST_ROUNDS = 60
-NEAR = 1e-3  # rad or m: stages that still move by more are not closed yet
-STILL = 1e-15  # relative: what rounding moves
+# By how much a round moves stages and their rates [rad, m, rad/s or m/s].
+NEAR = 1e-3  # those that move by more are not closed yet
+STILL = 1e-15  # rounding
 
 
 @cache
@@ -38,7 +37,7 @@ def gauss() -> Tableau:
     return Tableau("gauss", 2 * STAGES, c, a, b, np.zeros((0, STAGES)))
 
 
-def collocation_step(now: Instant, until: float) -> Generator[Question, Any, Step]:
+def collocation_step(now: Instant, until: float) -> StepCourse:
     """Return the chain one step later, closed again; a course of questions as `take_step`.
 
     Args:
@@ -50,7 +49,7 @@ def collocation_step(now: Instant, until: float) -> Generator[Question, Any, Ste
     """
     scheme, start, h, n = gauss(), now.state, until - now.t, len(now.state.q)
     times = [now.t + c * h for c in scheme.c.tolist()]
-    slope = now.rates(np.zeros(3))
+    slope = now.rates(np.zeros(3))  # at first as if accelerations stayed
     slopes = np.tile(slope, (STAGES, 1))
     slopes[:, :n] += h * scheme.c[:, None] * slope[n : 2 * n]
     slopes[:, 2 * n : 2 * n + 6] += h * scheme.c[:, None] * slope[2 * n + 6 : 2 * n + 12]
@@ -80,13 +79,5 @@ def collocation_step(now: Instant, until: float) -> Generator[Question, Any, Ste
 class CollocationStepper(ReferenceStepper):
     """Takes steps by collocation, on floats; see `Stepper`."""
 
-    def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
-        """Return where one step leads; see `Stepper`."""
-        return [self._through(now, end) for end in ends]
-
-    def _through(self, now: Instant, end: float) -> Advance:
-        try:
-            step = answered(collocation_step(now, end), lambda question: self._answer(question, now))
-        except (SingularChainError, ClosureError, StateError, ModelError) as cause:
-            return Advance(end, None, NO_GAPS, np.zeros(4), failure=cause)
-        return Advance(end, step.later, step.gaps, step.work)
+    def _course(self, now: Instant, end: float) -> StepCourse:
+        return collocation_step(now, end)

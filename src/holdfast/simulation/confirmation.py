@@ -32,7 +32,6 @@ from holdfast.simulation.stability import (
 )
 from holdfast.simulation.stepper import Advance, in_parts
 from holdfast.simulation.verification import StepMargins
-from holdfast.spatial.scalar import Array
 
 PARTS = (2, 4)
 SHARE = 0.05  # of what a margin, or the velocities, change by: steps that differ by more are too long
@@ -178,14 +177,10 @@ def _most_different(window: Window, until: float) -> str:
     return now.chain.joint_names()[int(np.argmax(np.abs(rates) / coordinate_sizes(motion)[: len(rates)]))]
 
 
-def _velocities(at: Instant) -> Array:
-    return np.concatenate([at.state.qd, at.state.object_twist])
-
-
 def _agree(begin: Instant, one: Advance, other: Advance) -> bool:
     """Return whether two ways from an instant end at about the same velocities."""
     if one.instant is None or other.instant is None:
         return False
-    v, w = _velocities(one.instant), _velocities(other.instant)
-    change = np.abs(w - _velocities(begin)).max()
+    v, w = one.instant.velocities, other.instant.velocities
+    change = np.abs(w - begin.velocities).max()
     return bool(np.abs(v - w).max() <= SHARE * change + ROUNDING * max(1.0, np.abs(w).max()))

@@ -67,6 +67,11 @@ class Instant:
     result: ForwardResult
     power: Array
 
+    @property
+    def velocities(self) -> Array:
+        """(n + 6,) joint rates, and the object's twist."""
+        return np.concatenate([self.state.qd, self.state.object_twist])
+
     def rates(self, turn: Array) -> Array:
         """Return d/dt of (q, qd, u, p, V(C), work), where exp(u) has brought the object here.
 

@@ -21,6 +21,7 @@ from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.constraint import constraint_rows, coordinate_sizes
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.bracket import search_lowest, together
+from holdfast.simulation.verification import DROPS, PLACE
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
@@ -29,8 +30,6 @@ PRECISION = 1e-10  # of the place
 PARTS = (0.43, 0.57)  # of the way: where a path is divided, the second if the first is where it has lost rank
 NEAREST = 0.02  # of a bracket: the search comes no nearer to its ends at once
 MOST_TRIES = 60
-DROPS = 2.0  # to a value that is lower than both neighbours': so far below it the least one may lie
-PLACE = 1e-7  # of a bracket: precision of a least value's place
 
 
 class ConstraintFactors(NamedTuple):
@@ -71,7 +70,7 @@ def constraint_factors(chain: ClosedChain, state: State) -> ConstraintFactors:
     sizes, rows = coordinate_sizes(motion), constraint_rows(motion)
     turning = [np.array(c.rows) < 3 for c in motion.contacts]
     lengths = np.where(np.concatenate(turning), sizes[-1], 1.0)
-    U, s, Vt = np.linalg.svd(lengths[:, None] * np.hstack([rows.joints, rows.object]) * sizes, full_matrices=False)
+    U, s, Vt = np.linalg.svd(lengths[:, None] * rows.matrix * sizes, full_matrices=False)
     return ConstraintFactors(U, s / s[0], Vt)
 
 

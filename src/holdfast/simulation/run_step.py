@@ -18,6 +18,7 @@ from holdfast.simulation.segment import Segment
 from holdfast.simulation.singular_posture import (
     CLOSED,
     SingularPosture,
+    goes_through,
     length_before,
     length_through,
     may_be_unresolved,
@@ -79,7 +80,7 @@ def _step_and_posture(at: RunState, until: float) -> tuple[RunState | None, Sing
 
 def _first_posture(segment: Segment, now: Instant, later: Instant) -> SingularPosture | None:
     """Return the first singular posture between two instants."""
-    return next(iter(postures_passed(segment, now, later)), None)
+    return next(postures_passed(segment, now, later), None)
 
 
 def _unresolved(at: RunState, until: float, later: RunState | None, leaps: bool) -> bool:
@@ -107,13 +108,13 @@ def _towards(at: RunState, left: float, step: float) -> RunState:
         step: a step as long as it may be [s].
     """
     now, segment = at.now, at.segment
-    if length_before(left, step) is not None:
+    if not goes_through(left, step):
         if at.checkpoint.proposal is None:
             return _step_to(at, now.t + left - 0.5 * step)
-        return _step_to(at, _latest(at), lambda tried: length_before(left, tried) or tried)
+        return _step_to(at, _latest(at), lambda tried: length_before(left, tried))
     until = min(now.t + length_through(left, step), _latest(at))
     later = _step_to(at, until, stepper=segment.collocation)
-    passed = postures_passed(segment, now, later.now)  # none where the motion turned before it
+    passed = list(postures_passed(segment, now, later.now))  # none where the motion turned before it
     branching = [posture for posture in passed if not posture.unique]
     return _ended(at, branching[0]) if branching else _passed(at, later, passed)
 

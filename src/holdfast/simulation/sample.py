@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from holdfast.dynamics.arm.posture import posture
-from holdfast.dynamics.energy import Body, bodies
+from holdfast.dynamics.closed.spring_wrenches import with_springs
+from holdfast.dynamics.energy import Body, bodies, elastic_energy
 from holdfast.forces.force_split import split
 from holdfast.forces.margin_interval import margin_range
 from holdfast.forces.margins import grasp_margins
@@ -79,7 +80,7 @@ def sample(
         position_gap=gaps.position,
         velocity_gap=gaps.velocity,
         kinetic=np.array(sum(body.kinetic_energy for body in every) + _rotors(chain, state)),
-        potential=np.array(sum(body.potential_energy(chain.gravity) for body in every)),
+        potential=np.array(sum(body.potential_energy(chain.gravity) for body in every) + elastic_energy(chain, state)),
         work=sums.work,
         impact=np.array(sums.impact),
         momentum=np.sum([body.momentum(np.zeros(3)) for body in every], axis=0),
@@ -112,7 +113,7 @@ def _rotors(chain: ClosedChain, state: State) -> float:
 
 def _wrenches(at: Instant, every: list[Body]) -> Array:
     """Return what changes the momentum about the world's origin: `momentum_rate` over bodies that are known."""
-    chain, given = at.chain, at.inputs.shaped(at.chain)
+    chain, given = at.chain, with_springs(at.chain, at.state, at.inputs.shaped(at.chain))
     assert given.object_wrench is not None
     total = shift_wrench(every[-1].origin, given.object_wrench)
     for arm, f in zip(chain.arms.values(), at.result.base_wrench, strict=True):

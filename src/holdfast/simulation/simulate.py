@@ -12,7 +12,7 @@ from holdfast.control.controller import ControlLaw, Controller, require_controll
 from holdfast.dynamics.near_singular import NEAR, nearly_lost
 from holdfast.errors import HoldfastError, StateError
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import ClosedChain, require_own_bases
 from holdfast.simulation.adaptive import RTOL, Tolerance
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.environment import BaseMotion, Environment
@@ -101,6 +101,7 @@ def simulate(
         SingularChainError: the initial configuration is singular.
     """
     checks.instance(chain, ClosedChain, "simulation: chain")
+    require_own_bases(chain, "simulate")
     checks.instance(state, State, "simulation: state", StateError)
     require_controller(controller)
     if isinstance(controller, ControlLaw):

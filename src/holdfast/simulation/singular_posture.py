@@ -8,7 +8,7 @@ follow the quintic through both; the time is then made exact by steps that end e
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -30,7 +30,7 @@ APPROACHES = 6
 CLOSED = 1e-8  # m or rad: what a way through is open by at most; one that leaps from a branch to another is more
 CLOSE = 1e-4  # [s]: from here the posture's time follows from velocities and accelerations
 # Parts of the strength: steps that change it by less are as good as any.
-RESOLVED, RESOLVED_ELSEWHERE = 0.02, 0.1
+RESOLVED, RESOLVED_ELSEWHERE = 0.02, 0.033
 NEARBY = 0.25  # strength below which a posture is looked upon as near a singular one
 FARTHEST_TURN = 1.0  # rad, or part of the reach: a longer step is too long whatever the constraint
 MOST_IN_A_STEP = 8
@@ -77,8 +77,8 @@ class SingularPosture:
 Way = Callable[[float], State]
 
 
-def postures_passed(segment: Segment, now: Instant, later: Instant) -> list[SingularPosture]:
-    """Return the singular postures between two accepted instants, in order.
+def postures_passed(segment: Segment, now: Instant, later: Instant) -> Iterator[SingularPosture]:
+    """Yield the singular postures between two accepted instants, in order.
 
     Args:
         segment: the chain and what moves it.
@@ -86,13 +86,15 @@ def postures_passed(segment: Segment, now: Instant, later: Instant) -> list[Sing
         later: the one that a step leads to.
     """
     if not may_have_lost_rank(now, later):
-        return []
+        return
     way = interpolant(*(Knot(at.t, at.state, at.result.qdd, at.result.object_acceleration) for at in (now, later)))
-    found, begin = [], now.t
-    while (drop := _drop(segment, way, begin, later.t)) is not None and len(found) < MOST_IN_A_STEP:
-        found.append(_located(segment, now, drop, way))
+    begin = now.t
+    for _ in range(MOST_IN_A_STEP):
+        drop = _drop(segment, way, begin, later.t)
+        if drop is None:
+            return
+        yield _located(segment, now, drop, way)
         begin = drop.at + PAST * (later.t - drop.at)
-    return found
 
 
 def may_have_lost_rank(now: Instant, later: Instant) -> bool:
@@ -134,16 +136,19 @@ def time_left(segment: Segment, now: Instant, step: float) -> float | None:
     return None if found is None else found.at - now.t
 
 
-def length_before(left: float, step: float) -> float | None:
-    """Return the length of a step that ends half a step before a singular posture, or sooner [s].
+def goes_through(left: float, step: float) -> bool:
+    """Return whether the next step goes through a singular posture, `left` away [s]; others end half a step before."""
+    return left <= ALMOST * step
 
-    None where the next one goes through.
+
+def length_before(left: float, step: float) -> float:
+    """Return the length of a step that ends half a step before a singular posture, or sooner [s].
 
     Args:
         left: how long it takes to get to the posture [s].
         step: a step as long as it may be [s].
     """
-    return min(step, left - 0.5 * step) if left > ALMOST * step else None
+    return min(step, left - 0.5 * step)
 
 
 def length_through(left: float, step: float) -> float:
@@ -159,7 +164,7 @@ def posture_ahead(segment: Segment, now: Instant, until: float) -> SingularPostu
         now: the last accepted instant.
         until: where a step from there has failed to go [s].
     """
-    rate, way = _rate(now), _ahead(now)
+    rate, way = float(np.abs(now.velocities).max()), _ahead(now)  # [rad/s or m/s]
     for horizon in HORIZONS / rate if rate > 0.0 else ():
         found = _drop(segment, way, now.t, now.t + horizon)
         if found is not None:
@@ -167,11 +172,6 @@ def posture_ahead(segment: Segment, now: Instant, until: float) -> SingularPostu
         if horizon > until - now.t:
             return None
     return None
-
-
-def _rate(now: Instant) -> float:
-    """Return the fastest joint rate [rad/s or m/s]."""
-    return float(np.abs(np.r_[now.state.qd, now.state.object_twist]).max())
 
 
 def _moved(chain: ClosedChain, a: State, b: State, h: float) -> float:
@@ -190,7 +190,7 @@ def _ahead(now: Instant) -> Way:
         h = t - now.t
         dq = h * now.state.qd + 0.5 * h**2 * now.result.qdd
         dx = h * now.state.object_twist + 0.5 * h**2 * now.result.object_acceleration
-        return moved(now.state, dq, dx)
+        return moved(now.state, np.concatenate([dq, dx]))
 
     return state
 

@@ -8,7 +8,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, STEP_ROUNDS, after_step, largest_gaps, moved
+from holdfast.dynamics.projection import (
+    FARTHEST,
+    LEFT_OPEN,
+    STEP_ROUNDS,
+    Change,
+    after_step,
+    displaced_by,
+    largest_gaps,
+)
 from holdfast.dynamics.rank import held_near
 from holdfast.errors import ClosureError, StateError
 from holdfast.simulation.environment import Environment
@@ -150,7 +158,7 @@ def answered_together(courses: Sequence[StepCourse], answer: Callable[[list[Ques
 def displaced(state: State, y: Array) -> State:
     """Return the state moved by increments (dq, dqd, turn u, dp, dV(C), ...)."""
     n = len(state.q)
-    there = moved(state, y[:n], y[2 * n : 2 * n + 6])
+    there = displaced_by(state, Change(y[:n], y[2 * n : 2 * n + 6], None))
     return State(there.q, state.qd + y[n : 2 * n], there.object_pose, state.object_twist + y[2 * n + 6 : 2 * n + 12])
 
 

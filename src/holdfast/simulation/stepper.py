@@ -28,6 +28,7 @@ from holdfast.simulation.step import (
     Gaps,
     Question,
     Stage,
+    StepCourse,
     answered,
     back_on_constraint,
     course_of,
@@ -125,7 +126,7 @@ class ReferenceStepper:
 
     def _to(self, now: Instant, end: float) -> Advance:
         try:
-            step = answered(course_of(now, end, self.scheme), lambda question: self._answer(question, now))
+            step = answered(self._course(now, end), lambda question: self._answer(question, now))
         except (SingularChainError, ClosureError, StateError) as cause:
             return Advance(end, None, NO_GAPS, np.zeros(4), failure=cause)
         except ModelError:  # the arm is sound: what its inertia is computed from has overflowed
@@ -133,6 +134,10 @@ class ReferenceStepper:
             return Advance(end, None, NO_GAPS, np.zeros(4), failure=failure)
         error = self.tolerance.ratio(step.estimates, now.state, step.later.state)
         return Advance(end, step.later, step.gaps, step.work, error)
+
+    def _course(self, now: Instant, end: float) -> StepCourse:
+        """Return the step, which asks for what it needs."""
+        return course_of(now, end, self.scheme)
 
     def _answer(self, question: Question, now: Instant) -> Any:
         """Return what a step from `now` asks; the controller's memory moves on once a step, at the step's start."""

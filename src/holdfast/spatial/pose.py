@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from holdfast.errors import ModelError
 from holdfast.spatial import rotation
 from holdfast.spatial.converted import ArrayField, Converted
 from holdfast.spatial.frozen import Frozen, frozen_property, read_only
 from holdfast.spatial.real_numbers import numbers, pose_numbers, rotation_matrix
 from holdfast.spatial.scalar import Array
-from holdfast.spatial.vector import product
+from holdfast.spatial.vector import cross, dot, product
+
+PARALLEL = 1e-6  # sine of the angle between directions that count as one
+UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +71,81 @@ class Pose(Frozen):
         """
         return Pose.unchecked_seven(pose_numbers(wxyz_xyz, "pose"))
 
+    @staticmethod
+    def from_xyzw(xyzw: ArrayLike, p: ArrayLike = (0.0, 0.0, 0.0)) -> Pose:
+        """Return the pose of a unit quaternion whose scalar is last, as SciPy and ROS write it, and a position.
+
+        Args:
+            xyzw: (4,).
+            p: (3,) [m].
+
+        Raises:
+            ModelError: as for `from_wxyz_xyz`.
+        """
+        x, y, z, w = numbers(xyzw, (4,), "pose: xyzw")
+        return Pose.from_wxyz_xyz([w, x, y, z, *numbers(p, (3,), "pose: p")])
+
+    @staticmethod
+    def from_rpy(roll: float, pitch: float, yaw: float, xyz: ArrayLike = (0.0, 0.0, 0.0)) -> Pose:
+        """Return the pose of URDF's angles about the fixed axes x, y, z, in this order, and a position.
+
+            R = Rz(yaw) Ry(pitch) Rx(roll)
+
+        Args:
+            roll: about x [rad]; within 1e-12 of a multiple of pi/2 an angle is that multiple.
+            pitch: about y [rad].
+            yaw: about z [rad].
+            xyz: (3,) the frame's origin [m].
+
+        Raises:
+            ModelError: numbers that are not finite, or a position of another shape.
+        """
+        angles = numbers([roll, pitch, yaw], (3,), "pose: rpy")
+        return Pose.unchecked(rotation.from_rpy(*angles.tolist()), numbers(xyz, (3,), "pose: xyz"))
+
+    @staticmethod
+    def from_matrix(T: ArrayLike) -> Pose:
+        """Return the pose of a homogeneous matrix [R, p; 0, 1], (4, 4).
+
+        Raises:
+            ModelError: a bottom row other than 0 0 0 1, or R and p that `Pose` refuses.
+        """
+        matrix = numbers(T, (4, 4), "pose: matrix")
+        if matrix[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+            raise ModelError(
+                f"pose: matrix: expected the bottom row 0 0 0 1, got {' '.join(f'{x:g}' for x in matrix[3])};"
+                " try the transpose if its last column is 0 0 0 1"
+            )
+        return Pose(matrix[:3, :3], matrix[:3, 3])
+
+    @staticmethod
+    def looking(
+        origin: ArrayLike = (0.0, 0.0, 0.0),
+        *,
+        at: ArrayLike | None = None,
+        z: ArrayLike | None = None,
+        x: ArrayLike | None = None,
+    ) -> Pose:
+        """Return a frame at a point whose z axis looks at another point, or along a direction.
+
+        Its x axis is as near as it can be to `x`. By default the axes are a camera's, x to its right and y down, -z of
+        the reference frame; where the z axes are parallel (within 1e-6 rad), x is near to the reference frame's.
+
+        Args:
+            origin: (3,) where the frame stands [m].
+            at: (3,) the point that z looks at [m].
+            z: (3,) the direction that z looks along, of any length, if not at a point.
+            x: (3,) the direction for x, of any length.
+
+        Raises:
+            ModelError: both or neither of `at` and `z`, a direction of length zero, or an `x` along z.
+        """
+        p = numbers(origin, (3,), "pose: origin")
+        if (at is None) == (z is None):
+            raise ModelError(f"pose: looking: expected one of at and z, got {'neither' if at is None else 'both'}")
+        ahead = _direction(z, "z") if at is None else _direction(numbers(at, (3,), "pose: at") - p, "at - origin")
+        return Pose(_axes(ahead, x), p)
+
     @frozen_property
     def wxyz_xyz(self) -> Array:
         """The pose as unit quaternion (w >= 0) and position, (7,)."""
@@ -77,6 +158,27 @@ class Pose(Frozen):
     def inverse(self) -> Pose:
         """Return the pose of the reference frame in this frame."""
         return Pose.unchecked(self.R.T, -product(self.R.T, self.p))
+
+
+def _direction(value: Any, what: str) -> Array:
+    """Return a vector scaled to length 1."""
+    a = numbers(value, (3,), f"pose: {what}")
+    length = math.hypot(*a)
+    if length == 0.0:
+        raise ModelError(f"pose: {what}: expected a direction, got a vector of length zero")
+    return a / length
+
+
+def _axes(z: Array, hint: ArrayLike | None) -> Array:
+    """Return the rotation with that unit z axis, its x axis as near to the hint as it can be."""
+    wished = cross(z, UP) if hint is None else _direction(hint, "x")
+    across = wished - dot(wished, z) * z
+    if math.hypot(*across) < PARALLEL:
+        if hint is not None:
+            raise ModelError("pose: x: expected a direction across z, got one along it")
+        across = np.eye(3)[0] - z[0] * z
+    x = across / math.hypot(*across)
+    return np.column_stack([x, cross(z, x), z]) + 0.0  # no -0.0
 
 
 PoseField = Converted[Pose, Pose | ArrayLike]  # given as a pose, or as unit quaternion and position (7,)

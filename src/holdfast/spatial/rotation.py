@@ -11,6 +11,8 @@ import numpy as np
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, cos, maximum, sin, sqrt, where
 from holdfast.spatial.vector import cross, dot, product
 
+RIGHT_ANGLE = 1e-12  # [rad]; what rounding a double, or 13 digits, leaves of a multiple of pi/2
+
 
 def from_quaternion(wxyz: Array) -> Array:
     """Return the rotation matrix of a unit quaternion.
@@ -117,10 +119,31 @@ def normalised(wxyz: Array) -> Array:
     return wxyz / sqrt(wxyz @ wxyz)
 
 
-def from_euler_zyx(yaw: float, pitch: float, roll: float) -> Array:
-    """Return R = Rz(yaw) Ry(pitch) Rx(roll), floats only; URDF's `rpy` read backwards."""
+def from_euler_zyx(yaw: Scalar, pitch: Scalar, roll: Scalar) -> Array:
+    """Return R = Rz(yaw) Ry(pitch) Rx(roll), on traced numbers too; URDF's `rpy` read backwards."""
     z, y, x = np.eye(3)[::-1]
     return product(product(exp(yaw * z), exp(pitch * y)), exp(roll * x))
+
+
+def from_rpy(roll: float, pitch: float, yaw: float) -> Array:
+    """Return R = Rz(yaw) Ry(pitch) Rx(roll), floats only; entries of right angles are exactly 0 or +-1."""
+    (cr, sr), (cp, sp), (cy, sy) = _cosine_sine(roll), _cosine_sine(pitch), _cosine_sine(yaw)
+    R = array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+    return R + 0.0  # no -0.0
+
+
+def _cosine_sine(angle: float) -> tuple[float, float]:
+    """Return cosine and sine; an angle within 1e-12 of a multiple of pi/2 is that multiple."""
+    quarters = round(angle / (math.pi / 2))
+    if abs(angle - quarters * (math.pi / 2)) <= RIGHT_ANGLE:
+        return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[quarters % 4]
+    return math.cos(angle), math.sin(angle)
 
 
 def to_euler_zyx(R: Array) -> Array:

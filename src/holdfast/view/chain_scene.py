@@ -5,16 +5,27 @@ from __future__ import annotations
 import numpy as np
 
 from holdfast.dynamics.arm.posture import joint_placement
+from holdfast.dynamics.closed.spring_wrenches import stretches
 from holdfast.errors import ModelError
 from holdfast.model.arm import Arm
 from holdfast.robots.looks import arm_length
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
+from holdfast.state import State
 from holdfast.view import figure_style, meshes
 from holdfast.view.cameras import cameras, upward
 from holdfast.view.film import Film
-from holdfast.view.markers import arrow_scale, box_lines, cone_colour, cone_lines, equivalent_box, one_two_five, struts
+from holdfast.view.markers import (
+    arrow_scale,
+    box_lines,
+    coil,
+    cone_colour,
+    cone_lines,
+    equivalent_box,
+    one_two_five,
+    struts,
+)
 from holdfast.view.meshes import Mesh
 from holdfast.view.pieces import pieces_of_arm
 from holdfast.view.scene_writer import Colour, SceneWriter
@@ -23,7 +34,7 @@ OBJECT_GREY, LINE_GREY = (150, 150, 158), (70, 70, 78)
 UP = np.array([0.0, 0.0, 1.0])
 OBJECT_OPACITY = 0.28
 # in lengths of the longest arm
-SHAFT, BESIDE, AXES, CONE, LINE = 0.006, 0.03, 0.05, 0.09, 0.0025
+SHAFT, BESIDE, AXES, CONE, LINE, COIL = 0.006, 0.03, 0.05, 0.09, 0.0025, 0.012
 FOOT_RADIUS, FOOT_HEIGHT, NAME_DEPTH, TOOL_RADIUS, PALM_RADIUS = 0.1, 0.008, 0.07, 0.012, 0.035
 
 
@@ -50,6 +61,8 @@ class ChainScene:
             writer.arrows(f"/forces/{node}", 1, colour, shaft)
             writer.arrows(f"/moments/{node}", 2, colour, 0.7 * shaft)
             writer.arrows(f"/squeeze/{node}", 1, figure_style.rgb(figure_style.INTERNAL), 0.8 * shaft)
+        for i, segments in enumerate(self._coils(0)):
+            writer.lines(f"/springs/{i}", segments, LINE_GREY, LINE * self._size)
         writer.look_from(cameras(film)[0], upward(chain))
         self.show(0)
 
@@ -67,8 +80,19 @@ class ChainScene:
             self._writer.place("/object", pose[:4], pose[4:])
             for name in film.holding:
                 self._point(name, k)
+            for i, segments in enumerate(self._coils(k)):
+                self._writer.redraw(f"/springs/{i}", segments)
             for name, reserve in self._reserves.items():
                 self._writer.paint(f"/object/cones/{_node(name)}", cone_colour(float(reserve[k])))
+
+    def _coils(self, k: int) -> list[Array]:
+        """Return the lines of every spring at moment k, world axes."""
+        film, chain = self.film, self.film.chain
+        if not chain.springs:
+            return []
+        moved = chain.with_bases(dict(zip(chain.names, film.base_pose[k], strict=True)))
+        state, still = State(film.q[k], 0.0 * film.q[k], film.object_pose[k]), np.zeros((len(chain.arms), 6))
+        return [coil(s.a.position, s.b.position, COIL * self._size) for s in stretches(moved, state, still)]
 
     def _point(self, name: str, k: int) -> None:
         """Let the arrows of one arm go out from its tip; the squeeze beside the force, not inside it."""

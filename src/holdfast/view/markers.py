@@ -10,6 +10,7 @@ from holdfast.dynamics.constraint import length_scale
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.robots.looks import arm_length
+from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.view.figure_style import DANGER, GREEN, ORANGE, rgb
@@ -48,6 +49,24 @@ def struts(chain: ClosedChain, edges: Array, box: Pose) -> Array:
         if outside.max() > 0.02 * edges.max():
             lines.append([box.p, grasp.frame.p])
     return np.array(lines).reshape(-1, 2, 3)
+
+
+TURNS, PER_TURN = 8, 12
+
+
+def coil(a: Array, b: Array, radius: float) -> Array:
+    """Return a coil from one point to another as lines, (N, 2, 3), as many however far apart they are [m]."""
+    turn = rotation.exp(rotation.align(np.array([0.0, 0.0, 1.0]), _direction(b - a)))
+    angles = np.linspace(0.0, 2 * np.pi * TURNS, TURNS * PER_TURN + 1)
+    around = np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles]) @ turn.T
+    wound = a + np.linspace(0.1, 0.9, len(angles))[:, None] * (b - a) + radius * around
+    points = np.concatenate([[a], wound, [b]])
+    return np.stack([points[:-1], points[1:]], axis=1)
+
+
+def _direction(vector: Array) -> Array:
+    length = float(np.linalg.norm(vector))
+    return vector / length if length > 0 else np.array([0.0, 0.0, 1.0])
 
 
 SPOKES, RIM = 12, 48

@@ -4,30 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.spatial.pose import Pose
+from holdfast.robots.mesh_files.mesh import Mesh as Mesh
 from holdfast.spatial.scalar import Array
 
 SEGMENTS = 24  # of a circle
-
-
-class Mesh(NamedTuple):
-    """A surface of triangles.
-
-    Attributes:
-        vertices: (V, 3) [m]; a sharp edge has its vertices twice, so that shading stops there.
-        faces: (F, 3) indices of vertices.
-    """
-
-    vertices: Array
-    faces: Array
-
-    def at(self, pose: Pose) -> Mesh:
-        """Return the mesh moved from its own frame to where `pose` is."""
-        return Mesh(self.vertices @ pose.R.T + pose.p, self.faces)
 
 
 def joined(meshes: Iterable[Mesh]) -> Mesh:

@@ -11,12 +11,12 @@ import numpy as np
 
 from holdfast.model.arm import Arm
 from holdfast.robots.looks import looks_of
+from holdfast.robots.mesh_files.limits import FARTHEST, MeshFault, require_triangles
+from holdfast.robots.mesh_files.read import read_mesh
 from holdfast.robots.primitive import COLOURS, Primitive
 from holdfast.robots.urdf.visuals import Box, Capsule, Cylinder, Sphere, Visual
 from holdfast.robots.urdf.visuals import Mesh as MeshFile
 from holdfast.view import meshes
-from holdfast.view.mesh_files.limits import FARTHEST, MeshFault, require_triangles
-from holdfast.view.mesh_files.read import read_mesh
 from holdfast.view.meshes import Mesh
 
 UNCOLOURED = (0.78, 0.78, 0.8, 1.0)

@@ -78,6 +78,10 @@ class SceneWriter:
         """Add straight lines (N, 2, 3) so thick [m]."""
         self._nodes[name] = self.server.scene.add_line_segments(name, segments, colour, thickness=thickness)
 
+    def redraw(self, name: str, segments: Array) -> None:
+        """Let lines go elsewhere, as many as there were, (N, 2, 3) [m]."""
+        self._nodes[name].points = segments.astype(np.float32)
+
     def grid(self, name: str, at: Pose, width: float, cell: float) -> None:
         """Add a square grid in the x-y plane of a pose [m]."""
         self.server.scene.add_grid(

@@ -10,7 +10,7 @@ from holdfast.spatial.vector import skew
 from tests.spatial.dual import duals, slopes_of
 from tests.systems.random_parts import rotation
 
-ATTITUDE = np.eye(3)  # of the tip, on which none of the kinds depends
+TIP = Pose.identity()  # of the arm, on which none of the kinds depends
 KINDS = {"rigid": 0, "hinge": 1, "softfinger": 2, "ball": 3}
 cases = pytest.mark.parametrize(("kind", "seed"), [(kind, seed) for kind in KINDS for seed in range(3)])
 
@@ -20,9 +20,9 @@ def drawn(kind: str, seed: int):
     rng = np.random.default_rng(seed)
     grasp = Grasp(kind, Pose(rotation(rng), 0.3 * rng.normal(size=3)))
     frame, V = Pose(rotation(rng), rng.normal(size=3)), rng.normal(size=6)
-    at = contact(grasp, frame, V, ATTITUDE, np.zeros(6))
+    at = contact(grasp, frame, V, TIP, np.zeros(6))
     tip = shift_twist(at.offset, V) - at.HT @ rng.normal(size=KINDS[kind])
-    return grasp, frame, V, tip, contact(grasp, frame, V, ATTITUDE, tip)
+    return grasp, frame, V, tip, contact(grasp, frame, V, TIP, tip)
 
 
 @cases
@@ -42,7 +42,7 @@ def test_rates(kind, seed):
     _, _, V, tip, c = drawn(kind, seed)
     np.testing.assert_allclose(shift_twist(c.offset, V), tip + c.HT @ c.W, atol=1e-13)
     np.testing.assert_allclose(c.velocity_gap, 0, atol=1e-13)
-    nudged = contact(c.grasp, drawn(kind, seed)[1], V, ATTITUDE, tip - np.arange(1.0, 7.0))
+    nudged = contact(c.grasp, drawn(kind, seed)[1], V, TIP, tip - np.arange(1.0, 7.0))
     np.testing.assert_allclose(nudged.velocity_gap, c.K @ np.arange(1.0, 7.0), atol=1e-12)
 
 
@@ -51,7 +51,7 @@ def test_biases(kind, seed):
     """a(C) = Adot V(C) and g = Hdot^T W (a.8), derivatives along the object's motion."""
     grasp, frame, V, tip, c = drawn(kind, seed)
     turned = Pose(duals(frame.R, skew(V[:3]) @ frame.R), duals(frame.p, V[3:]))
-    later = contact(grasp, turned, V, ATTITUDE, tip)
+    later = contact(grasp, turned, V, TIP, tip)
     np.testing.assert_allclose(slopes_of(shift_twist(later.offset, V)), c.a, atol=1e-12)
     np.testing.assert_allclose(np.r_[slopes_of(later.h) @ c.W, np.zeros(3)], c.g, atol=1e-12)
     if kind in ("hinge", "softfinger"):

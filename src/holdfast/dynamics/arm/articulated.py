@@ -16,7 +16,7 @@ from holdfast.dynamics.arm.posture import Posture
 from holdfast.model.arm import Arm
 from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench, unrotate
-from holdfast.spatial.symmetric import zero6
+from holdfast.spatial.symmetric import Symmetric6, zero6
 
 
 class Filter(NamedTuple):
@@ -25,10 +25,12 @@ class Filter(NamedTuple):
     Attributes:
         D: (N,) articulated inertia about each joint axis, > 0.
         G: per link, (6,) gain P H^T / D, link axes.
+        at_base: what the base feels of the arm while its joints are free: inertia about the base origin, base axes.
     """
 
     D: Array
     G: tuple[Array, ...]
+    at_base: Symmetric6
 
 
 def articulated_filter(arm: Arm, at: Posture) -> Filter:
@@ -47,7 +49,7 @@ def articulated_filter(arm: Arm, at: Posture) -> Filter:
         D.insert(0, d)
         G.insert(0, gain)
         carried = P.plus_outer(-gain, PH).rotated(E).inertia_shifted(l)
-    return Filter(array(D), tuple(G))
+    return Filter(array(D), tuple(G), carried)
 
 
 def whiten(
@@ -88,16 +90,23 @@ def whiten(
     return array(eps), z
 
 
-def smooth(arm: Arm, at: Posture, filter: Filter, nu: Array) -> tuple[Array, Array]:
+def smooth(arm: Arm, at: Posture, filter: Filter, nu: Array, base: Array | None = None) -> tuple[Array, Array]:
     """Return (I - H Psi L)^T nu and the tip acceleration J times it.
 
     lambda(k) = psi^T lambda(k+1) + H^T nu(k);  out(k) = nu(k) - L^T lambda(k+1)
     (5.10e-g); the tip is B^T psi^T H^T nu. One outward sweep, O(N).
 
+    Args:
+        arm: the arm.
+        at: its posture.
+        filter: its factorisation.
+        nu: (N,) residuals over D.
+        base: (6,) acceleration of the base that lambda begins with, base axes; None for zero.
+
     Returns:
         (N,) joint accelerations, and (6,) tip acceleration, in the axes of the last link.
     """
-    lam = np.zeros(6)
+    lam = np.zeros(6) if base is None else base
     out = []
     for joint, E, l, G, nu_k in zip(arm.joints, at.E, at.l, filter.G, nu, strict=True):
         x = unrotate(E, shift_twist(l, lam))

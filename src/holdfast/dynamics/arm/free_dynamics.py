@@ -12,7 +12,7 @@ from holdfast.dynamics.arm.motion import ArmMotion, at_rest
 from holdfast.dynamics.arm.newton_euler import newton_euler
 from holdfast.spatial.linalg import back_substitution, cholesky, forward_substitution
 from holdfast.spatial.scalar import Array, array
-from holdfast.spatial.spatial_vector import unrotate
+from holdfast.spatial.spatial_vector import shift_twist, unrotate
 
 
 def composite(motion: ArmMotion, torque: Array, tip_wrench: Array) -> Array:
@@ -25,7 +25,7 @@ def composite(motion: ArmMotion, torque: Array, tip_wrench: Array) -> Array:
     """
     arm, at = motion.arm, motion.at
     C, _ = bias_torque(arm, at, motion.bias.wrenches)
-    M, _ = mass_matrix(arm, at)
+    M = mass_matrix(arm, at)[0]
     L = cholesky(M)
     free = torque - C - tip_wrench @ jacobian(arm, at)
     return back_substitution(L, forward_substitution(L, free))
@@ -62,6 +62,13 @@ def three_sweep(motion: ArmMotion, torque: Array, tip_wrench: Array) -> Array:
     return smooth(arm, at, filter, eps / filter.D)[0]
 
 
-def tip_acceleration(motion: ArmMotion, qdd: Array) -> Array:
-    """Return alpha(0) = J qdd + Jdot qd of the tip point, less [0; g], world axes (2.1d)."""
-    return jacobian(motion.arm, motion.at) @ qdd + motion.bias.tip_acceleration
+def tip_acceleration(motion: ArmMotion, qdd: Array, base: Array | None = None) -> Array:
+    """Return alpha(0) = J qdd + Jdot qd of the tip point, less [0; g], world axes (2.1d).
+
+    Args:
+        motion: the arm in motion.
+        qdd: (N,) joint accelerations.
+        base: (6,) what the base accelerates by more than the motion says, world axes; None for zero.
+    """
+    tip = jacobian(motion.arm, motion.at) @ qdd + motion.bias.tip_acceleration
+    return tip if base is None else tip + shift_twist(motion.base_to_tip, base)

@@ -5,20 +5,21 @@ from __future__ import annotations
 from holdfast.dynamics.arm.joint_map import expand, project
 from holdfast.dynamics.arm.posture import Posture
 from holdfast.model.arm import Arm
-from holdfast.spatial.inertia import NO_INERTIA
+from holdfast.spatial.inertia import NO_INERTIA, RigidInertia
 from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import rotate, shift_wrench
 
 
-def mass_matrix(arm: Arm, at: Posture) -> tuple[Array, Array]:
-    """Return the mass matrix and the wrenches on the first link of unit joint accelerations.
+def mass_matrix(arm: Arm, at: Posture) -> tuple[Array, Array, RigidInertia]:
+    """Return the mass matrix, the wrenches on the first link of unit joint accelerations, and the locked arm's inertia.
 
     Column k is the wrench that accelerates everything beyond joint k by 1, seen at the
     joints before it. Cost O(N^2).
 
     Returns:
         (N, N) symmetric [kg m^2, kg m, kg], and (6, N): column k is the wrench of the base
-        on the first link for qdd_k = 1, about that link's origin, in its axes.
+        on the first link for qdd_k = 1, about that link's origin, in its axes; and the inertia of all links,
+        joints locked, about the base origin, base axes.
     """
     N = arm.joint_count
     entries: list[list[object]] = [[0.0] * N for _ in range(N)]
@@ -34,4 +35,4 @@ def mass_matrix(arm: Arm, at: Posture) -> tuple[Array, Array]:
             entries[j][k] = entries[k][j] = project(arm.joints[j], F)
         at_first.insert(0, F)
         composite = composite.moved(at.E[k], at.l[k])
-    return array(entries), array(at_first).T
+    return array(entries), array(at_first).T, composite

@@ -25,6 +25,7 @@ class ArmInputs:
         base_twist: (6,) of the base origin, world axes.
         base_acceleration: (6,) of the base origin minus [0; g], world axes.
         link_wrenches: (N, 6) external wrenches about the link origins, world axes, or None.
+        mounted: whether the arm stands on a trunk.
     """
 
     arm: Arm
@@ -34,6 +35,7 @@ class ArmInputs:
     base_twist: Array
     base_acceleration: Array
     link_wrenches: Array | None = None
+    mounted: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,14 +47,23 @@ class ArmMotion:
         at: its posture.
         tip_twist: (6,) V(0) of the tip point, world axes.
         bias: wrenches and tip acceleration at qdd = 0.
-        torque: (N,) T: tau less the viscous damping.
+        passive: (N,) what dampers and springs take of it: damping qd + stiffness (q - rest).
+        torque: (N,) T: tau less that.
+        mounted: whether it stands on a trunk, which accelerates its base.
     """
 
     arm: Arm
     at: Posture
     tip_twist: Array
     bias: Bias
+    passive: Array
     torque: Array
+    mounted: bool = False
+
+    @property
+    def base_to_tip(self) -> Array:
+        """(3,) from the base origin to the tip point, world axes [m]."""
+        return self.arm.base.R @ self.at.l[0] + self.at.reach[0]
 
 
 def arm_motion(given: ArmInputs) -> ArmMotion:
@@ -61,15 +72,16 @@ def arm_motion(given: ArmInputs) -> ArmMotion:
     at = posture(arm, given.q)
     twists = link_twists(arm, at, given.qd, given.base_twist)
     b = bias_sweep.bias(arm, at, twists, given.qd, given.base_twist, given.base_acceleration, given.link_wrenches)
-    return ArmMotion(arm, at, tip_twist(arm, at, twists), b, given.tau - arm.damping * given.qd)
+    passive = arm.damping * given.qd + arm.stiffness * (given.q - arm.rest)
+    return ArmMotion(arm, at, tip_twist(arm, at, twists), b, passive, given.tau - passive, given.mounted)
 
 
-def resting(arm: Arm, at: Posture) -> ArmMotion:
+def resting(arm: Arm, at: Posture, *, mounted: bool = False) -> ArmMotion:
     """Return an arm in a posture without torque, motion, gravity or external wrenches."""
     none, n = np.zeros(6), arm.joint_count
-    return ArmMotion(arm, at, none, Bias((none,) * n, none), np.zeros(n))
+    return ArmMotion(arm, at, none, Bias((none,) * n, none), np.zeros(n), np.zeros(n), mounted)
 
 
 def at_rest(motion: ArmMotion) -> ArmMotion:
     """Return the same posture without torque, motion, gravity or external wrenches."""
-    return resting(motion.arm, motion.at)
+    return resting(motion.arm, motion.at, mounted=motion.mounted)

@@ -10,34 +10,34 @@ from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench, unrotate
 
 
-def drive_torques(motion: ArmMotion, qd: Array, qdd: Array, tip_wrench: Array) -> Array:
-    """Return tau = M qdd + C + J^T f + damping qd, (N,): what the drives exert [N m or N]. O(N).
+def drive_torques(motion: ArmMotion, qdd: Array, tip_wrench: Array) -> Array:
+    """Return tau = M qdd + C + J^T f + damping qd + stiffness (q - rest), (N,): what the drives exert [N m or N]. O(N).
 
     Args:
         motion: the arm in motion; its torque does not matter.
-        qd: (N,) joint rates.
         qdd: (N,) joint accelerations.
         tip_wrench: (6,) f of the arm on the object about the tip point, world axes.
     """
-    return newton_euler(motion, qdd, tip_wrench)[0] + motion.arm.damping * qd
+    return newton_euler(motion, qdd, tip_wrench)[0] + motion.passive
 
 
-def newton_euler(motion: ArmMotion, qdd: Array, tip_wrench: Array) -> tuple[Array, Array]:
+def newton_euler(motion: ArmMotion, qdd: Array, tip_wrench: Array, base: Array | None = None) -> tuple[Array, Array]:
     """Return the torques T of given accelerations and tip wrench, and the base wrench.
 
     T = M qdd + C + J^T f (2.1a), link by link: F(k) = phi F(k-1) + M(k) alpha(k) + b(k).
-    Damping is not in T; `drive_torques` adds it. O(N).
+    Dampers and springs are not in T; `drive_torques` adds them. O(N).
 
     Args:
         motion: the arm in motion (its bias wrenches hold M zeta + b).
         qdd: (N,) joint accelerations.
         tip_wrench: (6,) f of the arm on the object about the tip point, world axes.
+        base: (6,) what the base accelerates by more than the motion says, world axes; None for zero.
 
     Returns:
         (N,) torques, and (6,) wrench of the base on the arm about the base origin, world axes.
     """
     arm, at = motion.arm, motion.at
-    alpha = np.zeros(6)
+    alpha = np.zeros(6) if base is None else unrotate(arm.base.R, base)
     forces = []
     for joint, link, E, l, rate, p in zip(arm.joints, arm.links, at.E, at.l, qdd, motion.bias.wrenches, strict=True):
         alpha = unrotate(E, shift_twist(l, alpha)) + expand(joint, rate)

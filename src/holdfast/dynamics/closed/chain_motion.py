@@ -10,6 +10,8 @@ from holdfast.dynamics.arm.motion import ArmInputs, ArmMotion, arm_motion, resti
 from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.closed.object_motion import ObjectMotion, object_motion
+from holdfast.dynamics.closed.spring_wrenches import with_springs
+from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration, TrunkMotion, trunk_at_rest, trunk_motion
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
@@ -29,6 +31,7 @@ class ChainMotion:
         body: the object in motion.
         generic_rank: of the constraint away from singular configurations, where as many rows are to be held
             (`held_rows`); None: each row's pivot decides.
+        trunk: what arms stand on, in motion; None without one.
     """
 
     chain: ClosedChain
@@ -36,6 +39,12 @@ class ChainMotion:
     contacts: list[Contact]
     body: ObjectMotion
     generic_rank: Scalar = None
+    trunk: TrunkMotion | None = None
+
+    @property
+    def lone_on_trunk(self) -> list[str]:
+        """The arms on the trunk that hold nothing, in order: the trunk carries them all the same."""
+        return [name for name in self.chain.mounted_on if name not in self.chain.grasps]
 
     @property
     def holding(self) -> list[ArmMotion]:
@@ -57,6 +66,8 @@ class Solution:
         rank: independent rows of the grasp constraint, where it is found.
         weakest_pivot: the smallest relative pivot met.
         held: which components of the grasps are held, where they are chosen; see `held_rows`.
+        trunk: how the trunk accelerates; None without one.
+        trunk_pivots: (n_t,) articulated inertias about its joints.
     """
 
     qdd: list[Array]
@@ -68,6 +79,8 @@ class Solution:
     rank: Scalar = None
     weakest_pivot: Scalar = 1.0
     held: Array | None = None
+    trunk: TrunkAcceleration | None = None
+    trunk_pivots: Array | None = None
 
 
 def pseudo_gravity(chain: ClosedChain) -> Array:
@@ -84,28 +97,31 @@ def chain_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -
         tau: (n,) joint torques.
         inputs: shaped inputs (`Inputs.shaped`).
     """
+    inputs = with_springs(chain, state, inputs)
     assert inputs.base_twists is not None and inputs.base_accelerations is not None
     assert inputs.object_wrench is not None
     gravity, frame = pseudo_gravity(chain), state.object_frame
-    given = [
-        ArmInputs(
-            arm,
-            state.q[chain.joints[name]],
-            state.qd[chain.joints[name]],
-            tau[chain.joints[name]],
-            inputs.base_twists[i],
-            inputs.base_accelerations[i] - gravity,
-            None if inputs.link_wrenches is None else inputs.link_wrenches[chain.joints[name]],
-        )
-        for i, (name, arm) in enumerate(chain.arms.items())
-    ]
+    trunk = trunk_motion(chain, state, tau, inputs)
+    mounts = {} if trunk is None else trunk.mounts
+    bases = list(zip(inputs.base_twists, inputs.base_accelerations - gravity, strict=True))
+    first = chain.joint_count - sum(arm.joint_count for arm in chain.arms.values())  # row of link wrenches
+    given = []
+    for i, (name, arm) in enumerate(chain.arms.items()):
+        part, mount = chain.joints[name], mounts.get(name)
+        links = None
+        if inputs.link_wrenches is not None:
+            links = inputs.link_wrenches[part.start - first : part.stop - first]
+        twist, acceleration = bases[i] if mount is None else (mount.twist, mount.acceleration)
+        on = arm if mount is None else arm.standing_at(mount.frame)
+        of_joints = state.q[part], state.qd[part], tau[part]
+        given.append(ArmInputs(on, *of_joints, twist, acceleration, links, mount is not None))
     found = each(
         lambda of_arm, grasp: arm_and_grasp(of_arm, grasp, frame, state.object_twist),
         given,
         [chain.grasps.get(name) for name in chain.arms],
     )
     body = object_motion(chain.held_object, frame, state.object_twist, inputs.object_wrench)
-    return _together(chain, found, body)
+    return _together(chain, found, body, trunk)
 
 
 def arm_and_grasp(given: ArmInputs, grasp: Grasp | None, frame: Pose, twist: Array) -> tuple[ArmMotion, Contact | None]:
@@ -118,7 +134,7 @@ def arm_and_grasp(given: ArmInputs, grasp: Grasp | None, frame: Pose, twist: Arr
         twist: (6,) of C, world axes.
     """
     motion = arm_motion(given)
-    return motion, None if grasp is None else contact(grasp, frame, twist, motion.at.tip.R, motion.tip_twist)
+    return motion, None if grasp is None else contact(grasp, frame, twist, motion.at.tip, motion.tip_twist)
 
 
 def chain_at_rest(chain: ClosedChain, state: State) -> ChainMotion:
@@ -129,22 +145,33 @@ def chain_at_rest(chain: ClosedChain, state: State) -> ChainMotion:
         state: positions, taken as they are; velocities do not enter.
     """
     none, frame = np.zeros(6), state.object_frame
+    trunk = trunk_at_rest(chain, state)
+    mounts = {} if trunk is None else trunk.mounts
     found = each(
-        lambda arm, q, grasp: arm_at_rest(arm, q, grasp, frame),
-        chain.arms.values(),
-        [state.q[part] for part in chain.joints.values()],
+        lambda arm, q, grasp, mounted: arm_at_rest(arm, q, grasp, frame, mounted=mounted),
+        [arm.standing_at(mounts[name].frame) if name in mounts else arm for name, arm in chain.arms.items()],
+        [state.q[part] for part in chain.arm_joints],
         [chain.grasps.get(name) for name in chain.arms],
+        [name in mounts for name in chain.arms],
     )
-    return _together(chain, found, object_motion(chain.held_object, frame, none, none))
+    return _together(chain, found, object_motion(chain.held_object, frame, none, none), trunk)
 
 
-def arm_at_rest(arm: Arm, q: Array, grasp: Grasp | None, frame: Pose) -> tuple[ArmMotion, Contact | None]:
+def arm_at_rest(
+    arm: Arm, q: Array, grasp: Grasp | None, frame: Pose, *, mounted: bool = False
+) -> tuple[ArmMotion, Contact | None]:
     """Return an arm at rest, and its grasp if it has one; see `arm_and_grasp`."""
     none = np.zeros(6)
     at = posture(arm, q)
-    return resting(arm, at), None if grasp is None else contact(grasp, frame, none, at.tip.R, none)
+    still = resting(arm, at, mounted=mounted)
+    return still, None if grasp is None else contact(grasp, frame, none, at.tip, none)
 
 
-def _together(chain: ClosedChain, found: list[tuple[ArmMotion, Contact | None]], body: ObjectMotion) -> ChainMotion:
+def _together(
+    chain: ClosedChain,
+    found: list[tuple[ArmMotion, Contact | None]],
+    body: ObjectMotion,
+    trunk: TrunkMotion | None,
+) -> ChainMotion:
     arms = {name: motion for name, (motion, _) in zip(chain.arms, found, strict=True)}
-    return ChainMotion(chain, arms, [held for _, held in found if held is not None], body)
+    return ChainMotion(chain, arms, [held for _, held in found if held is not None], body, trunk=trunk)

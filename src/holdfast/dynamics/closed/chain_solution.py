@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +13,9 @@ from holdfast.dynamics.arm.newton_euler import newton_euler
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, pseudo_gravity
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.tip_response import Route, responded, tip_response
+from holdfast.dynamics.trunk.trunk_motion import TrunkMotion
 from holdfast.spatial.scalar import Array, array, concatenate, each
-from holdfast.spatial.spatial_vector import shift_twist
+from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 
 
 class ChainSolution(NamedTuple):
@@ -26,6 +28,8 @@ class ChainSolution(NamedTuple):
         contact_acceleration: W_dot, flat.
         base_wrench: (arms, 6) of the base on the arm, about the base origin.
         lone_pivots: by name, articulated inertias of the arms that hold nothing.
+        base_acceleration: (6,) true acceleration of a floating base; None without one.
+        trunk_base_wrench: (6,) of the base on the trunk, about the base origin; None without a trunk.
     """
 
     qdd: Array
@@ -34,6 +38,8 @@ class ChainSolution(NamedTuple):
     contact_acceleration: Array
     base_wrench: Array
     lone_pivots: dict[str, Array]
+    base_acceleration: Array | None = None
+    trunk_base_wrench: Array | None = None
 
 
 def chain_solution(motion: ChainMotion, found: Solution, route: Route) -> ChainSolution:
@@ -46,37 +52,75 @@ def chain_solution(motion: ChainMotion, found: Solution, route: Route) -> ChainS
     """
     chain = motion.chain
     lone = [name for name in chain.arms if name not in chain.grasps]
-    alone = each(lambda arm: unloaded(arm, route), [motion.arms[name] for name in lone])
+    trunk, betas = motion.trunk, []
+    if trunk is not None and found.trunk is not None:
+        betas = trunk.accelerations(found.trunk)
+    under = {name: None if trunk is None else trunk.under(name, betas) for name in chain.arms}
+    alone = each(lambda arm, beta: unloaded(arm, route, beta), [motion.arms[n] for n in lone], [under[n] for n in lone])
+    holds = [under[name] for name in chain.grasps]
     bases = found.base_wrenches
     if bases is None:
-        bases = each(lambda arm, qdd, f: newton_euler(arm, qdd, f)[1], motion.holding, found.qdd, found.wrenches)
+        bases = each(
+            lambda arm, qdd, f, beta: newton_euler(arm, qdd, f, beta)[1],
+            motion.holding,
+            found.qdd,
+            found.wrenches,
+            holds,
+        )
     rates = found.contact_acceleration
     if rates is None:
         alpha = found.object_acceleration
         parts = each(
-            lambda arm, c, qdd: contact_acceleration(arm, c, qdd, alpha), motion.holding, motion.contacts, found.qdd
+            lambda arm, c, qdd, beta: contact_acceleration(arm, c, qdd, alpha, beta),
+            motion.holding,
+            motion.contacts,
+            found.qdd,
+            holds,
         )
         rates = concatenate(parts)
     holding = zip(chain.grasps, zip(found.qdd, found.wrenches, bases, strict=True), strict=True)
     none = np.zeros(6)
     of_arm = dict(holding) | {name: (qdd, none, base) for name, (qdd, base, _) in zip(lone, alone, strict=True)}
+    of_trunk = () if found.trunk is None else (found.trunk.qdd,)
     return ChainSolution(
-        concatenate(of_arm[name][0] for name in chain.arms),
+        concatenate([*of_trunk, *(of_arm[name][0] for name in chain.arms)]),
         array([of_arm[name][1] for name in chain.arms]),
         found.object_acceleration + pseudo_gravity(chain),
         rates,
         array([of_arm[name][2] for name in chain.arms]),
         {name: pivots for name, (_, _, pivots) in zip(lone, alone, strict=True)},
+        None if found.trunk is None else found.trunk.base,
+        None if trunk is None else base_wrench(trunk, betas, {name: of_arm[name][2] for name in trunk.mounts}),
     )
 
 
-def unloaded(arm: ArmMotion, route: Route) -> tuple[Array, Array, Array]:
+def base_wrench(trunk: TrunkMotion, betas: list[Array], of_arms: Mapping[str, Array]) -> Array:
+    """Return the wrench of the base on the trunk, (6,) about the base origin, world axes; 0 below a floating base.
+
+    Args:
+        trunk: the trunk in motion.
+        betas: per body, what the joints of the trunk add to its acceleration.
+        of_arms: by name, the wrench of the trunk on each arm about the arm's base origin.
+    """
+    if trunk.floats:
+        return np.zeros(6)
+    total = np.zeros(6)
+    for k in reversed(range(len(trunk.bodies))):
+        body = trunk.bodies[k]
+        total = total + body.wrench + body.inertia.apply(betas[k])
+        for name, mount in trunk.mounts.items():
+            if mount.body == k:
+                total = total + shift_wrench(mount.offset, of_arms[name])
+        total = shift_wrench(body.reach, total)
+    return total
+
+
+def unloaded(arm: ArmMotion, route: Route, beta: Array | None = None) -> tuple[Array, Array, Array]:
     """Return qdd, the base's wrench on the arm and its pivots, of an arm that holds nothing."""
     tip = tip_response(arm, route)
-    return *responded(tip, np.zeros(6)), tip.pivots
+    return *responded(tip, np.zeros(6), beta), tip.pivots
 
 
-def contact_acceleration(arm: ArmMotion, c: Contact, qdd: Array, alpha: Array) -> Array:
+def contact_acceleration(arm: ArmMotion, c: Contact, qdd: Array, alpha: Array, beta: Array | None = None) -> Array:
     """Return W_dot = h^T (A alpha(C) + a(C) - alpha+ - g) of one grasp (a.8)."""
-    gap = shift_twist(c.offset, alpha) + c.a - tip_acceleration(arm, qdd) - c.g
-    return gap[:3] @ c.h
+    return c.rates(shift_twist(c.offset, alpha) + c.a - tip_acceleration(arm, qdd, beta) - c.g)

@@ -1,8 +1,11 @@
-"""One grasp in motion: where it is, how it may turn, what it transmits (paper, App. A).
+"""One grasp in motion: where it is, how it may move, what it transmits (paper, App. A).
 
 V- = V+ + H^T W,                  V- = A V(C) on the object's side, V+ at the tip    (a.6)
 alpha- = alpha+ + H^T W_dot + g,  g = Hdot^T W                                       (a.8)
 H f = 0  <=>  f = K^T lambda,     K H^T = 0                                          (a.7)
+
+Where the object also slides, all three are about the tip's point. The object's side is that of whichever point of the
+object is there, and g has a Coriolis term more, [0; w x (H^T W)_v] (docs/theory/contacts.md).
 """
 
 from __future__ import annotations
@@ -25,22 +28,28 @@ class Contact:
     Attributes:
         grasp: the grasp.
         R: (3, 3) axes of freedom and transmission, to world axes.
-        offset: (3,) l(C, O), from C to the contact point [m].
-        rows: which components of a wrench along `R` it transmits: the rows of K.
+        offset: (3,) l(C, O), from C to the contact point, the tip's where the object slides [m].
+        origin: (3,) from C to the contact frame's origin; else the same [m].
+        frame: (3, 3) attitude of the contact frame.
+        rows: which components of a wrench along its `directions` it transmits: the rows of K.
         h: (3, n_g) axes of free rotation.
-        W: (n_g,) relative rates, omega_object - omega_tip = h W [rad/s].
+        s: (3, n_g) directions of free sliding, H^T = [h; s]; None where nothing slides.
+        W: (n_g,) relative rates, A V(C) - V+ = H^T W [rad/s, m/s].
         velocity_gap: (6 - n_g,) K (A V(C) - V+): zero when the velocities agree.
         a: (6,) a(C) = [0; w x (w x l)].
-        g: (6,) Hdot^T W = [w x h W; 0], w of the body that carries the axes h.
-        held: (6,) 1 for the components along `R` that are held, 0 for those that follow from others (see
+        g: (6,) Hdot^T W = [w x h W; 0], w of the body that carries the axes h, and more where something slides.
+        held: (6,) 1 for the components along its directions that are held, 0 for those that follow from others (see
             `held_rows`); None where every transmitted one is held and its pivot decides.
     """
 
     grasp: Grasp
     R: Array
     offset: Array
+    origin: Array
+    frame: Array
     rows: tuple[int, ...]
     h: Array
+    s: Array | None
     W: Array
     velocity_gap: Array
     a: Array
@@ -49,16 +58,17 @@ class Contact:
 
     def transmitted(self, x: Array) -> Array:
         """Return K x: the part of a world-axes 6-vector along the transmitted directions."""
-        return unrotate(self.R, x)[list(self.rows)]
+        return self.grasp.of_kind.along(unrotate(self.R, x))[list(self.rows)]
 
     def transmissible(self, f: Array) -> Array:
         """Return K^T K f: a wrench about the contact, world axes, free moments taken as exactly 0."""
         if len(self.rows) == 6:
             return f
-        if self.rows == (3, 4, 5):
+        if self.rows == (3, 4, 5) and self.grasp.of_kind.aligned:
             return concatenate([np.zeros(3), f[3:]])
-        kept = array([x if i in self.rows else 0.0 for i, x in enumerate(unrotate(self.R, f))])
-        return rotate(self.R, kept)
+        kind = self.grasp.of_kind
+        kept = array([x if i in self.rows else 0.0 for i, x in enumerate(kind.along(unrotate(self.R, f)))])
+        return rotate(self.R, kind.back(kept))
 
     def about(self, centre: Array, centripetal: Array) -> Contact:
         """Return the contact as seen from another point of the object than C.
@@ -73,43 +83,58 @@ class Contact:
     @property
     def K(self) -> Array:
         """(6 - n_g, 6) orthonormal rows along the transmitted directions, world axes."""
-        return array([rotate(self.R, row) for row in np.eye(6)[list(self.rows)]])
+        return array([rotate(self.R, row) for row in self.grasp.of_kind.directions[list(self.rows)]])
 
     @property
     def HT(self) -> Array:
-        """H^T = [h; 0], (6, n_g)."""
-        return np.vstack([self.h, 0.0 * self.h])
+        """H^T = [h; s], (6, n_g)."""
+        return np.vstack([self.h, 0.0 * self.h if self.s is None else self.s])
+
+    def rates(self, gap: Array) -> Array:
+        """Return W of a 6-vector H^T W, world axes, (n_g,)."""
+        return gap[:3] @ self.h if self.s is None else self.grasp.of_kind.rate_map @ unrotate(self.R, gap)
 
 
-def contact(grasp: Grasp, object_frame: Pose, object_twist: Array, tip: Array, tip_twist: Array) -> Contact:
+def contact(grasp: Grasp, object_frame: Pose, object_twist: Array, tip: Pose, tip_twist: Array) -> Contact:
     """Return the grasp in motion.
 
     Args:
         grasp: the grasp.
         object_frame: pose of the object (origin C) in the world.
         object_twist: (6,) of C, world axes.
-        tip: (3, 3) attitude of the arm's tip in the world.
+        tip: pose of the arm's tip in the world.
         tip_twist: (6,) of the arm's tip point, world axes.
     """
-    kind = grasp.of_kind
-    R = kind.axes(object_frame.R @ grasp.frame.R, tip)
-    offset = object_frame.R @ grasp.frame.p
+    kind, turn = grasp.of_kind, object_twist[:3]
+    frame, origin = object_frame.R @ grasp.frame.R, object_frame.R @ grasp.frame.p
+    R = kind.axes(frame, tip.R)
+    offset = tip.p - object_frame.p if kind.slides else origin
     gap = shift_twist(offset, object_twist) - tip_twist
-    h = np.eye(3) if "world" in kind.carried_by else R[:, list(kind.free)]
-    W = gap[:3] @ h
-    turning = np.zeros(3)
-    for body, w in (("object", object_twist[:3]), ("tip", tip_twist[:3])):
+    s = None
+    if kind.slides:
+        HT = array([rotate(R, column) for column in kind.motion.T]).T
+        h, s, W = HT[:3], HT[3:], kind.rate_map @ unrotate(R, gap)
+    else:
+        h = np.eye(3) if "world" in kind.carried_by else R[:, list(kind.free)]
+        W = gap[:3] @ h
+    turning, sliding = np.zeros(3), np.zeros(3)
+    for body, w in (("object", turn), ("tip", tip_twist[:3])):
         axes = kind.axes_carried_by(body)
         if axes:
             turning = turning + cross(w, h[:, axes] @ W[axes])
+        if axes and s is not None:  # the second time as the point passes through the object
+            sliding = sliding + cross(w, s[:, axes] @ W[axes]) + cross(turn, s[:, axes] @ W[axes])
     return Contact(
         grasp,
         R,
         offset,
+        origin,
+        frame,
         kind.transmitted,
         h,
+        s,
         W,
-        unrotate(R, gap)[list(kind.transmitted)],
-        concatenate([np.zeros(3), centripetal(object_twist[:3], offset)]),
-        concatenate([turning, np.zeros(3)]),
+        kind.along(unrotate(R, gap))[list(kind.transmitted)],
+        concatenate([np.zeros(3), centripetal(turn, offset)]),
+        concatenate([turning, sliding]),
     )

@@ -15,6 +15,7 @@ from holdfast.spatial.linalg import largest_first
 from holdfast.spatial.scalar import Array, Scalar, array, where
 
 ROUNDING = 1e-14  # a pivot below this part of its size is zero
+MOST_FACTORS = 12
 NOTHING = 1e-32  # of sigma: what such a column adds to it is less than the rounding of its rounding
 
 
@@ -22,8 +23,8 @@ class FactoredMobility(NamedTuple):
     """P = sum_j D_j w_j w_j^T.
 
     Attributes:
-        D: six factors >= 0.
-        w: six columns, (6,) each.
+        D: factors >= 0: six, and one more for each joint of a trunk that was released since.
+        w: as many columns, (6,) each.
     """
 
     D: list[Scalar]
@@ -37,6 +38,30 @@ class FactoredMobility(NamedTuple):
         """Return P, (6, 6)."""
         W = array(self.w).T
         return (W * array(self.D)) @ W.T
+
+    def plus(self, D: list[Scalar], w: list[Array]) -> FactoredMobility:
+        """Return P + sum D w w^T, compressed to six factors when there are too many."""
+        more = FactoredMobility([*self.D, *D], [*self.w, *w])
+        return more if len(more.D) <= MOST_FACTORS else more.compressed()
+
+    def compressed(self) -> FactoredMobility:
+        """Return the same in six factors, P = U diag(D) U^T by weighted Gram-Schmidt: nothing is subtracted.
+
+        Row j of W less its part along the rows after it has the weight D_j = sum_k D_k W_jk^2
+        (C. L. Thornton and G. J. Bierman, 1976: the time update of their filter).
+        """
+        W, D = [array(row) for row in array(self.w).T], array(self.D)
+        found: list[Scalar] = [0.0] * len(W)
+        U = [[1.0 if i == j else 0.0 for j in range(len(W))] for i in range(len(W))]
+        for j in reversed(range(len(W))):
+            weighted = D * W[j]
+            found[j] = weighted @ W[j]
+            alive = found[j] > 0.0
+            inverse = where(alive, 1.0 / where(alive, found[j], 1.0), 0.0)
+            for i in range(j):
+                U[i][j] = (weighted @ W[i]) * inverse
+                W[i] = W[i] - U[i][j] * W[j]
+        return FactoredMobility(found, [array(column) for column in array(U).T])
 
 
 def factored(P: Array, size: Array) -> FactoredMobility:

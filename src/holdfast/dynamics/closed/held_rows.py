@@ -10,7 +10,7 @@ slope a smooth function beside the manifold too: the scheme keeps its order (doc
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,7 +19,6 @@ import numpy as np
 from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.object_filter import ObjectSolution, object_filter
-from holdfast.dynamics.closed.object_motion import FreeBody
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.scalar import Array, Scalar, array, select, where
@@ -27,6 +26,9 @@ from holdfast.spatial.scalar import Array, Scalar, array, select, where
 # Relative pivots below which a row is passed over, as long as enough rows are left: rows far from dependent are held
 # rather than weak ones, which soon would be.
 TOLERANCES = (1e-2, 1e-4, 1e-8, RANK_TOLERANCE)
+
+
+Solve = Callable[[list[Contact], float], ObjectSolution]
 
 
 def with_strongest_rows(
@@ -46,20 +48,29 @@ def with_strongest_rows(
         constrain a rate only (grasps, 2, 6): in velocity, then in position, where there are fewer rows.
     """
     contacts, body = motion.contacts, motion.body.free
-    found = _strongest(contacts, tips, body, generic_rank)
+    return strongest_rows(lambda rows, tolerance: object_filter(rows, tips, body, tolerance), contacts, generic_rank)
+
+
+def strongest_rows(solve: Solve, contacts: list[Contact], generic_rank: Scalar) -> tuple[ObjectSolution, Array]:
+    """Return what `with_strongest_rows` does, for any filter.
+
+    Args:
+        solve: contacts that say which rows are held, relative size of a pivot that counts as zero -> solution.
+        contacts: the grasps.
+        generic_rank: of the constraint away from singular configurations.
+    """
+    found = _strongest(solve, contacts, generic_rank)
     held = [_components(contacts, found.independent)]
     if any(c.grasp.of_kind.rate_rows for c in contacts):
         of_positions = [replace(c, rows=c.grasp.of_kind.position_rows) for c in contacts]
-        held.append(_components(of_positions, _strongest(of_positions, tips, body, None).independent))
+        held.append(_components(of_positions, _strongest(solve, of_positions, None).independent))
     return found, np.stack(held, axis=1)
 
 
-def _strongest(
-    contacts: list[Contact], tips: list[TipResponse], body: FreeBody, generic_rank: Scalar | None
-) -> ObjectSolution:
+def _strongest(solve: Solve, contacts: list[Contact], generic_rank: Scalar | None) -> ObjectSolution:
     """Return the solution with the largest pivots that has the generic rank; None: the rank here."""
     rows = [c if c.held is not None else replace(c, held=np.ones(6)) for c in contacts]
-    *stronger, found = [object_filter(rows, tips, body, tolerance) for tolerance in TOLERANCES]
+    *stronger, found = [solve(rows, tolerance) for tolerance in TOLERANCES]
     rank = found.rank if generic_rank is None else generic_rank
     for one in stronger[::-1]:
         found = _chosen(one.rank >= rank, one, found)

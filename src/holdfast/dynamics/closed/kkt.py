@@ -6,6 +6,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
 from holdfast.dynamics.closed.stacked import Stacked
+from holdfast.dynamics.trunk.whole_chain import of_whole_chain, whole_chain
 from holdfast.errors import MethodNotApplicable
 from holdfast.spatial.gauss import gauss_solve
 
@@ -18,23 +19,25 @@ def kkt(motion: ChainMotion) -> Solution:
         [-A^T   0     M(C)  0   ] [ alpha_C ]   [ -b(C)              ]
         [ H     0     0     0   ] [ W_dot   ]   [ 0                  ]
 
-    (2.11) corrected (errata A) where H is empty. Regular exactly when f is unique.
+    (2.11) corrected (errata A) where H is empty. Regular exactly when f is unique. M, J and T - C are those of trunk
+    and arms together where there is a trunk.
 
     Raises:
         MethodNotApplicable: if the matrix is singular.
     """
     s = Stacked(motion)
-    l6, n, w = len(s.a), len(s.T_free), s.HT.shape[1]
+    M, T_free, J = (s.M, s.T_free, s.J) if motion.trunk is None else whole_chain(motion)
+    l6, n, w = len(s.a), len(T_free), s.HT.shape[1]
     zeros = np.zeros
     matrix = np.block(
         [
-            [zeros((l6, l6)), s.J, -s.A, s.HT],
-            [s.J.T, s.M, zeros((n, 6)), zeros((n, w))],
+            [zeros((l6, l6)), J, -s.A, s.HT],
+            [J.T, M, zeros((n, 6)), zeros((n, w))],
             [-s.A.T, zeros((6, n)), s.M_C, zeros((6, w))],
             [s.HT.T, zeros((w, n)), zeros((w, 6)), zeros((w, w))],
         ]
     )
-    rhs = np.concatenate([s.a - s.g - s.Jdot_qd, s.T_free, -s.b, zeros(w)])
+    rhs = np.concatenate([s.a - s.g - s.Jdot_qd, T_free, -s.b, zeros(w)])
     x, nullity = gauss_solve(matrix, rhs)
     if nullity:
         raise MethodNotApplicable(
@@ -42,4 +45,6 @@ def kkt(motion: ChainMotion) -> Solution:
             " try method='sequential'"
         )
     f, qdd, alpha_C, W_dot = np.split(x, np.cumsum([l6, n, 6]))
+    if motion.trunk is not None:
+        return of_whole_chain(motion, qdd, f, W_dot, alpha_C)
     return s.solution(qdd, f, W_dot, alpha_C)

@@ -26,7 +26,8 @@ class Measurement(NamedTuple):
     Attributes:
         C: K A, (rows, 6).
         R: K Lambda K^T, the "measurement noise".
-        r: (rows,) K (alpha_f + g - a).
+        r: (rows,) K (alpha_f + g - a); of an arm on a trunk (rows, 7) [r | K X], r + K X beta for an acceleration
+            beta of the trunk.
         extent: (4,) how mobile the arm is where it measures: angular [1/(kg m^2)], linear with what turns
             at the end of the arm's length, linear [1/kg], and the squared distance of that point from G [m^2].
         angular: which rows are moments.
@@ -76,16 +77,35 @@ class Update(NamedTuple):
     """What is left of one arm for the way back.
 
     Attributes:
-        back_substitute: s (6,), the wrench at G of everything behind -> the arm's own, C^T lambda.
+        back_substitute: s (6,), the wrench at G of everything behind, and beta (6,) of the trunk, or None -> the
+            arm's own, C^T lambda.
         kept: how many of its rows are independent of those before.
         weakest: the smallest pivot kept, relative to a typical one.
         independent: (rows,) 1 for the rows that are kept, where the contact says which are held.
+        on_trunk: (6, 7) [wrench | inertia] that the grasp adds to the trunk's body: E^T S^-1 (r - C x), of a
+            mounted arm.
     """
 
-    back_substitute: Callable[[Array], Array]
+    back_substitute: Callable[..., Array]
     kept: Scalar
     weakest: Scalar
     independent: Array | None = None
+    on_trunk: Array | None = None
+
+
+def of_beta(columns: Array, beta: Array | None) -> Array:
+    """Return x + X beta of columns [x | X], (rows, 7); x itself, (rows,), where there is no trunk."""
+    return columns if columns.ndim == 1 else columns[:, 0] + columns[:, 1:] @ beta
+
+
+def with_columns(first: Array, tip: TipResponse) -> Array:
+    """Return (6, 7) a tip's acceleration, and what it has of the trunk's; (6,) the acceleration of an arm without."""
+    return first if tip.base is None else np.column_stack([first, tip.base.X])
+
+
+def column_wise(f: Callable[[Array], Array], columns: Array) -> Array:
+    """Return f of a 6-vector, or of each column of a (6, m) matrix."""
+    return f(columns) if columns.ndim == 1 else array([f(column) for column in columns.T]).T
 
 
 def measurement(c: Contact, tip: TipResponse) -> Measurement:
@@ -95,22 +115,24 @@ def measurement(c: Contact, tip: TipResponse) -> Measurement:
         c: its grasp, seen from G.
         tip: its answer at its tip.
     """
-    r = tip.free_acceleration + c.g - c.a
+    r = with_columns(tip.free_acceleration + c.g - c.a, tip)
     turning, moving = block_sizes(tip.mobility)
     summed = moving + tip.length * tip.length * turning  # levers are sums of links
     lever, most = c.offset @ c.offset, len(tip.pivots)
     if len(c.rows) == 6 and c.held is None:
         R = tip.mobility.mobility_shifted(-c.offset).dense()
         extent = array([turning, summed + lever * turning, moving + lever * turning, 0.0 * turning])
-        return Measurement(np.eye(6), R, shift_twist(-c.offset, r), extent, ANGULAR, most, True)
+        at_centre = column_wise(lambda one: shift_twist(-c.offset, one), r)
+        return Measurement(np.eye(6), R, at_centre, extent, ANGULAR, most, True)
     rows = list(c.rows)
     C = array([shift_wrench(c.offset, row) for row in c.K])  # (K A)^T = A^T K^T
-    R = tip.mobility.rotated(c.R.T).dense()[rows][:, rows]
-    r = c.transmitted(r)
+    kind, R = c.grasp.of_kind, tip.mobility.rotated(c.R.T).dense()
+    R = kind.along(kind.along(R).T)[rows][:, rows]
+    r = column_wise(c.transmitted, r)
     held = None if c.held is None else c.held[rows]
     if held is not None:
-        C, R, r = (C.T * held).T, R * outer(held, held), r * held
-    angular = tuple(ANGULAR[i] for i in rows)
+        C, R, r = (C.T * held).T, R * outer(held, held), (r.T * held).T
+    angular = tuple(kind.angular[i] for i in rows)
     return Measurement(C, R, r, array([turning, summed, moving, lever]), angular, most, False, held)
 
 

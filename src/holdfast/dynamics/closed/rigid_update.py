@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.closed.measurement import Measurement, Update
+from holdfast.dynamics.closed.measurement import Measurement, Update, of_beta
 from holdfast.spatial.linalg import RANK_TOLERANCE, ldl, ldl_solve
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.spatial.symmetric import mirrored
@@ -16,12 +16,14 @@ def rigid_update(x: Array, P: Array, m: Measurement, size: Array) -> tuple[Array
     """Return x, P after a rigidly held arm, and its back-substitution.
 
     S = P + R,  Gt = S^-1 P,  nu = S^-1 (r - x);  x += P nu,  P = P S^-1 R = Gt^T R: nothing is
-    subtracted, and R may be singular (docs/theory/sequential_filter.md). Null pivots of S are dropped.
+    subtracted, and R may be singular (docs/theory/sequential_filter.md). Null pivots of S are dropped. With a trunk
+    x and r have its columns behind them.
     """
     S = ldl(P + m.R, m.pivot_sizes(size), RANK_TOLERANCE, m.typical_pivots(size))
     gain = ldl_solve(S, P)
     nu = ldl_solve(S, m.r - x)
-    update = Update(lambda s: nu - gain @ s, S.kept, S.weakest)
+    on_trunk = None if nu.ndim == 1 else (m.r - x)[:, 1:].T @ nu
+    update = Update(lambda s, beta=None: of_beta(nu, beta) - gain @ s, S.kept, S.weakest, None, on_trunk)
     return x + P @ nu, mirrored(gain.T @ m.R), update
 
 

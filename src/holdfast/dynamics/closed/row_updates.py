@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, updated
@@ -30,29 +32,36 @@ def row_updates(
         size: (3,) how mobile P is, for judging pivots.
         tolerance: relative size of a pivot that counts as zero.
     """
-    rows: list[tuple[Array, Array, Scalar]] = []
+    rows: list[tuple[Array, Array, Any]] = []
+    width = 1 if m.r.ndim == 1 else m.r.shape[1]
+    on_trunk = None if m.r.ndim == 1 else np.zeros((width - 1, width))
     independent: Array | None = None if m.held is None else np.zeros(len(m.held))
     kept: Scalar = 0
     weakest: Scalar = 1.0
     for d, row in zip(*independent_rows(m, m.pivot_sizes(size), m.typical_pivots(size)), strict=True):
-        c, r, scale, typical = row[:6], row[6], row[7], row[8]
+        c, (scale, typical) = row[:6], row[6 + width : 8 + width]
+        r = row[6] if m.r.ndim == 1 else row[6 : 6 + width]
         P, k, sigma, alive = updated(P, c, d, tolerance * scale)
         inverse = where(alive, 1.0 / where(alive, sigma, 1.0), 0.0)
-        nu = (r - c @ x) * inverse
-        x = x + nu * k
+        e = r - c @ x
+        nu = e * inverse
+        x = x + (nu * k if on_trunk is None else outer(k, nu))
         rows.append((c, inverse * k, nu))
         kept = kept + where(alive, 1, 0)
         weakest = minimum(weakest, where(alive, sigma / where(alive, typical, 1.0), 1.0))
         if independent is not None:
-            independent = independent + row[10:] * where(alive, 1.0, 0.0)
+            independent = independent + row[9 + width :] * where(alive, 1.0, 0.0)
+        if on_trunk is not None:
+            on_trunk = on_trunk + outer(e[1:], nu)
 
-    def back_substitute(s: Array) -> Array:
+    def back_substitute(s: Array, beta: Array | None = None) -> Array:
         from_arm = np.zeros(6)
         for c, gain, nu in reversed(rows):
-            from_arm = from_arm + (nu - gain @ (s + from_arm)) * c
+            own = nu if beta is None else nu[0] + nu[1:] @ beta
+            from_arm = from_arm + (own - gain @ (s + from_arm)) * c
         return from_arm
 
-    return x, P, Update(back_substitute, kept, weakest, independent)
+    return x, P, Update(back_substitute, kept, weakest, independent, on_trunk)
 
 
 def independent_rows(m: Measurement, scale: Array, typical: Array) -> tuple[list[Scalar], Array]:
@@ -63,9 +72,11 @@ def independent_rows(m: Measurement, scale: Array, typical: Array) -> tuple[list
 
     Returns:
         (rows,) d >= 0, and (rows, 10): L^-1 [C, r], each row's scale, its typical pivot, and one over
-        the part of the scale that is R's, in the chosen order. Where rows are held, six columns or fewer more say which
-        of them each was.
+        the part of the scale that is R's, in the chosen order; six columns more behind r with a trunk. Where rows are
+        held, six columns or fewer more say which of them each was.
     """
+    width = 1 if m.r.ndim == 1 else m.r.shape[1]
+    numbers, inverse_size = 6 + width, 8 + width  # of the columns L^-1 [C, r]; of the one over the size
     inverse_sizes = array([where(size > 0.0, 1.0 / where(size > 0.0, size, 1.0), 0.0) for size in m.own_sizes()])
     which = [] if m.held is None else [np.eye(len(m.held))]
     R, rows = m.R, np.column_stack([m.C, m.r, scale, typical, inverse_sizes, *which])
@@ -76,16 +87,17 @@ def independent_rows(m: Measurement, scale: Array, typical: Array) -> tuple[list
             order = list(range(count))
             order[i], order[j] = j, i
             # by more than rounding: rows that are equally immobile keep their order
-            larger = R[i, i] * rows[i, 9] > R[j, j] * rows[j, 9] + SAME
+            larger = R[i, i] * rows[i, inverse_size] > R[j, j] * rows[j, inverse_size] + SAME
             R = select(larger, R[np.ix_(order, order)], R)
             rows = select(larger, rows[order], rows)
         if j >= m.most:  # what is left of R is the rounding of zero
             return d + [0.0] * (count - j), rows
-        alive = R[j, j] * rows[j, 9] > ROUNDING
+        alive = R[j, j] * rows[j, inverse_size] > ROUNDING
         d.append(where(alive, R[j, j], 0.0))
         below = R[j + 1 :, j] * where(alive, 1.0 / where(alive, R[j, j], 1.0), 0.0)
         rest = R[j + 1 :, j + 1 :] - outer(below, R[j, j + 1 :])
         R = np.concatenate([R[: j + 1], np.hstack([R[j + 1 :, : j + 1], rest])])
-        less = np.column_stack([outer(below, rows[j, :7]), np.zeros((len(below), rows.shape[1] - 7))])
+        rest_of_row = np.zeros((len(below), rows.shape[1] - numbers))
+        less = np.column_stack([outer(below, rows[j, :numbers]), rest_of_row])
         rows = np.concatenate([rows[: j + 1], rows[j + 1 :] - less])
     return d, rows

@@ -10,6 +10,7 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
 from holdfast.dynamics.closed.held_rows import with_strongest_rows
 from holdfast.dynamics.closed.object_filter import object_filter
 from holdfast.dynamics.closed.tip_response import Route, responded, tip_response
+from holdfast.dynamics.trunk.trunk_dynamics import trunk_dynamics
 from holdfast.spatial.scalar import each
 
 
@@ -20,6 +21,8 @@ def sequential(motion: ChainMotion, route: Route = "auto") -> Solution:
         motion: the chain in motion.
         route: how each arm answers at its tip.
     """
+    if motion.trunk is not None:
+        return trunk_dynamics(motion, route)
     tips = each(lambda arm: tip_response(arm, route), motion.holding)
     if motion.generic_rank is None:
         found, held = object_filter(motion.contacts, tips, motion.body.free), None

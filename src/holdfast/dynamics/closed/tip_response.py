@@ -20,9 +20,10 @@ from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.arm.motion import ArmMotion
 from holdfast.dynamics.arm.tip_mobility import tip_mobility
+from holdfast.spatial.inertia import RigidInertia
 from holdfast.spatial.linalg import back_substitution, cholesky, forward_substitution
-from holdfast.spatial.scalar import Array, Scalar, concatenate, maximum, where
-from holdfast.spatial.spatial_vector import rotate, shift_wrench, unrotate
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, where
+from holdfast.spatial.spatial_vector import rotate, shift_wrench, twist_shift, unrotate
 from holdfast.spatial.symmetric import Symmetric6, symmetric6
 
 Route = Literal["recursive", "mass_matrix", "auto"]
@@ -33,6 +34,27 @@ RECURSION_PAYS_FROM = 18
 NO_INERTIA = 1e-14  # of the arm's largest articulated inertia: what is left is rounding
 
 
+class BaseResponse(NamedTuple):
+    """How one arm answers at its base, which a trunk accelerates by beta more than its motion says, world axes.
+
+        alpha_tip = alpha_f + X beta - Lambda f,    w_base = w_f + Y beta + X^T f
+
+    Attributes:
+        X: (6, 6) from beta at the base to the acceleration of the tip point.
+        Y: inertia that the base feels while the joints are free.
+        wrench: (6,) w_f of the base on the arm about the base origin, with beta and f zero.
+    """
+
+    X: Array
+    Y: Symmetric6
+    wrench: Array
+
+    def seen_from(self, offset: Array) -> BaseResponse:
+        """Return the same about another point of the body that carries the base, `offset` from there to it [m]."""
+        X = array([shift_wrench(offset, row) for row in self.X])  # X phi^T
+        return BaseResponse(X, self.Y.inertia_shifted(offset), shift_wrench(offset, self.wrench))
+
+
 class TipResponse(NamedTuple):
     """How one arm answers at its tip, world axes about the tip point.
 
@@ -40,15 +62,17 @@ class TipResponse(NamedTuple):
         mobility: Lambda(0).
         free_acceleration: (6,) alpha_f(0), less [0; g].
         pivots: (N,) positive for a proper arm: D, or the squared Cholesky diagonal.
-        back_substitute: f (6,) -> (qdd (N,), base wrench (6,) about the base origin, world axes).
+        back_substitute: f (6,), beta (6,) or None -> (qdd (N,), base wrench (6,) about the base origin, world axes).
         length: of the arm stretched out, which levers are sums of [m].
+        base: how it answers at its base; None unless it stands on a trunk.
     """
 
     mobility: Symmetric6
     free_acceleration: Array
     pivots: Array
-    back_substitute: Callable[[Array], tuple[Array, Array]]
+    back_substitute: Callable[..., tuple[Array, Array]]
     length: float
+    base: BaseResponse | None = None
 
 
 def tip_response(motion: ArmMotion, route: Route) -> TipResponse:
@@ -64,15 +88,23 @@ def recursive(motion: ArmMotion) -> TipResponse:
     filter = articulated_filter(arm, at)
     eps, at_base = whiten(arm, at, filter, motion.torque, motion.bias.wrenches, None)
     _, tip = smooth(arm, at, filter, eps / filter.D)
-    R = at.R[-1]
+    R, base_R = at.R[-1], arm.base.R
+    base = None
+    if motion.mounted:
+        still = np.zeros(arm.joint_count)
+        X = array([rotate(R, smooth(arm, at, filter, still, unrotate(base_R, unit))[1]) for unit in np.eye(6)]).T
+        base = BaseResponse(X, filter.at_base.rotated(base_R), rotate(base_R, at_base))
 
-    def back_substitute(f: Array) -> tuple[Array, Array]:
+    def back_substitute(f: Array, beta: Array | None = None) -> tuple[Array, Array]:
         from_wrench, base_from_wrench = whiten(arm, at, filter, None, None, unrotate(R, f))
-        qdd, _ = smooth(arm, at, filter, (eps + from_wrench) / filter.D)
-        return qdd, rotate(arm.base.R, at_base + base_from_wrench)
+        under = None if beta is None else unrotate(base_R, beta)
+        qdd, _ = smooth(arm, at, filter, (eps + from_wrench) / filter.D, under)
+        wrench = rotate(base_R, at_base + base_from_wrench)
+        return qdd, wrench if base is None or beta is None else wrench + base.Y.apply(beta)
 
     mobility = tip_mobility(arm, at, filter).rotated(R)
-    return TipResponse(mobility, rotate(R, tip) + motion.bias.tip_acceleration, filter.D, back_substitute, arm.length)
+    free = rotate(R, tip) + motion.bias.tip_acceleration
+    return TipResponse(mobility, free, filter.D, back_substitute, arm.length, base)
 
 
 def by_mass_matrix(motion: ArmMotion) -> TipResponse:
@@ -80,26 +112,77 @@ def by_mass_matrix(motion: ArmMotion) -> TipResponse:
     arm, at = motion.arm, motion.at
     J = jacobian(arm, at)
     C, at_rest = bias_torque(arm, at, motion.bias.wrenches)
-    M, per_joint = mass_matrix(arm, at)
+    M, per_joint, locked = mass_matrix(arm, at)
     L = cholesky(M)
     X = forward_substitution(L, J.T)
     x = forward_substitution(L, motion.torque - C)
+    base = by_base(motion, L, X, x, at_rest, per_joint, locked) if motion.mounted else None
 
-    def back_substitute(f: Array) -> tuple[Array, Array]:
-        qdd = back_substitution(L, x - X @ f)
-        at_first = rotate(at.R[0], at_rest + per_joint @ qdd) + shift_wrench(at.reach[0], f)
-        return qdd, shift_wrench(arm.base.R @ at.l[0], at_first)
+    def back_substitute(f: Array, beta: Array | None = None) -> tuple[Array, Array]:
+        if base is None or beta is None:
+            qdd = back_substitution(L, x - X @ f)
+            at_first = rotate(at.R[0], at_rest + per_joint @ qdd) + shift_wrench(at.reach[0], f)
+            return qdd, shift_wrench(arm.base.R @ at.l[0], at_first)
+        qdd = back_substitution(L, x - base.B @ beta - X @ f)
+        response = base.response
+        return qdd, response.wrench + response.Y.apply(beta) + f @ response.X
 
-    pivots = np.diag(L) * np.diag(L)
-    return TipResponse(symmetric6(X.T @ X), x @ X + motion.bias.tip_acceleration, pivots, back_substitute, arm.length)
+    pivots, free = np.diag(L) * np.diag(L), x @ X + motion.bias.tip_acceleration
+    response = None if base is None else base.response
+    return TipResponse(symmetric6(X.T @ X), free, pivots, back_substitute, arm.length, response)
 
 
-def responded(tip: TipResponse, f: Array) -> tuple[Array, Array]:
+class WhitenedBase(NamedTuple):
+    """What the mass matrix of a mounted arm leaves of its base.
+
+    Attributes:
+        B: (N, 6) L^-1 B^T, B beta the torques that an acceleration beta of the base asks for.
+        response: how the arm answers there.
+    """
+
+    B: Array
+    response: BaseResponse
+
+
+def by_base(
+    motion: ArmMotion, L: Array, X: Array, x: Array, at_rest: Array, per_joint: Array, locked: RigidInertia
+) -> WhitenedBase:
+    """Return the answer at the base: phi^T - X^T Bh, I - Bh^T Bh and w_0 + Bh^T x, with Bh = L^-1 B^T. O(N^2).
+
+    Args:
+        motion: the arm, on a trunk.
+        L: of its mass matrix.
+        X: (N, 6) L^-1 J^T.
+        x: (N,) L^-1 (T - C).
+        at_rest: (6,) wrench on the first link at qdd = 0, as `bias_torque` returns it.
+        per_joint: (6, N) the same of unit joint accelerations, as `mass_matrix` returns it.
+        locked: inertia of the arm, joints locked, as `mass_matrix` returns it.
+    """
+    arm, at = motion.arm, motion.at
+    first = arm.base.R @ at.l[0]
+
+    def at_base(wrench: Array) -> Array:
+        return shift_wrench(first, rotate(at.R[0], wrench))
+
+    B = forward_substitution(L, array([at_base(column) for column in per_joint.T]))
+    rigid = locked.symmetric().rotated(arm.base.R).dense()
+    response = BaseResponse(
+        twist_shift(motion.base_to_tip) - X.T @ B, symmetric6(rigid - B.T @ B), at_base(at_rest) + x @ B
+    )
+    return WhitenedBase(B, response)
+
+
+def responded(tip: TipResponse, f: Array, beta: Array | None = None) -> tuple[Array, Array]:
     """Return qdd (N,) and the base's wrench on the arm under a wrench f of the arm on the object.
 
     The accelerations are not-a-number where the arm's mass matrix is singular.
+
+    Args:
+        tip: the arm's answer.
+        f: (6,).
+        beta: (6,) what a trunk accelerates the base by more than its motion says; None in the world.
     """
-    qdd, base = tip.back_substitute(f)
+    qdd, base = tip.back_substitute(f, beta)
     largest: Scalar = 0.0
     for pivot in tip.pivots:
         largest = maximum(largest, pivot)

@@ -1,8 +1,8 @@
 """Arms out of URDF files, read with the standard library alone.
 
 A file passes through `source` (text, file, xacro), `document` (XML elements with lines), `reader`
-and `attributes` (a tree of typed links and joints; nothing is passed over), `path` (what the
-caller chose: base, tip, held joints), `bodies` (what is welded together) and `chain` (arms).
+and `attributes` (a tree of typed links and joints, `planar` ones taken apart; nothing is passed over), `path` (what the
+caller chose: base, tip, held joints), `bodies` (what is welded together), `chain` (arms) and `trunk` (what arms share).
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from holdfast.robots.urdf.robot import UrdfJoint as UrdfJoint
 from holdfast.robots.urdf.robot import UrdfLink as UrdfLink
 from holdfast.robots.urdf.robot import UrdfRobot as UrdfRobot
 from holdfast.robots.urdf.robot import urdf_tree as urdf_tree
+from holdfast.robots.urdf.trunk import UrdfTrunk as UrdfTrunk
+from holdfast.robots.urdf.trunk import load_urdf_trunk as load_urdf_trunk
 from holdfast.robots.urdf.visuals import Box as Box
 from holdfast.robots.urdf.visuals import Capsule as Capsule
 from holdfast.robots.urdf.visuals import Cylinder as Cylinder

@@ -1,7 +1,7 @@
 """What elements of a URDF may say: their vocabulary, and typed attributes; refusals name file, line and element.
 
 No name is ignored silently: one that looks like a misspelt one is refused, one that closes
-a loop or adds a spring is refused, and any other unknown name becomes a note.
+a loop is refused, and any other unknown name becomes a note.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from holdfast.spatial.scalar import Array
 
 LARGEST = 1e9  # of lengths, angles, masses and inertias in SI; more is a mistake, and would overflow in products
 LONGEST_NAME = 256
-RIGHT_ANGLE = 1e-12  # [rad]; what rounding a double, or 13 digits, leaves of a multiple of pi/2
 
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _INFINITE = re.compile(r"[+-]?inf(inity)?", re.ASCII | re.IGNORECASE)
@@ -64,7 +63,7 @@ VOCABULARY = {
     "child": Vocabulary(("link",)),
     "axis": Vocabulary(("xyz",)),
     "limit": Vocabulary(("lower", "upper", "effort", "velocity"), (), ("acceleration", "deceleration", "jerk")),
-    "dynamics": Vocabulary(("damping", "friction")),
+    "dynamics": Vocabulary(("damping", "friction", "spring_stiffness", "spring_reference")),
     "mimic": Vocabulary(("joint", "multiplier", "offset")),
 }
 LOOPS = ("constraint", "loop", "loop_joint", "coupling")
@@ -74,7 +73,7 @@ def unread_notes(element: Element) -> tuple[str, ...]:
     """Return notes on everything in an element, and in those of its children that are read, that is not read.
 
     Raises:
-        SceneError: a misspelt or a duplicate name, unexpanded xacro, a loop, a spring.
+        SceneError: a misspelt or a duplicate name, unexpanded xacro, a loop.
     """
     known = VOCABULARY[element.tag]
     unknown = ", ".join(_unknown(element, known))
@@ -98,13 +97,11 @@ def unread_notes(element: Element) -> tuple[str, ...]:
 def _unknown(element: Element, known: Vocabulary) -> list[str]:
     """Return the attributes that are neither read nor skipped."""
     unknown = []
-    for attribute, value in element.attributes.items():
+    for attribute in element.attributes:
         if attribute in known.attributes or attribute in known.skipped or attribute.split(":")[0] == "xmlns":
             continue
         if near := _misspelt(attribute, known.attributes):
             raise element.refuse(f"{quoted(attribute)}: unknown attribute. Did you mean '{near}'?")
-        if attribute == "spring_stiffness" and value.strip("0. ") != "":
-            raise element.refuse(f"spring_stiffness: expected none or 0, got {quoted(value)}: joints have no springs")
         unknown.append(attribute)
     return unknown
 
@@ -180,29 +177,8 @@ def pose(element: Element | None) -> Pose:
     """Return the pose of an <origin>: `xyz`, and `rpy` about the fixed axes x, y, z; the identity for None."""
     if element is None:
         return Pose.identity()
-    roll, pitch, yaw = vector(element, "rpy", (0.0, 0.0, 0.0)).tolist()
-    return Pose(rotation_of_rpy(roll, pitch, yaw), vector(element, "xyz", (0.0, 0.0, 0.0)) + 0.0)
-
-
-def rotation_of_rpy(roll: float, pitch: float, yaw: float) -> Array:
-    """Return R = Rz(yaw) Ry(pitch) Rx(roll), entries of right angles exactly 0 or +-1."""
-    (cr, sr), (cp, sp), (cy, sy) = _cosine_sine(roll), _cosine_sine(pitch), _cosine_sine(yaw)
-    R = np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
-    return R + 0.0  # no -0.0
-
-
-def _cosine_sine(angle: float) -> tuple[float, float]:
-    """Return cosine and sine; an angle within 1e-12 of a multiple of pi/2 is that multiple."""
-    quarters = round(angle / (math.pi / 2))
-    if abs(angle - quarters * (math.pi / 2)) <= RIGHT_ANGLE:
-        return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[quarters % 4]
-    return math.cos(angle), math.sin(angle)
+    rpy = vector(element, "rpy", (0.0, 0.0, 0.0))
+    return Pose.from_rpy(*rpy, xyz=vector(element, "xyz", (0.0, 0.0, 0.0)) + 0.0)
 
 
 def text(element: Element, attribute: str, expected: str) -> str:

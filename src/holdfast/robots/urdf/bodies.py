@@ -10,12 +10,12 @@ so the body beyond it takes the joint's frame for its own, and its link lies at 
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from holdfast.model.link import Link
-from holdfast.robots.urdf.document import quoted
 from holdfast.robots.urdf.path import Locks, PassedJoint
 from holdfast.robots.urdf.robot import UrdfJoint, UrdfRobot
 from holdfast.spatial.inertia import turned
@@ -51,6 +51,7 @@ class FoldedChain:
         on_base: pose in the base link's frame, by name of the links that stand still with it.
         bodies: what moves, base to tip.
         tip: pose of the tip link in the last body's frame.
+        floats: whether the base link moves too.
     """
 
     base: str
@@ -58,10 +59,16 @@ class FoldedChain:
     on_base: Welded
     bodies: tuple[WeldedBody, ...]
     tip: Pose
+    floats: bool = False
+
+    @property
+    def moving(self) -> tuple[Welded, ...]:
+        """The links of each body that moves, base to tip."""
+        return (*([self.on_base] if self.floats else []), *(body.links for body in self.bodies))
 
 
-def fold(base: str, path: list[PassedJoint], locks: Locks) -> FoldedChain:
-    """Return the bodies along the path from the base link. O(links)."""
+def fold(base: str, path: list[PassedJoint], locks: Locks, *, floats: bool = False) -> FoldedChain:
+    """Return the bodies along the path from the base link, which stands still unless it floats. O(links)."""
     at = Pose.identity()
     on_base, bodies = {base: at}, []
     welded = on_base
@@ -77,10 +84,11 @@ def fold(base: str, path: list[PassedJoint], locks: Locks) -> FoldedChain:
         welded = {step.beyond: at}
         bodies.append(WeldedBody(step, placement, welded))
     passed = {step.joint.name for step in path}
-    _weld_branches(on_base, passed, replace(locks, others=False))  # what moves on the base does not matter
+    others = locks.others and floats  # what moves on a base that stands still does not matter
+    _weld_branches(on_base, passed, replace(locks, others=others))
     for body in bodies:
         _weld_branches(body.links, passed, locks)
-    return FoldedChain(base, path, on_base, tuple(bodies), at)
+    return FoldedChain(base, path, on_base, tuple(bodies), at, floats)
 
 
 def _weld_branches(links: Welded, passed: set[str], locks: Locks) -> None:
@@ -96,9 +104,9 @@ def _weld_branches(links: Welded, passed: set[str], locks: Locks) -> None:
             waiting.append(beyond)
 
 
-def moving_branches(body: WeldedBody, passed: set[str], locks: Locks) -> list[UrdfJoint]:
+def moving_branches(links: Welded, passed: Container[str], locks: Locks) -> list[UrdfJoint]:
     """Return the joints off the path that move something on a body, however far out. O(links)."""
-    found, waiting, seen = [], list(body.links), set(body.links)
+    found, waiting, seen = [], list(links), set(links)
     while waiting:
         link = waiting.pop()
         for joint in locks.robot.joints_at(link):
@@ -112,32 +120,42 @@ def moving_branches(body: WeldedBody, passed: set[str], locks: Locks) -> list[Ur
     return found
 
 
-def welded_link(robot: UrdfRobot, body: WeldedBody, physical: bool) -> Link:
+def welded_link(robot: UrdfRobot, links: Welded, moved: str, physical: bool) -> Link:
     """Return the links of a body as one.
 
         m = sum m_i,  c = sum m_i c_i / m,  J = sum R_i J_i R_i^T + m_i (d_i.d_i 1 - d_i d_i^T),
 
-    d_i = c_i - c. Each link by itself must be possible.
+    d_i = c_i - c. Each link by itself must be possible; `moved` says why it must have a mass.
 
     Raises:
         SceneError: an impossible link, or a body without any <inertial>.
     """
-    name = next(iter(body.links))
+    name = next(iter(links))
+    parts = inertia_parts(robot, links, physical)
+    if not parts:
+        raise robot.links[name].element.refuse(
+            f"expected <inertial>, since {moved}, got none; try adding one"
+            " (mass 0 and inertia 0 where it is meant to be massless)"
+        )
+    with robot.links[name].element.refusals():
+        return Link(*welded(parts), name=name, physical=physical)
+
+
+def inertia_parts(robot: UrdfRobot, links: Welded, physical: bool) -> list[tuple[float, Array, Array]]:
+    """Return mass, mass centre and inertia about it of each link that has any, in the frame its pose is given in.
+
+    Raises:
+        SceneError: an impossible link.
+    """
     parts: list[tuple[float, Array, Array]] = []
-    for link, at in body.links.items():
+    for link, at in links.items():
         inertial = robot.links[link].inertial
         if inertial is None:
             continue
         with inertial.element.refusals():
             own = Link(inertial.mass, inertial.com, inertial.inertia, link, physical)
         parts.append((own.mass, at.p + product(at.R, own.com), turned(own.inertia, at.R)))
-    if not parts:
-        raise robot.links[name].element.refuse(
-            f"expected <inertial>, since joint {quoted(body.step.joint.name)} moves it, got none; try adding one"
-            " (mass 0 and inertia 0 where it is meant to be massless)"
-        )
-    with robot.links[name].element.refusals():
-        return Link(*welded(parts), name=name, physical=physical)
+    return parts
 
 
 def welded(parts: list[tuple[float, Array, Array]]) -> tuple[float, Array, Array]:

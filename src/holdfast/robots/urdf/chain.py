@@ -12,6 +12,7 @@ import numpy as np
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.joint import Joint
+from holdfast.model.link import Link
 from holdfast.model.tip_direction import tip_advice, tip_angle
 from holdfast.robots.urdf.bodies import FoldedChain, WeldedBody, fold, welded_link
 from holdfast.robots.urdf.document import quoted
@@ -92,16 +93,16 @@ def urdf_chain(
     refuse_unsupported(locks, path)
     folded = fold(start, path, locks)
     refuse_loose(locks, hanging(locks, folded))
-    return _chain_of(locks, folded, _mount(options), options)
+    return chain_of(locks, folded, mount_of(options), options)
 
 
-def _mount(options: UrdfOptions) -> Pose:
+def mount_of(options: UrdfOptions) -> Pose:
     """Return the `mount` of the options as a pose; the world's own frame by default."""
     mount = options.get("mount")
     return Pose.identity() if mount is None else checks.pose(mount, "mount")
 
 
-def _chain_of(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOptions) -> UrdfChain:
+def chain_of(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOptions) -> UrdfChain:
     """Return the arm whose base link is mounted at a pose; nothing moves on it unheld."""
     robot, base = locks.robot, folded.base
     tip = folded.path[-1].beyond if folded.path else base
@@ -109,26 +110,44 @@ def _chain_of(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOptio
         raise robot.element.refuse(
             f"expected a joint that moves between base {quoted(base)} and tip {quoted(tip)}, got none"
         )
-    links = [welded_link(robot, body, options.get("physical", True)) for body in folded.bodies]
-    arm = Arm([_joint(body) for body in folded.bodies], links, _plain(folded.tip), mount, robot.name)
+    arm = Arm(*joints_and_links(robot, folded, options), _plain(folded.tip), mount, robot.name)
     bodies = (folded.on_base, *(body.links for body in folded.bodies))
-    inside = {name: robot.links[name] for links in bodies for name in links}
-    within = [joint for joint in robot.joints.values() if joint.parent in inside and joint.child in inside]
-    notes = [note for part in (robot, *inside.values(), *within) for note in part.notes]
-    moving = [robot.links[name] for body in folded.bodies for name in body.links]
-    notes += [link.element.message("no <inertial>, taken as massless") for link in moving if link.inertial is None]
+    inside = {name for links in bodies for name in links}
+    locked, notes = read_within(locks, folded)
     tip_note = _tip_note(robot, arm, tip, folded)
     return UrdfChain(
         arm=arm,
         robot=robot,
         base=base,
         tip=tip,
-        locked={j.name: q for j in within if not j.is_fixed and (q := locks.position(j)) is not None},
+        locked=locked,
         bodies=bodies,
         elsewhere=tuple(name for name in robot.links if name not in inside),
         notes=(*notes, *([tip_note] if tip_note else [])),
         tip_note=tip_note,
     )
+
+
+def joints_and_links(robot: UrdfRobot, folded: FoldedChain, options: UrdfOptions) -> tuple[list[Joint], list[Link]]:
+    """Return the joints of a chain and the links that they move, base to tip."""
+    physical = options.get("physical", True)
+    links = [
+        welded_link(robot, body.links, f"joint {quoted(body.step.joint.name)} moves it", physical)
+        for body in folded.bodies
+    ]
+    return [_joint(body) for body in folded.bodies], links
+
+
+def read_within(locks: Locks, folded: FoldedChain) -> tuple[dict[str, float], list[str]]:
+    """Return where joints within a chain and its base are held, and the notes on its links and joints."""
+    robot = locks.robot
+    inside = {name: robot.links[name] for links in (folded.on_base, *folded.moving) for name in links}
+    within = [joint for joint in robot.joints.values() if joint.parent in inside and joint.child in inside]
+    locked = {j.name: q for j in within if not j.is_fixed and (q := locks.position(j)) is not None}
+    notes = [note for part in (robot, *inside.values(), *within) for note in part.notes]
+    moving = [robot.links[name] for links in folded.moving for name in links]
+    notes += [link.element.message("no <inertial>, taken as massless") for link in moving if link.inertial is None]
+    return locked, notes
 
 
 def _tip_note(robot: UrdfRobot, arm: Arm, tip: str, folded: FoldedChain) -> str:
@@ -158,6 +177,8 @@ def _joint(body: WeldedBody) -> Joint:
             effort_limit=joint.effort_limit,
             damping=joint.damping,
             friction=joint.friction,
+            stiffness=joint.stiffness,
+            rest=joint.rest,
         )
 
 
@@ -193,10 +214,10 @@ def urdf_chains(
     folds = {name: fold(base, paths[name], held_too) for name, (base, _) in ends_of.items()}
     loose += [one for folded in folds.values() for one in hanging(held_too, folded)]
     refuse_loose(locks, loose)
-    mount, chains = _mount(options), {}
+    mount, chains = mount_of(options), {}
     for name, folded in folds.items():
         at, notes = _standing(locks, folded.base)
-        chain = _chain_of(locks, folded, mount @ at, options)
+        chain = chain_of(locks, folded, mount @ at, options)
         chains[name] = replace(chain, notes=(*notes, *chain.notes))
     return chains
 

@@ -13,7 +13,8 @@ from holdfast.model import checks
 from holdfast.model.joint import UNBOUNDED
 from holdfast.robots.urdf import attributes
 from holdfast.robots.urdf.document import Element, hint, listed, parse_document, quoted
-from holdfast.robots.urdf.robot import MOVING, UNSUPPORTED, Mimic, UrdfInertial, UrdfJoint, UrdfLink, UrdfRobot
+from holdfast.robots.urdf.planar import taken_apart
+from holdfast.robots.urdf.robot import MOVING, PLANAR, UNSUPPORTED, Mimic, UrdfInertial, UrdfJoint, UrdfLink, UrdfRobot
 from holdfast.robots.urdf.source import Source, read_source
 from holdfast.spatial.inertia import turned
 from holdfast.spatial.scalar import Array
@@ -32,7 +33,7 @@ def read_urdf(
 
     Every link and joint is read, wherever it stands; whether masses and inertias are
     possible is asked where they are used. Angles within 1e-12 rad of a multiple of pi/2
-    are taken as that multiple.
+    are taken as that multiple. A planar joint becomes two that slide and one that turns.
 
     Args:
         path_or_text: a file, or the text itself (it begins with `<`). A file whose name ends
@@ -50,8 +51,11 @@ def read_urdf(
     if root.tag != "robot":
         raise root.refuse("expected <robot> as the outermost element")
     notes = (*source.notes, *attributes.unread_notes(root))
-    links = _by_name([_link(element) for element in root.children if element.tag == "link"])
-    joints = _by_name([_joint(element) for element in root.children if element.tag == "joint"])
+    stated = [_joint(element) for element in root.children if element.tag == "joint"]
+    parts = [taken_apart(joint) if joint.kind == PLANAR else ([joint], []) for joint in stated]
+    links = [_link(element) for element in root.children if element.tag == "link"]
+    links = _by_name([*links, *(link for _, between in parts for link in between)])
+    joints = _by_name([joint for apart, _ in parts for joint in apart])
     name = attributes.name(root) if root.attributes.get("name", "").strip() else ""
     robot = UrdfRobot(name, links, joints, _root(root, links, joints), root, notes)
     _refuse_circles(robot)
@@ -146,19 +150,21 @@ def _joint(element: Element) -> UrdfJoint:
     kind = _kind(element)
     moving = kind in MOVING
     position_limits, rate_limit, effort_limit = _limits(element, kind, notes) if moving else (UNBOUNDED, np.inf, np.inf)
-    damping, friction = _losses(element) if moving else (0.0, 0.0)
+    damping, friction, stiffness, rest = _dynamics(element) if moving else (0.0, 0.0, 0.0, 0.0)
     return UrdfJoint(
         name=attributes.name(element),
         kind=kind,
         parent=attributes.name(element.required("parent"), "link"),
         child=attributes.name(element.required("child"), "link"),
         origin=attributes.pose(element.first("origin")),
-        axis=_axis(element, notes) if moving else np.array([1.0, 0.0, 0.0]),
+        axis=_axis(element, notes) if moving or kind == PLANAR else np.array([1.0, 0.0, 0.0]),
         position_limits=position_limits,
         rate_limit=rate_limit,
         effort_limit=effort_limit,
         damping=damping,
         friction=friction,
+        stiffness=stiffness,
+        rest=rest,
         mimic=_mimic(element) if moving else None,
         element=element,
         notes=tuple(notes),
@@ -168,7 +174,7 @@ def _joint(element: Element) -> UrdfJoint:
 def _kind(element: Element) -> str:
     """Return the joint's type, one that URDF or its dialects know."""
     kind = attributes.name(element, "type")
-    known = (*MOVING, "fixed", *UNSUPPORTED)
+    known = (*MOVING, PLANAR, "fixed", *UNSUPPORTED)
     if kind not in known:
         raise element.refuse(
             f"type: expected one of {', '.join(known)}, got {quoted(kind)}.{checks.did_you_mean(kind, known)}"
@@ -184,12 +190,12 @@ def _axis(element: Element, notes: list[str]) -> np.ndarray:
     return np.array([1.0, 0.0, 0.0])
 
 
-def _losses(element: Element) -> tuple[float, float]:
-    """Return viscous damping and Coulomb friction."""
+def _dynamics(element: Element) -> tuple[float, ...]:
+    """Return viscous damping, Coulomb friction, and a spring's stiffness and reference."""
     if (dynamics := element.first("dynamics")) is None:
-        return 0.0, 0.0
-    damping, friction = (attributes.number(dynamics, key, 0.0, at_least=0.0) for key in ("damping", "friction"))
-    return damping, friction
+        return 0.0, 0.0, 0.0, 0.0
+    sizes = (attributes.number(dynamics, key, 0.0, at_least=0.0) for key in ("damping", "friction", "spring_stiffness"))
+    return *sizes, attributes.number(dynamics, "spring_reference", 0.0)
 
 
 def _mimic(element: Element) -> Mimic | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from typing import NamedTuple
 
 from holdfast.robots.urdf.bodies import FoldedChain, moving_branches
@@ -45,13 +45,17 @@ class LooseJoint(NamedTuple):
     why: str
 
 
-def hanging(locks: Locks, folded: FoldedChain) -> list[LooseJoint]:
-    """Return the joints that move links which hang on an arm."""
-    passed = {joint.name for joint, _ in folded.path}
+def hanging(
+    locks: Locks, folded: FoldedChain, what: str = "arm", passed: Container[str] | None = None
+) -> list[LooseJoint]:
+    """Return the joints that move links which hang on an arm or a trunk, but for those that are passed: its own."""
+    passed = {joint.name for joint, _ in folded.path} if passed is None else passed
     return [
-        LooseJoint(joint, f"moves link {quoted(joint.child)}, which hangs on the arm but is not between base and tip")
-        for body in folded.bodies
-        for joint in moving_branches(body, passed, locks)
+        LooseJoint(
+            joint, f"moves link {quoted(joint.child)}, which hangs on the {what} but is not between base and tip"
+        )
+        for links in folded.moving
+        for joint in moving_branches(links, passed, locks)
     ]
 
 

@@ -12,7 +12,8 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
 MOVING = {urdf: kind for kind, row in JOINT_TYPES.items() for urdf in row.urdf}  # kinds of `Joint` by URDF type
-UNSUPPORTED = ("floating", "planar", "ball", "spherical")
+PLANAR = "planar"  # read as three joints of one freedom
+UNSUPPORTED = ("floating", "ball", "spherical")
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +81,7 @@ class UrdfJoint:
         effort_limit: largest |tau| [N m or N]; infinite if the file gives none.
         damping: [N m s/rad or N s/m].
         friction: [N m or N].
+        stiffness, rest: of a spring in it [N m/rad or N/m, rad or m]; SDF's names, which many URDFs use.
         mimic: the joint it follows, or None.
         element: the <joint>.
         notes: what of it was read differently from what the file states, or not at all.
@@ -96,6 +98,8 @@ class UrdfJoint:
     effort_limit: float
     damping: float
     friction: float
+    stiffness: float
+    rest: float
     mimic: Mimic | None
     element: Element = field(repr=False)
     notes: tuple[str, ...]

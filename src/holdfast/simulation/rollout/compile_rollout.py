@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from holdfast.compiled.structure import optional_parameters
 from holdfast.control.controller import ControlLaw, held_torques
 from holdfast.errors import ModelError
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import ClosedChain, require_own_bases
 from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.rollout.arguments import require_free_names
 from holdfast.simulation.rollout.rollout import Rollout
@@ -56,6 +56,7 @@ def compile_rollout(
         )
     if not isinstance(chain, ClosedChain):
         raise ModelError(f"rollout: chain: expected a ClosedChain, got {type(chain).__name__}")
+    require_own_bases(chain, "compile_rollout")
     if law is not None:
         require_free_names(law.parameters)
     motions = Environment(chain, base_motion or {}).base_motion

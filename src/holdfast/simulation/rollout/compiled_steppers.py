@@ -95,8 +95,13 @@ class FusedStepper:
         assert isinstance(acting, Inputs)
         wrench = acting.shaped(self.environment.chain).object_wrench
         assert wrench is not None
-        inputs = {"begin": np.array(begin), "step": steps, "held": np.array(float(held)), "object_wrench": wrench}
-        inputs["search"] = np.array(0.0)  # `simulate` does, and finds when
+        inputs = {
+            "begin": np.array(begin),
+            "step": steps,
+            "held": np.array(float(held)),
+            "object_wrench": wrench,
+            "search": np.array(0.0),  # `simulate` does, and finds when
+        }
         self.kernel.run(systems, inputs, {})
 
     def _instant(self, systems: Systems, row: int, t: float, memory: Any) -> Instant:

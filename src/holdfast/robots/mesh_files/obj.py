@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from holdfast.robots.mesh_files.limits import MOST_TRIANGLES, MOST_VERTICES, MeshFault, require_triangles
 from holdfast.spatial.scalar import Array
-from holdfast.view.mesh_files.limits import MOST_TRIANGLES, MOST_VERTICES, MeshFault, require_triangles
 
 LONGEST_LINE = 100_000  # characters
 

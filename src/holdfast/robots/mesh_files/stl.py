@@ -6,8 +6,9 @@ import re
 
 import numpy as np
 
+from holdfast.robots.mesh_files.limits import MOST_TRIANGLES, MeshFault, numbers, require_triangles
+from holdfast.robots.mesh_files.mesh import distinct
 from holdfast.spatial.scalar import Array
-from holdfast.view.mesh_files.limits import MOST_TRIANGLES, MeshFault, numbers, require_triangles
 
 _HEAD, _TRIANGLE = 84, 50  # [bytes]
 _CORNERS = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("spare", "<u2")])
@@ -25,17 +26,8 @@ def read_stl(content: bytes) -> tuple[Array, Array]:
         corners = _of_text(content)
     else:
         corners = _of_bytes(content, count)
-    return _shared(corners.reshape(-1, 3).astype(float))
-
-
-def _shared(corners: Array) -> tuple[Array, Array]:
-    """Return the points among corners (3 F, 3) once each, and which of them each corner is, (F, 3)."""
-    order = np.lexsort(corners.T)  # several times faster than np.unique of rows
-    is_new = np.ones(len(corners), dtype=bool)
-    is_new[1:] = (corners[order[1:]] != corners[order[:-1]]).any(axis=1)
-    indices = np.empty(len(corners), dtype=int)
-    indices[order] = np.cumsum(is_new) - 1
-    return corners[order[is_new]], indices.reshape(-1, 3)
+    vertices, which = distinct(corners.reshape(-1, 3).astype(float))
+    return vertices, which.reshape(-1, 3)
 
 
 def _of_bytes(content: bytes, count: int) -> Array:

@@ -15,8 +15,8 @@ from xml.parsers import expat
 
 import numpy as np
 
+from holdfast.robots.mesh_files.limits import MOST_TRIANGLES, MeshFault, numbers, require_triangles
 from holdfast.spatial.scalar import Array
-from holdfast.view.mesh_files.limits import MOST_TRIANGLES, MeshFault, numbers, require_triangles
 
 DEEPEST_NODE = 50  # nodes within nodes, instances included
 MOST_NODES = 20_000

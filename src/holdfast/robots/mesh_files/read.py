@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.view.mesh_files.collada import read_collada
-from holdfast.view.mesh_files.limits import LARGEST_FILE, MeshFault, require_plain
-from holdfast.view.mesh_files.obj import read_obj
-from holdfast.view.mesh_files.stl import read_stl
-from holdfast.view.meshes import Mesh
+from holdfast.robots.mesh_files.collada import read_collada
+from holdfast.robots.mesh_files.limits import LARGEST_FILE, MeshFault, require_plain
+from holdfast.robots.mesh_files.mesh import Mesh
+from holdfast.robots.mesh_files.obj import read_obj
+from holdfast.robots.mesh_files.stl import read_stl
 
 READERS = {".stl": read_stl, ".obj": read_obj, ".dae": read_collada}
 

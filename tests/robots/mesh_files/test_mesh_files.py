@@ -9,15 +9,15 @@ import warnings
 import numpy as np
 import pytest
 
+from holdfast.robots.mesh_files import limits
+from holdfast.robots.mesh_files.limits import MeshFault
+from holdfast.robots.mesh_files.read import read_mesh
 from holdfast.robots.urdf.visuals import Mesh as MeshFile
 from holdfast.robots.urdf.visuals import Visual
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
-from holdfast.view.mesh_files import limits
-from holdfast.view.mesh_files.limits import MeshFault
-from holdfast.view.mesh_files.read import read_mesh
 from holdfast.view.pieces import pieces_of_urdf
-from tests.view.mesh_files.written import CORNERS, FILES, dae_text, stl_bytes, stl_text
+from tests.robots.mesh_files.written import CORNERS, FILES, dae_text, stl_bytes, stl_text
 
 
 @pytest.fixture
@@ -142,7 +142,7 @@ def test_damaged(name, content, message, read, tmp_path):
 
 def test_size_is_looked_at_first(read, monkeypatch):
     """A file that is too large is not read; nor is one surface that stands in too many places made."""
-    monkeypatch.setattr("holdfast.view.mesh_files.read.LARGEST_FILE", 1000)
+    monkeypatch.setattr("holdfast.robots.mesh_files.read.LARGEST_FILE", 1000)
     with pytest.raises(MeshFault, match="expected at most 0 MiB, got more"):
         read(FILES["text.stl"], "a.stl")
     monkeypatch.undo()
@@ -218,9 +218,9 @@ FUZZ = """
 import resource, sys
 from pathlib import Path
 import numpy as np
-from holdfast.view.mesh_files.limits import MeshFault
-from holdfast.view.mesh_files.read import read_mesh
-from tests.view.mesh_files.written import FILES, mutated
+from holdfast.robots.mesh_files.limits import MeshFault
+from holdfast.robots.mesh_files.read import read_mesh
+from tests.robots.mesh_files.written import FILES, mutated
 
 first, last, folder = int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3])
 used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()

@@ -1,0 +1,144 @@
+"""Springs between bodies as external wrenches, which are known from the state before anything is solved.
+
+d = x_b - x_a,  s = |d|,  ds/dt = d . (v_b - v_a) / s,  f_a = (k (s - L) + c ds/dt) d / s = -f_b
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.velocity import link_twists
+from holdfast.model.arm import Arm
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.spring import OBJECT, Spring, SpringEnd
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each, sqrt, where
+from holdfast.spatial.vector import cross
+from holdfast.state import Inputs, State
+
+
+class End(NamedTuple):
+    """Where an end of a spring is, world axes.
+
+    Attributes:
+        lever: (3,) from its body's origin [m].
+        position: (3,) [m].
+        velocity: (3,) [m/s].
+    """
+
+    lever: Array
+    position: Array
+    velocity: Array
+
+
+class Stretch(NamedTuple):
+    """A spring at one instant.
+
+    Attributes:
+        a, b: its ends.
+        length: s [m].
+        rate: ds/dt [m/s]; 0 where the ends coincide.
+        direction: (3,) from a to b, a unit vector; 0 where the ends coincide.
+    """
+
+    a: End
+    b: End
+    length: Scalar
+    rate: Scalar
+    direction: Array
+
+    def energy(self, spring: Spring) -> Scalar:
+        """Return 1/2 k (s - L)^2 [J]."""
+        return 0.5 * spring.stiffness * (self.length - spring.length) ** 2
+
+    def loss(self, spring: Spring) -> Scalar:
+        """Return c (ds/dt)^2 [W]."""
+        return spring.damping * (self.rate * self.rate)
+
+    def pull(self, spring: Spring) -> Array:
+        """Return the force on the first end, (3,) [N]."""
+        return (spring.stiffness * (self.length - spring.length) + spring.damping * self.rate) * self.direction
+
+
+def with_springs(chain: ClosedChain, state: State, inputs: Inputs) -> Inputs:
+    """Return the inputs with what the chain's springs add to the wrenches on object and links. O(springs) + O(n).
+
+    Args:
+        chain: the chain.
+        state: positions and velocities.
+        inputs: shaped inputs (`Inputs.shaped`).
+    """
+    if not chain.springs:
+        return inputs
+    assert inputs.base_twists is not None and inputs.object_wrench is not None
+    of_object, of_links = inputs.object_wrench, inputs.link_wrenches
+    rows = [np.zeros(6)] * chain.joint_count if of_links is None else list(of_links)
+    for spring, found in zip(chain.springs, stretches(chain, state, inputs.base_twists), strict=True):
+        pull = found.pull(spring)
+        for at, end, force in ((spring.a, found.a, pull), (spring.b, found.b, -pull)):
+            wrench = concatenate([cross(end.lever, force), force])
+            if at.on_arm:
+                row = chain.joints[at.body].start + at.link_number()
+                rows[row] = rows[row] + wrench
+            elif at.body == OBJECT:
+                of_object = of_object + wrench
+    return replace(inputs, object_wrench=of_object, link_wrenches=array(rows))
+
+
+def stretches(chain: ClosedChain, state: State, base_twists: Array) -> list[Stretch]:
+    """Return every spring at one instant. O(springs) + O(n).
+
+    Args:
+        chain: the chain.
+        state: positions and velocities.
+        base_twists: (arms, 6) of the base origins, world axes.
+    """
+    ends = [end for spring in chain.springs for end in spring.ends]
+    on_arm = {name: [end for end in ends if end.on_arm and end.body == name] for name in chain.arms}
+    names = [name for name, attached in on_arm.items() if attached]
+    found = each(
+        ends_on_arm,
+        [chain.arms[name] for name in names],
+        [state.q[chain.joints[name]] for name in names],
+        [state.qd[chain.joints[name]] for name in names],
+        [base_twists[chain.names.index(name)] for name in names],
+        [tuple(on_arm[name]) for name in names],
+    )
+    placed = {name: iter(of_arm) for name, of_arm in zip(names, found, strict=True)}
+    every = iter([next(placed[end.body]) if end.on_arm else _off_arms(end, state) for end in ends])
+    return [stretch(a, b) for a, b in zip(every, every, strict=True)]
+
+
+def ends_on_arm(arm: Arm, q: Array, qd: Array, base_twist: Array, attached: Sequence[SpringEnd]) -> list[End]:
+    """Return where the springs on an arm's links end."""
+    at = posture(arm, q)
+    twists = link_twists(arm, at, qd, base_twist)
+    found = []
+    for end in attached:
+        R, V = at.R[end.link_number()], twists[end.link_number()]
+        lever = R @ end.point
+        position = at.tip.p - at.reach[end.link_number()] + lever
+        found.append(End(lever, position, R @ (V[3:] + cross(V[:3], end.point))))
+    return found
+
+
+def _off_arms(end: SpringEnd, state: State) -> End:
+    """Return an end on the object or in the world."""
+    if end.body != OBJECT:
+        return End(end.point, end.point, np.zeros(3))
+    frame, twist = state.object_frame, state.object_twist
+    lever = frame.R @ end.point
+    return End(lever, frame.p + lever, twist[3:] + cross(twist[:3], lever))
+
+
+def stretch(a: End, b: End) -> Stretch:
+    """Return a spring between two ends."""
+    d = b.position - a.position
+    square = d @ d
+    length = sqrt(square)
+    direction = d / where(square > 0.0, length, 1.0)
+    return Stretch(a, b, length, direction @ (b.velocity - a.velocity), direction)

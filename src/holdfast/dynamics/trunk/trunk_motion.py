@@ -1,0 +1,266 @@
+"""The trunk in motion: its bodies outward, and where the arms stand on them.
+
+zeta(k)    acceleration of body k, less [0; g], while no joint of the trunk accelerates
+beta(k)    what its joints add to it: beta(k) = phi^T beta(k+1) + H^T a(k)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.arm.bias import bias_accelerations
+from holdfast.dynamics.arm.joint_map import expand
+from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.velocity import link_twists
+from holdfast.model.arm import Arm
+from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.joint import Joint
+from holdfast.model.link import Link
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array, Scalar, concatenate
+from holdfast.spatial.spatial_vector import (
+    acceleration_gradient,
+    centripetal,
+    rotate,
+    shift_twist,
+    twist_shift,
+    unrotate,
+)
+from holdfast.spatial.symmetric import Symmetric6
+from holdfast.state import Inputs, State
+
+
+class TrunkBody(NamedTuple):
+    """One body of a trunk, world axes about its frame's origin.
+
+    Attributes:
+        joint: what moves it against the body before; None for a floating base.
+        H: (6,) motion subspace of the joint; None for a floating base.
+        frame: its pose in the world.
+        reach: (3,) from the origin of the body before, or of the base, to its own [m].
+        twist: (6,).
+        zeta: (6,).
+        inertia: M(k).
+        wrench: (6,) M zeta + b, external wrenches taken off.
+        torque: of the drive, less what dampers and springs take [N m or N]; 0 for a floating base.
+    """
+
+    joint: Joint | None
+    H: Array | None
+    frame: Pose
+    reach: Array
+    twist: Array
+    zeta: Array
+    inertia: Symmetric6
+    wrench: Array
+    torque: Scalar
+
+
+class Mount(NamedTuple):
+    """Where an arm stands on a trunk, world axes.
+
+    Attributes:
+        body: the place of its body in `TrunkMotion.bodies`.
+        offset: (3,) from the body's origin to the arm's base origin [m].
+        frame: the arm's base in the world.
+        twist: (6,) of the base origin.
+        acceleration: (6,) zeta of the base origin.
+    """
+
+    body: int
+    offset: Array
+    frame: Pose
+    twist: Array
+    acceleration: Array
+
+
+class TrunkMotion(NamedTuple):
+    """A trunk in motion.
+
+    Attributes:
+        bodies: base outward, a floating base first.
+        mounts: by arm name.
+        base: pose of the base frame in the world, which a fixed trunk begins at.
+    """
+
+    bodies: list[TrunkBody]
+    mounts: Mapping[str, Mount]
+    base: Pose
+
+    @property
+    def floats(self) -> bool:
+        """Whether it begins with a floating base."""
+        return self.bodies[0].joint is None
+
+    def at_rest(self) -> TrunkMotion:
+        """Return the same posture without torques, motion, gravity or external wrenches."""
+        none = np.zeros(6)
+        still = [b._replace(twist=none, zeta=none, wrench=none, torque=0.0) for b in self.bodies]
+        mounts = {name: m._replace(twist=none, acceleration=none) for name, m in self.mounts.items()}
+        return TrunkMotion(still, mounts, self.base)
+
+    def accelerations(self, found: TrunkAcceleration) -> list[Array]:
+        """Return beta of every body, (6,) each."""
+        beta = np.zeros(6) if found.base is None else found.base
+        moving = self.bodies[1:] if self.floats else self.bodies
+        betas = [beta] if self.floats else []
+        for body, qdd in zip(moving, found.qdd, strict=True):
+            assert body.H is not None
+            beta = shift_twist(body.reach, beta) + qdd * body.H
+            betas.append(beta)
+        return betas
+
+    def jacobian(self, name: str, reach: Array) -> tuple[Array, Array]:
+        """Return the twist of an arm's tip by the trunk's joint rates (6, n_t) and its floating base's twist (6, 6).
+
+        Both are zero for an arm in the world; without a floating base the second is (6, 0).
+
+        Args:
+            name: the arm.
+            reach: (3,) from its base origin to its tip point, world axes [m].
+        """
+        mount, floats = self.mounts.get(name), self.floats
+        joints = np.zeros((6, len(self.bodies) - floats))
+        if mount is None:
+            return joints, np.zeros((6, 6 if floats else 0))
+        reach = mount.offset + reach  # from the body's origin, and then from those before
+        for k in reversed(range(mount.body + 1)):
+            H = self.bodies[k].H
+            if H is not None:
+                joints[:, k - floats] = shift_twist(reach, H)
+                reach = self.bodies[k].reach + reach
+        return joints, twist_shift(reach) if floats else np.zeros((6, 0))
+
+    def under(self, name: str, betas: list[Array]) -> Array | None:
+        """Return beta at the base of an arm, (6,); None if it stands in the world."""
+        mount = self.mounts.get(name)
+        return None if mount is None else shift_twist(mount.offset, betas[mount.body])
+
+
+class TrunkAcceleration(NamedTuple):
+    """How a trunk accelerates.
+
+    Attributes:
+        qdd: (n_t,) of its joints.
+        base: (6,) true acceleration of a floating base, world axes; None without one.
+    """
+
+    qdd: Array
+    base: Array | None
+
+
+def trunk_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -> TrunkMotion | None:
+    """Return the chain's trunk in motion, None without one. O(n_t).
+
+    Args:
+        chain: the chain.
+        state: positions and velocities.
+        tau: (n,) joint torques.
+        inputs: shaped inputs.
+    """
+    if chain.trunk is None:
+        return None
+    part, gravity = chain.joints[TRUNK], concatenate([np.zeros(3), chain.gravity])
+    twist, zeta = state.base_twist, -gravity  # of a floating base: what it accelerates by is to be found
+    if not chain.floats:
+        assert inputs.trunk_base_acceleration is not None
+        twist, zeta = inputs.trunk_base_twist, inputs.trunk_base_acceleration - gravity
+    assert twist is not None
+    damping, stiffness, rest = np.array([(j.damping, j.stiffness, j.rest) for j in chain.trunk.joints]).reshape(-1, 3).T
+    torque = tau[part] - damping * state.qd[part] - stiffness * (state.q[part] - rest)
+    return _outward(chain, state, state.qd[part], torque, twist, zeta, inputs.trunk_link_wrenches)
+
+
+class Standing(NamedTuple):
+    """Trunk and arms where they are, for what needs no dynamics.
+
+    Attributes:
+        trunk: its bodies; none without a trunk.
+        arms: every arm on a base in the world.
+        base_twists: of those bases, (6,) each, world axes.
+    """
+
+    trunk: list[TrunkBody]
+    arms: list[Arm]
+    base_twists: Sequence[Array] | Array
+
+
+def standing(chain: ClosedChain, state: State, inputs: Inputs) -> Standing:
+    """Return where the bodies of the trunk are and where all arms stand. O(n_t).
+
+    Args:
+        chain: the chain.
+        state: positions and velocities.
+        inputs: shaped inputs; base motion enters.
+    """
+    assert inputs.base_twists is not None
+    trunk, arms = trunk_motion(chain, state, np.zeros(chain.joint_count), inputs), list(chain.arms.values())
+    if trunk is None:
+        return Standing([], arms, inputs.base_twists)
+    twists = list(inputs.base_twists)
+    for i, name in enumerate(chain.arms):
+        if name in trunk.mounts:
+            arms[i], twists[i] = arms[i].standing_at(trunk.mounts[name].frame), trunk.mounts[name].twist
+    return Standing(trunk.bodies, arms, twists)
+
+
+def trunk_at_rest(chain: ClosedChain, state: State) -> TrunkMotion | None:
+    """Return the chain's trunk without torques, motion, gravity or external wrenches, None without one. O(n_t)."""
+    if chain.trunk is None:
+        return None
+    none, still = np.zeros(6), np.zeros(chain.trunk.joint_count)
+    return _outward(chain, state, still, still, none, none, None)
+
+
+def _outward(
+    chain: ClosedChain, state: State, qd: Array, torque: Array, twist: Array, zeta: Array, wrenches: Array | None
+) -> TrunkMotion:
+    """Return the bodies, base outward, and the mounts; see `trunk_motion`."""
+    trunk = chain.trunk
+    assert trunk is not None
+    base = trunk.base if state.base_frame is None else state.base_frame
+    bodies = []
+    if trunk.floating is not None:
+        of_base = _body(trunk.floating, base, twist, zeta)
+        bodies.append(TrunkBody(None, None, base, np.zeros(3), twist, zeta, *of_base, 0.0))
+    if trunk.serial is not None:
+        bodies += _joints(trunk.serial.standing_at(base), state.q[chain.joints[TRUNK]], qd, torque, twist, zeta)
+    if wrenches is not None:
+        bodies = [b._replace(wrench=b.wrench - f) for b, f in zip(bodies, wrenches, strict=True)]
+    mounts = {name: _mount(chain.arms[name].base, k, bodies[k]) for name, k in chain.mounted_on.items()}
+    return TrunkMotion(bodies, mounts, base)
+
+
+def _joints(serial: Arm, q: Array, qd: Array, torque: Array, base_twist: Array, base_zeta: Array) -> list[TrunkBody]:
+    """Return the bodies that joints move."""
+    at = posture(serial, q)
+    twists = link_twists(serial, at, qd, base_twist)
+    zetas = bias_accelerations(serial, at, twists, qd, base_twist, base_zeta)
+    before, bodies = serial.base.R, []
+    for k, (joint, link, R, V, (zeta, _)) in enumerate(
+        zip(serial.joints, serial.links, at.R, twists, zetas, strict=True)
+    ):
+        frame, twist, zeta = Pose.unchecked(R, at.tip.p - at.reach[k]), rotate(R, V), rotate(R, zeta)
+        of_body = _body(link, frame, twist, zeta)
+        H = rotate(R, expand(joint, 1.0))
+        bodies.append(TrunkBody(joint, H, frame, before @ at.l[k], twist, zeta, *of_body, torque[k]))
+        before = R
+    return bodies
+
+
+def _body(link: Link, frame: Pose, twist: Array, zeta: Array) -> tuple[Symmetric6, Array]:
+    """Return inertia and bias wrench of a body about its frame's origin, world axes."""
+    R, inertia = frame.R, link.spatial_inertia
+    w, a = twist[:3] @ R, unrotate(R, zeta)
+    return inertia.symmetric().rotated(R), rotate(R, inertia.wrench(a, w, acceleration_gradient(a[:3], w)))
+
+
+def _mount(base: Pose, k: int, body: TrunkBody) -> Mount:
+    """Return where an arm stands whose base is given in the body's axes."""
+    offset, w = body.frame.R @ base.p, body.twist[:3]
+    frame = Pose.unchecked(body.frame.R @ base.R, body.frame.p + offset)
+    moving = concatenate([np.zeros(3), centripetal(w, offset)])
+    return Mount(k, offset, frame, shift_twist(offset, body.twist), shift_twist(offset, body.zeta) + moving)

@@ -1,0 +1,132 @@
+"""The equations of trunk and arms together, with all matrices written out: what `kkt` solves where there is a trunk.
+
+With the base acceleration beta of an arm among its unknowns its equations are M qdd + B^T beta + C + J^T f = T, and the
+wrench of the trunk on it B qdd + I beta + w (docs/theory/trunk.md). beta = S u, u the accelerations of the floating
+base and of the trunk's joints, so trunk and arms have the mass matrix
+
+    [ M_t + sum S_i^T I_i S_i    S_1^T B_1   S_2^T B_2 .. ]
+    [ B_1^T S_1                  M_1                      ]
+    [ ..                                        M_2       ]
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.arm.bias import bias_torque
+from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.arm.mass_matrix import mass_matrix
+from holdfast.dynamics.arm.motion import ArmMotion
+from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
+from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration, TrunkMotion
+from holdfast.model.closed_chain import TRUNK
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import rotate, shift_wrench, twist_shift
+
+
+class WholeChain(NamedTuple):
+    """Mass matrix, torques and tip Jacobians over u (floating base, trunk's joints) and the joints of all arms.
+
+    Attributes:
+        M: (m, m), m = n, or n + 6 with a floating base.
+        T_free: (m,) torques less the bias torques; of a floating base the wrench that it feels, reversed.
+        J: (6l, m) of the arms that hold, their contact points, world axes.
+    """
+
+    M: Array
+    T_free: Array
+    J: Array
+
+
+class OnBase(NamedTuple):
+    """An arm as its base feels it: B (6, N), I (6, 6) with the joints locked, and w (6,) at qdd = 0."""
+
+    B: Array
+    I: Array
+    w: Array
+
+
+def whole_chain(motion: ChainMotion) -> WholeChain:
+    """Return the matrices of trunk and arms. O(n^2).
+
+    Args:
+        motion: the chain in motion, with a trunk.
+    """
+    chain, trunk = motion.chain, motion.trunk
+    assert trunk is not None
+    S, M_t, T_t = _of_trunk(trunk)
+    first = 6 if trunk.floats else 0
+    size = first + chain.joint_count
+    M, T, J = np.zeros((size, size)), np.zeros(size), np.zeros((6 * len(chain.grasps), size))
+    u = slice(0, len(T_t))
+    M[u, u], T[u] = M_t, T_t
+    rows = {name: slice(6 * i, 6 * i + 6) for i, name in enumerate(chain.grasps)}
+    for name, arm in motion.arms.items():
+        own = slice(first + chain.joints[name].start, first + chain.joints[name].stop)
+        M[own, own] = mass_matrix(arm.arm, arm.at)[0]
+        T[own] = arm.torque - bias_torque(arm.arm, arm.at, arm.bias.wrenches)[0]
+        if name in rows:
+            J[rows[name], own] = jacobian(arm.arm, arm.at)
+        if name in trunk.mounts:
+            felt, columns = _on_base(arm), S[name]
+            M[u, u] += columns.T @ felt.I @ columns
+            M[u, own] = columns.T @ felt.B
+            M[own, u] = M[u, own].T
+            T[u] -= columns.T @ felt.w
+            if name in rows:
+                J[rows[name], u] = twist_shift(arm.base_to_tip) @ columns
+    return WholeChain(M, T, J)
+
+
+def of_whole_chain(motion: ChainMotion, u: Array, f: Array, W_dot: Array, alpha_C: Array) -> Solution:
+    """Return stacked results taken apart.
+
+    Args:
+        motion: the chain in motion.
+        u: (m,) accelerations of the floating base and all joints.
+        f: (6l,) grasp wrenches.
+        W_dot: flat.
+        alpha_C: (6,), less [0; g].
+    """
+    chain = motion.chain
+    first = 6 if chain.floats else 0
+    qdd = u[first:]
+    return Solution(
+        [qdd[chain.joints[name]] for name in chain.grasps],
+        list(f.reshape(-1, 6)),
+        alpha_C,
+        W_dot,
+        trunk=TrunkAcceleration(qdd[chain.joints[TRUNK]], u[:6] if first else None),
+    )
+
+
+def _of_trunk(trunk: TrunkMotion) -> tuple[dict[str, Array], Array, Array]:
+    """Return beta = S u at the base of each mounted arm, and the trunk's own mass matrix and torques."""
+    S = {name: np.hstack(trunk.jacobian(name, np.zeros(3))[::-1]) for name in trunk.mounts}
+    joints = [body.joint for body in trunk.bodies if body.joint is not None]
+    first = 6 if trunk.floats else 0
+    size = first + len(joints)
+    M = np.diag([*[0.0] * first, *(joint.armature for joint in joints)])
+    T = np.array([*[0.0] * first, *(body.torque for body in trunk.bodies if body.joint is not None)])
+    columns = np.zeros((6, size))
+    for k, body in enumerate(trunk.bodies):
+        columns = twist_shift(body.reach) @ columns
+        if body.H is None:
+            columns[:, :6] = np.eye(6)
+        else:
+            columns[:, k if not trunk.floats else k + 5] = body.H
+        M = M + columns.T @ body.inertia.dense() @ columns
+        T = T - columns.T @ body.wrench
+    return S, M, T
+
+
+def _on_base(arm: ArmMotion) -> OnBase:
+    """Return what the base of an arm feels of it."""
+    at, base = arm.at, arm.arm.base.R
+    _, per_joint, locked = mass_matrix(arm.arm, at)
+    _, at_rest = bias_torque(arm.arm, at, arm.bias.wrenches)
+    first = base @ at.l[0]
+    B = np.array([shift_wrench(first, rotate(at.R[0], column)) for column in per_joint.T]).T
+    return OnBase(B, locked.symmetric().rotated(base).dense(), shift_wrench(first, rotate(at.R[0], at_rest)))

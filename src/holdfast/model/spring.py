@@ -1,0 +1,132 @@
+"""Springs and dampers between two points of world, links and object."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from holdfast.errors import ModelError
+from holdfast.model import checks
+from holdfast.model.arm import Arm
+from holdfast.spatial.converted import ArrayField, Converted
+from holdfast.spatial.frozen import Frozen
+
+WORLD, OBJECT = "world", "object"
+
+
+@dataclass(frozen=True, eq=False)
+class SpringEnd(Frozen):
+    """A point of a body that a spring ends at.
+
+    Attributes:
+        body: "world", "object", or an arm's name beside one of its links.
+        point: (3,) from the body's origin, in its axes: of the world, the object frame, or the link's frame [m].
+        link: of an arm: its name, or its number from 0 at the base; None: world or object.
+    """
+
+    body: str
+    point: ArrayField
+    link: str | int | None = None
+
+    def __post_init__(self) -> None:
+        checks.instance(self.body, str, "spring: body")
+        object.__setattr__(self, "point", checks.numbers(self.point, (3,), f"spring: point on '{self.body}'"))
+        if self.link is None:
+            if self.body not in (WORLD, OBJECT):
+                raise ModelError(
+                    f"spring: '{self.body}': expected 'world' or 'object', or an arm and a link of it, got no link; try"
+                    f" ('{self.body}', link, point), the link by its name or its number from 0"
+                )
+        elif isinstance(self.link, bool) or not isinstance(self.link, str | int):
+            raise ModelError(
+                f"spring: '{self.body}': link: expected a name or a number, got {type(self.link).__name__}"
+            )
+
+    @property
+    def on_arm(self) -> bool:
+        """Whether it is on a link of an arm."""
+        return self.link is not None
+
+    def link_number(self) -> int:
+        """Return the link's number, of an end on an arm of a chain."""
+        assert isinstance(self.link, int)
+        return self.link
+
+    def found(self, arms: Mapping[str, Arm]) -> SpringEnd:
+        """Return the same end, its link by number.
+
+        Raises:
+            ModelError: no such arm, or no such link.
+        """
+        if self.link is None:
+            return self
+        if self.body not in arms:
+            raise ModelError(f"spring: no arm '{self.body}'.{checks.did_you_mean(self.body, arms)}")
+        links = [link.name for link in arms[self.body].links]
+        if isinstance(self.link, str):
+            named = [k for k, name in enumerate(links) if name == self.link]
+            if len(named) != 1 or not self.link:
+                known = checks.did_you_mean(self.link, [name for name in links if name])
+                raise ModelError(f"spring: arm '{self.body}' has {len(named) or 'no'} links '{self.link}'.{known}")
+            return replace(self, link=named[0])
+        if not 0 <= self.link < len(links):
+            raise ModelError(
+                f"spring: arm '{self.body}': link: expected a number from 0 to {len(links) - 1}, got {self.link}"
+            )
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class Spring(Frozen):
+    """A massless spring and damper along the line between two points, which it pulls together or pushes apart.
+
+    Its tension is k (s - L) + c ds/dt for points s apart. One of natural length 0 is a linear spring in every
+    direction; another has no direction while its ends coincide, and no force then.
+
+    Attributes:
+        a, b: its ends: ("world", point), ("object", point) or (arm, link, point), the link by name
+            or by its number from 0 at the base; points in the axes of what they are on [m].
+        stiffness: k >= 0 [N/m].
+        length: natural length L >= 0 [m].
+        damping: c >= 0 [N s/m].
+    """
+
+    a: Converted[SpringEnd, SpringEnd | tuple[Any, ...]]
+    b: Converted[SpringEnd, SpringEnd | tuple[Any, ...]]
+    stiffness: float
+    length: float = 0.0
+    damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        for side in ("a", "b"):
+            put(self, side, _end(getattr(self, side), side))
+        for quantity in ("stiffness", "length", "damping"):
+            put(self, quantity, checks.number(getattr(self, quantity), f"spring: {quantity}", at_least=0.0))
+
+    @property
+    def ends(self) -> tuple[SpringEnd, SpringEnd]:
+        """Both ends."""
+        return self.a, self.b
+
+    def found(self, arms: Mapping[str, Arm]) -> Spring:
+        """Return the same spring, the links it is on by number.
+
+        Raises:
+            ModelError: no such arm, or no such link.
+        """
+        return replace(self, a=self.a.found(arms), b=self.b.found(arms))
+
+
+def _end(given: Any, side: str) -> SpringEnd:
+    """Return an end, given as one or as a tuple."""
+    if isinstance(given, SpringEnd):
+        return given
+    if not isinstance(given, tuple | list) or len(given) not in (2, 3):
+        raise ModelError(
+            f"spring: {side}: expected ('world', point), ('object', point) or (arm, link, point), got"
+            f" {checks.short(given)}"
+        )
+    body, *link, point = given
+    return SpringEnd(body, point, *link)

@@ -1,0 +1,101 @@
+"""Trunks: what several arms stand on and move with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from holdfast.errors import ModelError
+from holdfast.model import checks
+from holdfast.model.arm import Arm
+from holdfast.model.joint import Joint
+from holdfast.model.link import Link
+from holdfast.spatial.converted import making
+from holdfast.spatial.frozen import Frozen, frozen_property
+from holdfast.spatial.pose import Pose, PoseField
+
+NAME = "trunk"  # of its joints in flat arrays; no arm may have it
+BASE = "base"  # names the floating body among the bodies that arms stand on
+
+
+@dataclass(frozen=True, eq=False)
+class Trunk(Frozen):
+    """A serial chain of joints and links that carries arms: a torso, an arm below a hand, a mobile or floating base.
+
+    Attributes:
+        joints: its joints, base outward; joint k moves link k. None are needed on a floating base.
+        links: as many links.
+        base: pose of its base frame in the world; of no meaning with a floating base, whose pose is in the state.
+        floating: the free body that it begins with, e.g. a spacecraft; None for a base in the world.
+    """
+
+    joints: Sequence[Joint] = ()
+    links: Sequence[Link] = ()
+    base: PoseField = field(default_factory=making(Pose.identity))
+    floating: Link | None = None
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        if not isinstance(self.floating, Link | None):
+            raise ModelError(f"trunk: floating: expected a Link or None, got {type(self.floating).__name__}")
+        put(self, "base", checks.pose(self.base, "trunk: base"))
+        for part in ("joints", "links"):
+            if not isinstance(getattr(self, part), Sequence):
+                raise ModelError(f"trunk: {part}: expected a list, got {type(getattr(self, part)).__name__}")
+        if not self.joints and not self.links:
+            if self.floating is None:
+                raise ModelError("trunk: expected at least one joint or a floating base, got neither")
+            put(self, "joints", ())
+            put(self, "links", ())
+            return
+        serial = Arm(self.joints, self.links, base=self.base, name=NAME)  # checks them, and takes joints apart
+        put(self, "joints", serial.joints)
+        put(self, "links", serial.links)
+
+    @frozen_property
+    def serial(self) -> Arm | None:
+        """Its joints and links as an arm whose tip is the last link's frame; None without joints."""
+        return Arm(self.joints, self.links, base=self.base, name=NAME) if self.joints else None
+
+    @property
+    def joint_count(self) -> int:
+        """Its joints of one degree of freedom; a floating base is not among them."""
+        return len(self.joints)
+
+    @property
+    def bodies(self) -> tuple[Link, ...]:
+        """The bodies that arms may stand on, base outward: the floating one first."""
+        return (*([] if self.floating is None else [self.floating]), *self.links)
+
+    @property
+    def freedoms(self) -> int:
+        """Its degrees of freedom: six of a floating base, and one a joint."""
+        return self.joint_count + (6 if self.floating is not None else 0)
+
+    def body(self, mount: Any, arm: str) -> int:
+        """Return the place of a body in `bodies` that `mount` names: a link's name or index, or "base".
+
+        Args:
+            mount: as given in `ClosedChain.mounts`.
+            arm: whose mount it is, for messages.
+
+        Raises:
+            ModelError: naming what there is.
+        """
+        before = len(self.bodies) - len(self.links)
+        names = [link.name for link in self.links]
+        if mount == BASE and self.floating is not None:
+            return 0
+        if isinstance(mount, str) and names.count(mount) == 1:
+            return before + names.index(mount)
+        if isinstance(mount, int | np.integer) and not isinstance(mount, bool) and 0 <= mount < len(self.links):
+            return before + int(mount)
+        known = [*([BASE] if before else []), *filter(None, names)]
+        listed = ", ".join(map(repr, known)) or "none with a name"
+        raise ModelError(
+            f"mount of '{arm}': expected a link of the trunk, by its name ({listed}) or by its index"
+            f" 0 .. {len(self.links) - 1}, got {checks.short(mount)}"
+        )

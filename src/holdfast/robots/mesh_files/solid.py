@@ -1,0 +1,102 @@
+"""What a closed surface encloses, as a body of uniform density."""
+
+from __future__ import annotations
+
+import os
+from os import PathLike
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.errors import ModelError, SceneError
+from holdfast.model import checks
+from holdfast.model.held_object import HeldObject
+from holdfast.robots.mesh_files.limits import MeshFault
+from holdfast.robots.mesh_files.mesh import Mesh, distinct
+from holdfast.robots.mesh_files.read import read_mesh
+from holdfast.spatial.scalar import Array
+
+THINNEST = 1e-12  # of the extent's cube; a surface that encloses less is flat
+
+
+class Solid(NamedTuple):
+    """Integrals over what a surface encloses.
+
+    Attributes:
+        volume: [m^3].
+        centre: (3,) in the mesh's frame [m].
+        inertia: (3, 3) about the centre, of density 1 [m^5].
+    """
+
+    volume: float
+    centre: Array
+    inertia: Array
+
+
+def held_object_from_mesh(
+    path: str | PathLike[str], mass: float | None, density: float | None, scale: float
+) -> HeldObject:
+    """Return what `HeldObject.from_mesh` does.
+
+    Raises:
+        ModelError: both or neither of mass and density, or one that is not > 0.
+        SceneError: a file that cannot be read, or whose surface does not enclose a solid.
+    """
+    if (mass is None) == (density is None):
+        raise ModelError(f"from_mesh: expected one of mass and density, got {'neither' if mass is None else 'both'}")
+    size = checks.number(scale, "from_mesh: scale", above=0.0)
+    given = checks.number(density if mass is None else mass, "from_mesh: mass or density", above=0.0)
+    checks.instance(path, (str, PathLike), "from_mesh: path")
+    place = Path(os.path.abspath(path))
+    try:
+        found = solid(read_mesh(place.name, place.parent))
+    except MeshFault as cause:
+        text = str(cause)
+        raise SceneError(text if str(place) in text else f"{place}: {text}") from cause
+    volume = found.volume * size**3
+    of_density = given if mass is None else given / volume
+    return HeldObject(of_density * volume, of_density * size**5 * found.inertia, size * found.centre)
+
+
+def solid(mesh: Mesh) -> Solid:
+    """Return volume, centre and inertia of what a closed surface encloses. O(F log F).
+
+    By the divergence theorem the integrals are sums over tetrahedra (O, a, b, c) of the faces,
+
+        v = a . (b x c) / 6,   int x = v s / 4,   int x x^T = v (a a^T + b b^T + c c^T + s s^T) / 20,
+
+    s = a + b + c, whatever O is; the last is taken about the centre. Where parts overlap they count twice.
+
+    Raises:
+        MeshFault: a surface that is open, inside out or flat.
+    """
+    places, which = distinct(mesh.vertices)
+    if gaps := _open_edges(which[mesh.faces], len(places)):
+        raise MeshFault(
+            f"is open: {gaps} edges lack a neighbour that runs along them the other way; expected a closed surface,"
+            " all faces counter-clockwise seen from outside; try mending it in the program that wrote it"
+        )
+    middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
+    extent = float((places.max(axis=0) - places.min(axis=0)).max())
+    corners = mesh.vertices[mesh.faces] - middle
+    parts = np.linalg.det(corners) / 6
+    volume = float(parts.sum())
+    if not abs(volume) > THINNEST * extent**3:
+        raise MeshFault(f"encloses no volume: got {volume:.3g} m^3 in an extent of {extent:.3g} m")
+    if volume < 0:
+        raise MeshFault("is inside out: expected faces counter-clockwise seen from outside; try turning them round")
+    centre = (parts[:, None] * corners.sum(axis=1)).sum(axis=0) / (4 * volume)
+    corners = corners - centre
+    four = [*np.moveaxis(corners, 1, 0), corners.sum(axis=1)]
+    weights = np.linalg.det(corners) / 120
+    S = np.array([[sum((weights * p[:, i] * p[:, j]).sum() for p in four) for j in range(3)] for i in range(3)])
+    return Solid(volume, middle + centre, S.trace() * np.eye(3) - S)
+
+
+def _open_edges(faces: Array, count: int) -> int:
+    """Return how many edges are not passed as often one way as the other."""
+    start, end = faces, np.roll(faces, -1, axis=1)
+    edges = (np.minimum(start, end) * count + np.maximum(start, end)).ravel()
+    _, which = np.unique(edges, return_inverse=True)
+    return int(np.count_nonzero(np.bincount(which, np.sign(end - start).ravel())))

@@ -1,0 +1,42 @@
+"""The object that arms hold, out of a URDF file."""
+
+from __future__ import annotations
+
+from os import PathLike
+
+from holdfast.model.held_object import HeldObject
+from holdfast.robots.urdf.bodies import inertia_parts, welded
+from holdfast.robots.urdf.document import listed, quoted
+from holdfast.robots.urdf.path import known_link
+from holdfast.robots.urdf.reader import read_urdf
+from holdfast.spatial.pose import Pose
+
+
+def held_object_from_urdf(path_or_text: str | PathLike[str], link: str | None, physical: bool) -> HeldObject:
+    """Return what `HeldObject.from_urdf` does. O(links).
+
+    Raises:
+        SceneError: as there.
+    """
+    robot = read_urdf(path_or_text)
+    start = robot.root if link is None else known_link(robot, link, "link")
+    at, waiting, moving = {start: Pose.identity()}, [start], []
+    while waiting:
+        name = waiting.pop()
+        for joint in robot.joints_below[name]:
+            if joint.is_fixed:
+                at[joint.child] = at[name] @ joint.origin
+                waiting.append(joint.child)
+            else:
+                moving.append(joint.name)
+    if moving:
+        raise robot.links[start].element.refuse(
+            f"expected one rigid body, got joints that move parts of it: {listed(moving)}; try link=, naming one of"
+            f" {listed(list(robot.links))}, or joints of type fixed"
+        )
+    parts = inertia_parts(robot, at, physical)
+    if not parts:
+        raise robot.links[start].element.refuse(f"expected <inertial> in {quoted(start)}, got none; try adding one")
+    mass, com, inertia = welded(parts)
+    with robot.links[start].element.refusals():
+        return HeldObject(mass, inertia, com, physical)

@@ -1,0 +1,222 @@
+"""Arms on a common trunk out of a URDF file: the joints that several arms share are the trunk."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from os import PathLike
+from typing import Any, Unpack
+
+from holdfast.errors import ModelError
+from holdfast.model import checks
+from holdfast.model.arm import Arm
+from holdfast.model.link import Link
+from holdfast.model.trunk import BASE, Trunk
+from holdfast.robots.urdf.bodies import FoldedChain, fold, welded, welded_link
+from holdfast.robots.urdf.chain import UrdfOptions, chain_of, joints_and_links, mount_of, read_within
+from holdfast.robots.urdf.document import listed, quoted
+from holdfast.robots.urdf.path import Locks, PassedJoint, checked_locks, known_link, path_between
+from holdfast.robots.urdf.reader import read_urdf
+from holdfast.robots.urdf.refusals import hanging, refuse_loose, refuse_unsupported
+from holdfast.robots.urdf.robot import UrdfRobot
+from holdfast.spatial.inertia import turned
+from holdfast.spatial.vector import product
+
+Path = list[PassedJoint]
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfTrunk:
+    """Arms and the trunk that they stand on: `ClosedChain(arms, object, grasps, trunk=trunk, mounts=mounts)`.
+
+    Attributes:
+        trunk: the joints that arms share, in the file's names; begins with the root's body if that floats.
+        arms: by name; the base of an arm in `mounts` is a pose in the axes of the trunk's link that it stands on.
+        mounts: that link's name or index by arm, "base" for the body that floats; those in the world are missing.
+        locked: where joints within trunk and arms are held [rad or m], by name.
+        notes: what was read differently from what the file states, or not at all, with its line.
+    """
+
+    trunk: Trunk
+    arms: Mapping[str, Arm]
+    mounts: Mapping[str, str | int]
+    locked: Mapping[str, float]
+    notes: tuple[str, ...]
+
+    def mounted_on(self, arm: Arm, at: Any = None) -> UrdfTrunk:
+        """Return the same on the tip of another arm, such as a hand from a file of its own. O(joints).
+
+        The arm's joints come first in the trunk; the body that floated is welded to its last link.
+
+        Args:
+            arm: the arm, where it stands in the world.
+            at: pose of the base that floated in the arm's tip frame (a Pose or wxyz_xyz); default: on it.
+
+        Raises:
+            ModelError: a base that does not float, or a pose that is none.
+        """
+        body, last, trunk = self.trunk.floating, arm.links[-1], self.trunk
+        if body is None:
+            raise ModelError(
+                "mounted_on: expected a base that floats, whose mass the arm can carry, got one in the world;"
+                " try load_urdf_trunk(..., floating=True)"
+            )
+        at = arm.tip if at is None else arm.tip @ checks.pose(at, "at")
+        parts = [(last.mass, last.com, last.inertia)]
+        parts += [(body.mass, at.p + product(at.R, body.com), turned(body.inertia, at.R))]
+        hand = Link(*welded(parts), name=last.name, physical=last.physical and body.physical)
+        joints = [replace(joint, placement=at @ joint.placement) for joint in trunk.joints[:1]] + [*trunk.joints[1:]]
+        carried = {name: trunk.body(mount, name) for name, mount in self.mounts.items()}
+        return replace(
+            self,
+            trunk=Trunk([*arm.joints, *joints], [*arm.links[:-1], hand, *trunk.links], arm.base),
+            arms={name: one if carried[name] else one.at(at @ one.base) for name, one in self.arms.items()},
+            mounts={name: arm.joint_count - 1 + k for name, k in carried.items()},
+        )
+
+
+def load_urdf_trunk(
+    path_or_text: str | PathLike[str],
+    tips: Mapping[str, str] | Iterable[str],
+    *,
+    base: str | None = None,
+    floating: bool = False,
+    **options: Unpack[UrdfOptions],
+) -> UrdfTrunk:
+    """Return arms of one robot and the joints that they share, as the trunk that they stand on. O(arms links).
+
+        load_urdf_trunk("robot.urdf", {"left": "left_hand", "right": "right_hand"}, lock_others=True)
+
+    From the base on, the joints on the way to more than one tip are the trunk, as far as they move; each arm
+    begins where no other goes along. Arms may leave the trunk at different links, or stand on the base; a trunk
+    that branches is refused. Links that are fixed to the trunk count for it. What hangs on trunk and arms by
+    joints of its own (a head, fingers; legs on a base that floats) must be held, as for `load_urdf_arms`.
+
+    Args:
+        path_or_text: a file, the text itself, or a `.xacro` file (see `read_urdf`).
+        tips: name of the link whose frame is the tip, by arm; or such names alone, which are the arms' names then.
+        base: name of the link that stands still, or floats; default: the root.
+        floating: whether the base is a free body, as it also is where the file's first joint on the way to all
+            tips is a floating one; its frame is then that of the link beyond, and its pose is in the state.
+        **options: as for `load_urdf_arms`, with `mount` the pose of the base link in the world.
+
+    Raises:
+        SceneError: as for `load_urdf_arms`; no joint that moves two arms, on a base that stands still; a trunk
+            that branches; an arm without a joint of its own; a mount of a base that floats.
+        ModelError, MissingExtra: as for `load_urdf_arms`.
+    """
+    robot = read_urdf(path_or_text, xacro_args=options.get("xacro_args"), trust_xacro=options.get("trust_xacro", False))
+    ends = _ends(robot, tips)
+    start = robot.root if base is None else known_link(robot, base, "base")
+    start, floats = _base(robot, start, ends, floating)
+    if floats and options.get("mount") is not None:
+        raise robot.element.refuse("mount: expected none, since the base floats: its pose is in the state")
+    paths = {name: path_between(robot, start, tip) for name, tip in ends.items()}
+    passed = frozenset(step.joint.name for path in paths.values() for step in path)
+    locks = Locks(robot, checked_locks(robot, options.get("locked")), bool(options.get("lock_others")), passed)
+    for path in paths.values():
+        refuse_unsupported(locks, path)
+    shared = _shared(locks, paths)
+    if not floats and not any(shared.values()):
+        pairs = ", ".join(f"{name!r}: ({quoted(start)}, {quoted(tip)})" for name, tip in ends.items())
+        raise robot.element.refuse(
+            f"tips: expected a joint that moves two of the arms, got none between base {quoted(start)} and the tips;"
+            f" try load_urdf_arms with {{{pairs}}}, or floating=True"
+        )
+    longest = max(shared, key=lambda name: len(shared[name]))
+    _refuse_branches(robot, shared, longest)
+    common = fold(start, _until(paths[longest], shared[longest]), locks, floats=floats)
+    folds = {
+        name: fold(shared[name][-1].beyond if shared[name] else start, path[len(_until(path, shared[name])) :], locks)
+        for name, path in paths.items()
+    }
+    loose = hanging(locks, common, "trunk", passed | _floating_above(robot, start))
+    refuse_loose(locks, loose + [one for folded in folds.values() for one in hanging(locks, folded)])
+    return _on_trunk(locks, common, folds, {name: len(steps) for name, steps in shared.items()}, options)
+
+
+def _ends(robot: UrdfRobot, tips: Mapping[str, str] | Iterable[str]) -> dict[str, str]:
+    """Return the tip link of each arm, checked."""
+    if isinstance(tips, str) or not isinstance(tips, Iterable) or not (given := [*tips]):
+        raise robot.element.refuse("tips: expected links by arm, such as {'left': 'left_hand', 'right': 'right_hand'}")
+    named = tips if isinstance(tips, Mapping) else {str(tip): tip for tip in given}
+    return {name: known_link(robot, tip, f"arm '{name}': tip") for name, tip in named.items()}
+
+
+def _base(robot: UrdfRobot, start: str, ends: Mapping[str, str], floating: bool) -> tuple[str, bool]:
+    """Return the base and whether it floats: beyond a floating joint that is the first on the way to every tip."""
+    paths = [path_between(robot, start, tip) for tip in ends.values()]
+    first = {next((step for step in path if not step.joint.is_fixed), None) for path in paths}
+    step = first.pop()
+    free = not first and step is not None and step.joint.name in _floating_above(robot, step.beyond)
+    return (step.beyond, True) if free and step is not None else (start, bool(floating))
+
+
+def _floating_above(robot: UrdfRobot, link: str) -> set[str]:
+    """Return the name of the joint above a link if it is a floating one: a body that floats does not feel it."""
+    above = robot.joint_above.get(link)
+    return {above.name} if above is not None and above.kind == "floating" else set()
+
+
+def _shared(locks: Locks, paths: Mapping[str, Path]) -> dict[str, Path]:
+    """Return the moving joints that each arm shares with another: the first ones on the way to its tip.
+
+    Raises:
+        SceneError: an arm without a joint of its own.
+    """
+    moving = {name: [step for step in path if locks.pose(step.joint) is None] for name, path in paths.items()}
+    shared = {}
+    for name, steps in moving.items():
+        others = [other for key, other in moving.items() if key != name]
+        shared[name] = steps[: max((_alike(steps, other) for other in others), default=0)]
+        if len(shared[name]) == len(steps):
+            raise locks.robot.element.refuse(f"arm '{name}': expected a joint that moves no other arm, got none")
+    return shared
+
+
+def _alike(one: Path, other: Path) -> int:
+    """Return how many joints two paths have in common before they part."""
+    return next((k for k, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
+
+
+def _refuse_branches(robot: UrdfRobot, shared: Mapping[str, Path], longest: str) -> None:
+    """Refuse joints that arms share beside the longest row of such joints."""
+    for steps in shared.values():
+        k = _alike(steps, shared[longest])
+        if k < len(steps):
+            aside, ahead = steps[k].joint, shared[longest][k].joint
+            movers = [[key for key, path in shared.items() if step in path] for step in (steps[k], shared[longest][k])]
+            raise aside.element.refuse(
+                f"moves arms {listed(movers[0])}, while {quoted(ahead.name)} moves arms {listed(movers[1])}: expected"
+                f" shared joints in one row, got a trunk that branches; try holding one of the branches, or fewer tips"
+            )
+
+
+def _until(path: Path, shared: Path) -> Path:
+    """Return the path up to the last of the joints that are shared."""
+    return path[: path.index(shared[-1]) + 1] if shared else []
+
+
+def _on_trunk(
+    locks: Locks, common: FoldedChain, folds: Mapping[str, FoldedChain], shared: Mapping[str, int], options: UrdfOptions
+) -> UrdfTrunk:
+    """Return trunk and arms, which have so many joints of the trunk below them."""
+    robot, floats = locks.robot, common.floats
+    free = welded_link(robot, common.on_base, "it floats", options.get("physical", True)) if floats else None
+    trunk = Trunk(*joints_and_links(robot, common, options), mount_of(options), free)
+    locked, notes = read_within(locks, common)
+    arms, mounts = {}, {}
+    for name, folded in folds.items():
+        k = shared[name]
+        if k > 0:
+            link, at = trunk.links[k - 1].name, common.bodies[k - 1].links[folded.base]
+            mounts[name] = k - 1 if link == BASE else link  # the name of a body that floats
+        elif floats:
+            mounts[name], at = BASE, common.on_base[folded.base]
+        else:
+            at = trunk.base
+        chain = chain_of(locks, folded, at, options)
+        arms[name] = chain.arm
+        locked |= chain.locked
+        notes += chain.notes
+    return UrdfTrunk(trunk, arms, mounts, locked, tuple(dict.fromkeys(notes)))

@@ -1,0 +1,94 @@
+"""Machine code of forward dynamics with a trunk: the reference's answers, batches, bound calls, refusals."""
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.dynamics import Status
+from tests.systems.problems import relative_gap
+from tests.systems.trunk_problems import cases, random_on_trunk
+
+EXACT = 1e-11
+ANSWERS = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench", "trunk_base_wrench")
+CASES = ["torso3_three_arms_one_free_head", "space_hinge_ball", "links_and_world_arm", "floating_torso3_gravity_mixed"]
+MOVING = ("trunk_base_twist", "trunk_base_acceleration")
+
+
+def given(chain, state, tau, inputs):
+    """Return the arguments of a compiled call."""
+    wanted = {"object_wrench": inputs.object_wrench} | {name: getattr(inputs, name) for name in MOVING}
+    if chain.floats:
+        wanted |= {"floating_pose": state.base_pose, "floating_twist": state.base_twist}
+    arguments = (state.q, state.qd, tau, state.object_pose, state.object_twist)
+    return arguments, {name: x for name, x in wanted.items() if x is not None}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_reference(name):
+    """One system and a batch have the reference's answers, and one another's bits."""
+    case = cases()[name]
+    fast = hf.compile(case.chain)
+    arguments, parameters = given(case.chain, case.state, case.tau, case.inputs)
+    found = fast.forward_dynamics(*arguments, **parameters)
+    wanted = hf.forward_dynamics(case.chain, case.state, case.tau, inputs=case.inputs)
+    assert (found.rank, found.mobility, found.status) == (wanted.rank, wanted.mobility, wanted.status)
+    for part in ANSWERS:
+        assert relative_gap(getattr(found, part), getattr(wanted, part), 1.0) < EXACT
+    if case.chain.floats:
+        assert relative_gap(found.base_acceleration, wanted.base_acceleration) < EXACT
+    else:
+        assert found.base_acceleration is None
+    several = fast.forward_dynamics(*(np.tile(x, (5, 1)) for x in arguments), **parameters, threads=2)
+    for part in ANSWERS:
+        for row in getattr(several, part):
+            np.testing.assert_array_equal(row, getattr(found, part))
+
+
+@pytest.mark.parametrize(("seed", "joints", "floating"), [(0, 1, False), (3, 3, True), (4, 4, False)])
+def test_external_wrenches_and_driven_bases(seed, joints, floating):
+    """Wrenches on every body and a trunk's driven base are run-time parameters."""
+    p = random_on_trunk(seed, joints, floating=floating)
+    fast = hf.compile(p.chain, parameters=["link_wrench"])
+    arguments, parameters = given(p.chain, p.state, p.tau, p.inputs)
+    parameters |= {"link_wrench": p.inputs.link_wrenches, "trunk_link_wrench": p.inputs.trunk_link_wrenches}
+    found, wanted = fast.forward_dynamics(*arguments, **parameters), p.solved()
+    for part in ANSWERS:
+        assert relative_gap(getattr(found, part), getattr(wanted, part), 1.0) < EXACT
+
+
+def test_bound():
+    """A bound call reads pose and twist of the floating base where they are."""
+    case = cases()["space_hinge_ball"]
+    arguments, parameters = given(case.chain, case.state, case.tau, case.inputs)
+    fast = hf.compile(case.chain)
+    names = ("q", "qd", "tau", "object_pose", "object_twist")
+    bound = fast.bind(**{name: np.array(x) for name, x in zip(names, arguments, strict=True)})
+    bound.floating_pose[...], bound.floating_twist[...] = case.state.base_pose, case.state.base_twist
+    assert bound() is Status.OK
+    alone = fast.forward_dynamics(*arguments, **parameters)
+    np.testing.assert_array_equal(bound.result.qdd, alone.qdd)
+    np.testing.assert_array_equal(bound.result.base_acceleration, alone.base_acceleration)
+    bound.floating_pose[0] += 0.1
+    assert bound() is Status.INVALID
+
+
+def test_not_unique_forces():
+    """The generic rank is found, and accelerations are the reference's."""
+    case = cases()["many_forces_links_3joint_rigid"]
+    arguments, parameters = given(case.chain, case.state, case.tau, case.inputs)
+    found = hf.compile(case.chain).forward_dynamics(*arguments, **parameters)
+    assert found.status is Status.INDETERMINATE_FORCES
+    assert relative_gap(found.qdd, np.concatenate([case.expected.trunk.qdd, *case.expected.qdd])) < EXACT
+
+
+def test_refused():
+    """A floating base whose state is missing, base motion of an arm that the trunk carries."""
+    case = cases()["space_hinge_ball"]
+    arguments, parameters = given(case.chain, case.state, case.tau, case.inputs)
+    fast = hf.compile(case.chain)
+    with pytest.raises(hf.StateError, match="floating_pose: expected"):
+        fast.forward_dynamics(*arguments)
+    with pytest.raises(hf.StateError, match="floating_pose: expected a unit quaternion"):
+        fast.forward_dynamics(*arguments, **parameters | {"floating_pose": np.ones(7)})
+    with pytest.raises(hf.StateError, match="moves with the trunk"):
+        fast.forward_dynamics(*arguments, **parameters, base_twist=np.ones((2, 6)))
