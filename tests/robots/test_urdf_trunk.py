@@ -7,7 +7,6 @@ import holdfast as hf
 from holdfast import Pose
 from holdfast.dynamics import link_poses, tip_pose
 from holdfast.robots import load_urdf_trunk
-from holdfast.robots.urdf.attributes import rotation_of_rpy
 from tests.robots.test_urdf import ON_A_TORSO, locks_to_try
 from tests.robots.two_armed import TWO_ARMED
 
@@ -104,7 +103,7 @@ def test_a_hand_from_another_file():
     weld = """<joint name="weld" type="fixed"><parent link="ankle"/><child link="base"/>
       <origin xyz="0.1 0.2 0.3" rpy="0.4 0.5 0.6"/></joint>"""
     whole = load_urdf_trunk(HEAVY_BASE.replace("</robot>", below + weld + "</robot>"), HANDS, lock_others=True)
-    at = Pose(rotation_of_rpy(0.4, 0.5, 0.6), [0.1, 0.2, 0.3])
+    at = Pose.from_rpy(0.4, 0.5, 0.6, [0.1, 0.2, 0.3])
     arm = hf.load_urdf(f'<robot name="leg">{below}</robot>', tip="ankle")
     hand = load_urdf_trunk(HEAVY_BASE, HANDS, lock_others=True, floating=True)
     both = hand.mounted_on(arm, at)
