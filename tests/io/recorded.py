@@ -12,6 +12,7 @@ SHAPES = {
         (): "t kinetic potential impact condition",
         (2,): "position_gap velocity_gap load_share spin margin best_margin worst_margin lowest_margin"
         " lowest_margin_time holding",
+        (0,): "base_pose base_twist base_acceleration trunk_base_wrench",
         (3,): "lowest_joint_margin lowest_joint_margin_time lowest_joint",
         (4,): "work",
         (6,): "object_twist object_acceleration momentum momentum_rate base_impulse",

@@ -132,6 +132,16 @@ def test_arrays_that_come_and_go(tmp_path, monkeypatch):
     assert "its heat are not read" in load_result(tmp_path / "run").note
 
 
+def test_results_from_before_there_were_trunks(tmp_path):
+    """Without the arrays of a trunk a result is one of a chain without a trunk."""
+    _, given = filled(tmp_path / "run", 2)
+    chunk = tmp_path / "run" / "chunk_0000.npz"
+    np.savez(chunk, **{name: x for name, x in np.load(chunk).items() if name not in trajectory.OF_TRUNK})
+    units = json.loads((tmp_path / "run/meta.json").read_text())["units"]
+    rewritten(tmp_path / "run", units={name: unit for name, unit in units.items() if name not in trajectory.OF_TRUNK})
+    same_bits(load_result(tmp_path / "run").trajectory, stacked(given))
+
+
 def test_chunks_of_other_shapes(tmp_path):
     """A chunk of another run in between is not joined to this one."""
     filled(tmp_path / "run", 2, 2)

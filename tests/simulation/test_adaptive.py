@@ -190,10 +190,7 @@ def test_first_proposal():
     now = stepper_of(p.chain, p.state)[1]
     fastest = max(np.abs(now.state.qd).max(), np.sqrt(np.abs(now.result.qdd).max()))
     assert 0.1 * 0.01 / fastest < first_proposal(now).step <= 0.01 / fastest
-    still: Any = SimpleNamespace(
-        velocities=np.zeros(8),
-        result=SimpleNamespace(qdd=np.zeros(2), object_acceleration=np.zeros(6)),
-    )
+    still: Any = SimpleNamespace(velocities=np.zeros(8), accelerations=np.zeros(8))
     assert first_proposal(still).step == 1.0
 
 

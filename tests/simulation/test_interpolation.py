@@ -17,7 +17,7 @@ from tests.systems.as_chain import as_chain
 
 def interpolant(now, later):
     """Return the interpolant between two instants."""
-    return between_knots(*(Knot(x.t, x.state, x.result.qdd, x.result.object_acceleration) for x in (now, later)))
+    return between_knots(*(Knot(x.t, x.state, x.accelerations) for x in (now, later)))
 
 
 @pytest.fixture(scope="module")

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.trunk.trunk_motion import trunk_at_rest
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
+from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
@@ -28,10 +31,21 @@ class ContactPlace(NamedTuple):
 def contact_places(chain: ClosedChain, state: State) -> list[ContactPlace]:
     """Return where each grasp is, in order. O(l), and O(n) where axes or point follow the tips."""
     frame, found = state.object_frame, []
+    tips = tip_frames(chain, state, [name for name, grasp in chain.grasps.items() if grasp.of_kind.follows_tip])
     for name, grasp in chain.grasps.items():
         kind, R, offset = grasp.of_kind, frame.R @ grasp.frame.R, frame.R @ grasp.frame.p
-        if kind.follows_tip:
-            tip = posture(chain.arms[name], state.q[chain.joints[name]]).tip
+        if name in tips:
+            tip = tips[name]
             R, offset = kind.axes(R, tip.R), tip.p - frame.p if kind.slides else offset
         found.append(ContactPlace(grasp, R, offset))
     return found
+
+
+def tip_frames(chain: ClosedChain, state: State, names: Iterable[str]) -> dict[str, Pose]:
+    """Return the poses of some arms' tips in the world, by name. O(n)."""
+    trunk = trunk_at_rest(chain, state)
+    mounts = {} if trunk is None else trunk.mounts
+    arms = {
+        name: chain.arms[name].standing_at(mounts[name].frame) if name in mounts else chain.arms[name] for name in names
+    }
+    return {name: posture(arm, state.q[chain.joints[name]]).tip for name, arm in arms.items()}

@@ -112,8 +112,7 @@ def total_kinetic_energy(chain: ClosedChain, state: State, inputs: Inputs) -> Sc
     for body in trunk_bodies(chain, at):
         arms.append(body.kinetic_energy)
     if chain.trunk is not None:
-        of_trunk = state.qd[chain.joints[TRUNK]]
-        arms.append(0.5 * (_armature(chain.trunk) @ of_trunk**2))
+        arms.append(_trunk_rotor_energy(chain.trunk, state.qd[chain.joints[TRUNK]]))
     return sum(arms) + held_body(chain.held_object, state.object_frame, state.object_twist).kinetic_energy
 
 
@@ -144,8 +143,8 @@ def total_potential_energy(chain: ClosedChain, state: State) -> Scalar:
     arms = each(lambda arm, q: arm_potential_energy(arm, q, chain.gravity), at.arms, q)
     for body in trunk_bodies(chain, at):
         arms.append(body.potential_energy(chain.gravity))
-    if chain.trunk is not None and chain.trunk.serial is not None:
-        arms.append(arm_elastic_energy(chain.trunk.serial, state.q[chain.joints[TRUNK]]))
+    if chain.trunk is not None:
+        arms.append(_trunk_elastic_energy(chain.trunk, state.q[chain.joints[TRUNK]]))
     held = held_body(chain.held_object, state.object_frame, np.zeros(6)).potential_energy(chain.gravity)
     return sum(arms) + held + spring_energy(chain, state)
 
@@ -164,7 +163,14 @@ def arm_elastic_energy(arm: Arm, q: Array) -> Scalar:
 def elastic_energy(chain: ClosedChain, state: State) -> Scalar:
     """Return what all springs store [J]."""
     in_joints = [arm_elastic_energy(arm, state.q[chain.joints[name]]) for name, arm in chain.arms.items()]
+    if chain.trunk is not None:
+        in_joints.append(_trunk_elastic_energy(chain.trunk, state.q[chain.joints[TRUNK]]))
     return sum(in_joints) + spring_energy(chain, state)
+
+
+def rotor_energy(chain: ClosedChain, state: State) -> Scalar:
+    """Return the kinetic energy of the drives' rotors [J]."""
+    return 0.5 * (np.array([joint.armature for joint in chain.all_joints]) @ state.qd**2)
 
 
 def spring_energy(chain: ClosedChain, state: State) -> Scalar:
@@ -300,9 +306,14 @@ def power_of(
     return Power(tau @ state.qd, -(damping @ (state.qd * state.qd)) - lost, base, external)
 
 
-def _armature(trunk: Trunk) -> Array:
-    """Return (n_t,) drive inertias of a trunk's joints."""
-    return np.array([joint.armature for joint in trunk.joints])
+def _trunk_rotor_energy(trunk: Trunk, qd: Array) -> Scalar:
+    """Return the kinetic energy of the rotors in a trunk's joints [J]."""
+    return 0.5 * (np.array([joint.armature for joint in trunk.joints]) @ qd**2)
+
+
+def _trunk_elastic_energy(trunk: Trunk, q: Array) -> Scalar:
+    """Return what the springs in a trunk's joints store [J]."""
+    return 0.0 if trunk.serial is None else arm_elastic_energy(trunk.serial, q)
 
 
 def _origins(at: Posture) -> list[Array]:

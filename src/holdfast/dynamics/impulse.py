@@ -53,6 +53,7 @@ class Attachment(Frozen):
         impulses: (arms, 6) [moment; force] impulse of each arm on the object about its contact point; zero for
             an arm without a grasp [N m s, N s].
         base_impulses: (arms, 6) of the base on each arm about the base origin [N m s, N s].
+        trunk_base_impulse: (6,) of the base on a trunk about the base origin, 0 where it floats; None without one.
         energy_change: of the kinetic energy; not positive where the bases stand still [J].
         status: whether the impulses are unique; INDETERMINATE_FORCES: the smallest ones are given, in the metric
             of the force split. Velocities are unique in any case.
@@ -64,6 +65,7 @@ class Attachment(Frozen):
     base_impulses: Array
     energy_change: float
     status: Status
+    trunk_base_impulse: Array | None = None
 
 
 def attach(
@@ -187,10 +189,11 @@ def _stopped(motion: ChainMotion, state: State, given: Inputs) -> Attachment:
         base[i] = newton_euler(at_rest(arm), jump.qd[chain.joints[name]], impulses[i], beta)[1]
     assert given.base_twists is not None
     change = (given.base_twists * base).sum()  # V_b.j_b
-    if trunk is not None and given.trunk_base_twist is not None:
-        change += given.trunk_base_twist @ base_wrench(trunk, betas, dict(zip(chain.arms, base, strict=True)))
+    below = None if trunk is None else base_wrench(trunk, betas, dict(zip(chain.arms, base, strict=True)))
+    if below is not None and given.trunk_base_twist is not None:
+        change += given.trunk_base_twist @ below
     change -= 0.5 * sum(p @ v for p, v in zip(found, mismatch, strict=True))  # p^T K v = p^T K Omega K^T p
-    return Attachment(chain, quickened(state, jump), impulses, base, float(change), status)
+    return Attachment(chain, quickened(state, jump), impulses, base, float(change), status, below)
 
 
 def _require_velocities(stopped: Attachment, given: Inputs) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.spring_wrenches import with_springs
-from holdfast.dynamics.energy import bodies
+from holdfast.dynamics.energy import Body, bodies
 from holdfast.dynamics.result import ForwardResult
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -39,14 +39,19 @@ def momentum_rate(
         StateError: wrong shape of `about` or the inputs.
     """
     state.fits(chain)
-    base = checks.numbers(result.base_wrench, (len(chain.arms), 6), "result: base_wrench", StateError)
+    checks.numbers(result.base_wrench, (len(chain.arms), 6), "result: base_wrench", StateError)
     point = np.zeros(3) if about is None else checks.numbers(about, (3,), "about", StateError)
     given = with_springs(chain, state, (inputs or Inputs()).shaped(chain))
-    *links, held = bodies(chain, state)
+    return rate_of(chain, result, given, list(bodies(chain, state)), point)
+
+
+def rate_of(chain: ClosedChain, result: ForwardResult, given: Inputs, every: list[Body], point: Array) -> Array:
+    """Return the same over bodies that are known; the inputs are shaped and have the springs' wrenches in them."""
+    *links, held = every
     on_trunk = 0 if chain.trunk is None else len(chain.trunk.bodies)
     assert given.object_wrench is not None
     rate = shift_wrench(held.origin - point, given.object_wrench)
-    for (name, arm), f in zip(chain.arms.items(), base, strict=True):
+    for (name, arm), f in zip(chain.arms.items(), result.base_wrench, strict=True):
         if name not in chain.mounts:
             rate = rate + shift_wrench(arm.base.p - point, f)
     if chain.trunk is not None and result.trunk_base_wrench is not None:  # zero below a floating base

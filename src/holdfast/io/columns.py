@@ -98,10 +98,17 @@ PER_ARM = {
 WRENCHES = ("grasp_wrench", "internal_wrench", "wrist_wrench", "base_wrench")
 WRENCH = _xyz("moment", "N m") + _xyz("force", "N")
 MOMENTUM = _xyz("angular", "N m s") + _xyz("linear", "N s")
+POSE = _named(["qw", "qx", "qy", "qz"], NO_UNIT) + _named(["x", "y", "z"], "m")
+TWIST = _xyz("omega", "rad/s") + _xyz("v", "m/s")
+ACCELERATION = _xyz("omega_dot", "rad/s^2") + _xyz("v_dot", "m/s^2")
 FIXED = {
-    "object_pose": [_named(["qw", "qx", "qy", "qz"], NO_UNIT) + _named(["x", "y", "z"], "m")],
-    "object_twist": [_xyz("omega", "rad/s") + _xyz("v", "m/s")],
-    "object_acceleration": [_xyz("omega_dot", "rad/s^2") + _xyz("v_dot", "m/s^2")],
+    "object_pose": [POSE],
+    "object_twist": [TWIST],
+    "object_acceleration": [ACCELERATION],
+    "base_pose": [POSE],
+    "base_twist": [TWIST],
+    "base_acceleration": [ACCELERATION],
+    "trunk_base_wrench": [WRENCH],
     "lowest_joint_margin": [
         [Column("position", "rad or m"), Column("rate", "rad/s or m/s"), Column("effort", "N m or N")]
     ],

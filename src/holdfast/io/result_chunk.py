@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from holdfast.io.files import write_atomically
-from holdfast.simulation.trajectory import Occurrence, Trajectory, array_names, stacked
+from holdfast.simulation.trajectory import OF_TRUNK, Occurrence, Trajectory, array_names, stacked
 from holdfast.spatial.scalar import Array
 
 _UNREADABLE = (OSError, ValueError, KeyError, EOFError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error)
@@ -95,13 +95,13 @@ def read_chunk(folder: Path, k: int, count: int) -> Trajectory:
         Damage: they are not all there.
     """
     arrays, log = _read(folder, k, count)
-    if lacking := [name for name in array_names() if name not in arrays]:
+    if lacking := [name for name in array_names() if name not in (*arrays, *OF_TRUNK)]:
         raise Damage(f"{chunk_name(k)} lacks {', '.join(lacking)}")
     try:
         occurrences = msgspec.convert([line for line in log if line["sample"] < count], tuple[Occurrence, ...])
     except msgspec.ValidationError as cause:
         raise Damage(f"{chunk_name(k)}: occurrences: {cause}") from cause
-    ours: dict[str, Any] = {name: arrays[name][:count] for name in array_names()}
+    ours: dict[str, Any] = {name: arrays[name][:count] for name in array_names() if name in arrays}
     return Trajectory(**ours, occurrences=occurrences)
 
 

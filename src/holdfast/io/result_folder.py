@@ -361,7 +361,7 @@ def run_meta(
         arms=list(chain.names),
         grasps={name: grasp.kind for name, grasp in chain.grasps.items()},
         joints=chain.joint_names(),
-        joint_kinds=[joint.kind for arm in chain.arms.values() for joint in arm.joints],
+        joint_kinds=[joint.kind for joint in chain.all_joints],
         work_terms=list(WORK_TERMS),
         units={name: UNITS[name] for name in array_names()},
         duration=float(duration),

@@ -14,7 +14,7 @@ from holdfast.errors import ResultError
 from holdfast.io.files import file_path
 from holdfast.io.result_chunk import Damage, chunk_name, read_chunk, stray_chunks
 from holdfast.io.result_meta import ResultMeta, read_bytes, read_meta, sha256
-from holdfast.simulation.trajectory import Trajectory, array_names
+from holdfast.simulation.trajectory import OF_TRUNK, Trajectory, array_names
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ def load_result(folder: str | PathLike[str]) -> Result:
     if not meta.samples:
         raise ResultError(f"{folder}: no samples yet: the run ended before its first flush, or has just begun")
     ours = array_names()
-    if missing := [name for name in ours if name not in meta.units]:
+    if missing := [name for name in ours if name not in (*meta.units, *OF_TRUNK)]:
         raise ResultError(
             f"{folder}: written by holdfast {meta.versions.get('holdfast')}, which had no {', '.join(missing)};"
             " try that version, or numpy.load on the chunks"

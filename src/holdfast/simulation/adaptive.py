@@ -22,8 +22,8 @@ SMALLEST_RTOL = 1e-15  # float64 has no more digits
 class Tolerance:
     """The error allowed in one step: atol + rtol times the size of what is integrated.
 
-    Sizes are taken over groups (joint positions, joint rates, the object's position, angular
-    and linear velocity), so that a joint that happens to stand still asks for no more digits
+    Sizes are taken over groups (joint positions, joint rates, position, angular and linear velocity
+    of each free body), so that a joint that happens to stand still asks for no more digits
     than the others; an attitude counts as 1 rad. The work done is integrated, not controlled.
 
     Attributes:
@@ -41,11 +41,11 @@ class Tolerance:
         put(self, "atol", checks.number(atol, "tolerance: atol", above=0.0))
 
     def allowed(self, before: State, after: State) -> Array:
-        """Return the error allowed in each increment (dq, dqd, turn, dp, dV(C)) of a step, (2 n + 12,)."""
+        """Return the error allowed in each entry of a step's increment but its work, (2 n + 12 bodies,)."""
         assert self.atol is not None
         sizes = np.maximum(_sizes(before), _sizes(after))
         n = len(before.q)
-        return self.atol + self.rtol * np.repeat(sizes, [n, n, 3, 3, 3, 3])
+        return self.atol + self.rtol * np.repeat(sizes, [n, n, *[3] * (len(sizes) - 2)])
 
     def ratio(self, estimates: Sequence[Array], before: State, after: State) -> float:
         """Return the estimated error of a step over the allowed one, in the mean square; 0 without estimates.
@@ -54,7 +54,7 @@ class Tolerance:
         which no single linear estimate of these stages reaches.
 
         Args:
-            estimates: none, or those of orders 5 and 3, (2 n + 16,) each.
+            estimates: none, or those of orders 5 and 3, as an `increment` each.
             before: the state at the step's start.
             after: the state at its end.
         """
@@ -66,9 +66,12 @@ class Tolerance:
 
 
 def _sizes(state: State) -> Array:
-    """Return the sizes of q, qd, attitude, p, omega, v, (6,)."""
-    w, v = state.object_twist[:3], state.object_twist[3:]
-    return np.array([np.abs(x).max(initial=0.0) for x in (state.q, state.qd, np.ones(1), state.object_pose[4:], w, v)])
+    """Return the sizes of q, qd, and attitude, p, omega, v of each free body, (6,) or (10,)."""
+    groups = [state.q, state.qd]
+    for pose, twist in ((state.object_pose, state.object_twist), (state.base_pose, state.base_twist)):
+        if pose is not None and twist is not None:
+            groups += [np.ones(1), pose[4:], twist[:3], twist[3:]]
+    return np.array([np.abs(x).max(initial=0.0) for x in groups])
 
 
 if TYPE_CHECKING:
@@ -97,8 +100,7 @@ class Proposal:
 
 def first_proposal(now: Instant) -> Proposal:
     """Return a cautious first step, from the velocities and accelerations at the start."""
-    accelerations = np.concatenate([now.result.qdd, now.result.object_acceleration])
-    inverse_time = max(float(np.abs(now.velocities).max()), math.sqrt(float(np.abs(accelerations).max())))
+    inverse_time = max(float(np.abs(now.velocities).max()), math.sqrt(float(np.abs(now.accelerations).max())))
     return Proposal(FIRST_STEP / max(inverse_time, FIRST_STEP))  # 1 s where nothing moves
 
 

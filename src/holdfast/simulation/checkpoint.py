@@ -148,20 +148,24 @@ class Checkpoint:
             raise ResultError(f"checkpoint: cannot be read: {cause!r}; try starting the run anew") from cause
 
 
-_STATE = ("q", "qd", "object_pose", "object_twist")
+_STATE = ("q", "qd", "object_pose", "object_twist", "base_pose", "base_twist")  # the last two of a floating base
+_POSES = ("object_pose", "base_pose")
 
 
 def _origin_data(name: str, origin: Origin, arrays: dict[str, Array]) -> Any:
-    arrays |= {f"{name}.{part}": getattr(origin.state, part) for part in _STATE}
+    parts = {part: getattr(origin.state, part) for part in _STATE}
+    arrays |= {f"{name}.{part}": array for part, array in parts.items() if array is not None}
     arrays[f"{name}.t"] = np.array(origin.t)
     return packed(origin.memory, f"{name}.memory", arrays)
 
 
 def _origin(name: str, memory: Any, arrays: Mapping[str, Array]) -> Origin:
-    saved = {part: checks.read_only(np.array(arrays[f"{name}.{part}"])) for part in _STATE}
+    saved = {part: np.array(arrays[at]) for part in _STATE if (at := f"{name}.{part}") in arrays}
+    saved = {part: checks.read_only(array) for part, array in saved.items()}
     state = State(**saved)
-    # dividing a unit quaternion by its length once more can change its last bit
-    object.__setattr__(state, "object_pose", saved["object_pose"])
+    for part in _POSES:  # dividing a unit quaternion by its length once more can change its last bit
+        if part in saved:
+            object.__setattr__(state, part, saved[part])
     return Origin(float(arrays[f"{name}.t"]), state, unpacked(memory, arrays))
 
 

@@ -14,11 +14,11 @@ from functools import cache
 import numpy as np
 
 from holdfast.errors import StateError
+from holdfast.simulation.increment import body_parts, displaced, no_turns, turns_between, work_of
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.runge_kutta import Tableau
-from holdfast.simulation.step import Arrival, Closing, Stage, Step, StepCourse, displaced
+from holdfast.simulation.step import Arrival, Closing, Stage, Step, StepCourse
 from holdfast.simulation.stepper import ReferenceStepper
-from holdfast.spatial import rotation
 
 STAGES = 6
 MOST_ROUNDS = 60
@@ -49,10 +49,11 @@ def collocation_step(now: Instant, until: float) -> StepCourse:
     """
     scheme, start, h, n = gauss(), now.state, until - now.t, len(now.state.q)
     times = [now.t + c * h for c in scheme.c.tolist()]
-    slope = now.rates(np.zeros(3))  # at first as if accelerations stayed
+    slope = now.rates(no_turns(start))  # at first as if accelerations stayed
     slopes = np.tile(slope, (STAGES, 1))
     slopes[:, :n] += h * scheme.c[:, None] * slope[n : 2 * n]
-    slopes[:, 2 * n : 2 * n + 6] += h * scheme.c[:, None] * slope[2 * n + 6 : 2 * n + 12]
+    for part in body_parts(start):
+        slopes[:, part.start : part.start + 6] += h * scheme.c[:, None] * slope[part.start + 6 : part.stop]
     before = moving = np.inf
     for _ in range(MOST_ROUNDS):
         increments = h * scheme.a @ slopes
@@ -61,10 +62,9 @@ def collocation_step(now: Instant, until: float) -> StepCourse:
             state = displaced(start, y)
             if moving < NEAR:
                 state, _ = yield Closing(t, state)
-            turn = rotation.log(state.object_frame.R @ start.object_frame.R.T)
-            later.append((yield Stage(t, state, turn)))
+            later.append((yield Stage(t, state, turns_between(start, state))))
         found = np.array(later)
-        before, moving = moving, float(h * np.abs(found - slopes)[:, : 2 * n + 12].max())
+        before, moving = moving, float(h * np.abs(found - slopes)[:, : body_parts(start)[-1].stop].max())
         slopes = found
         if not np.isfinite(moving) or moving <= STILL or (moving < NEAR and moving >= 0.5 * before):
             break
@@ -72,7 +72,7 @@ def collocation_step(now: Instant, until: float) -> StepCourse:
         raise StateError("the stages of a step through a singular posture do not settle; try a smaller step")
     y = h * scheme.b @ slopes
     closed, gaps = yield Closing(until, displaced(start, y))
-    return Step((yield Arrival(until, closed)), gaps, y[2 * n + 12 :], [])
+    return Step((yield Arrival(until, closed)), gaps, work_of(y), [])
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.scalar import Array, Scalar, array
 from holdfast.state import Inputs
@@ -26,7 +26,7 @@ class Environment:
 
     Attributes:
         chain: arms, object and grasps; bases that do not move stand where it has them.
-        base_motion: motion of the bases that move, by arm name.
+        base_motion: motion of the bases that move, by arm name, or "trunk" for a trunk's.
         inputs: external wrenches, constant or a function of time; base motion in them is
             replaced for the bases that move.
     """
@@ -44,13 +44,28 @@ class Environment:
                 f" {type(self.base_motion).__name__}"
             )
         for name in self.base_motion:
-            if name not in self.chain.arms:
-                raise ModelError(f"base motion '{name}': no such arm.{checks.did_you_mean(name, self.chain.arms)}")
+            self._require_base(name)
             if not callable(self.base_motion[name]):
                 raise ModelError(
                     f"base motion '{name}': expected a function t -> (pose, twist, acceleration), got"
                     f" {type(self.base_motion[name]).__name__}"
                 )
+
+    def _require_base(self, name: str) -> None:
+        """Refuse a motion of what has no base in the world."""
+        chain = self.chain
+        if name == TRUNK and chain.trunk is not None:
+            if chain.floats:
+                raise ModelError(
+                    f"base motion '{TRUNK}': expected none, as the base floats: its motion is in the state"
+                )
+            return
+        if name not in chain.arms:
+            raise ModelError(f"base motion '{name}': no such arm.{checks.did_you_mean(name, chain.arms)}")
+        if name in chain.mounts:
+            raise ModelError(
+                f"base motion '{name}': the arm stands on the trunk and moves with it; try the motion of '{TRUNK}'"
+            )
 
     def at(self, t: Scalar) -> tuple[ClosedChain, Inputs]:
         """Return the chain with its bases where they are at time t [s], and the inputs then."""
@@ -69,6 +84,9 @@ class Environment:
             if name in self.base_motion:
                 poses[name], twists[i], accelerations[i] = motion_of(name, self.base_motion[name](t))
         moving = replace(shaped, base_twists=array(twists), base_accelerations=array(accelerations))
+        if TRUNK in self.base_motion:
+            poses[TRUNK], twist, acceleration = motion_of(TRUNK, self.base_motion[TRUNK](t))
+            moving = replace(moving, trunk_base_twist=twist, trunk_base_acceleration=acceleration)
         return mounted(self.chain, poses), moving
 
 
@@ -88,10 +106,15 @@ def motion_of(name: str, found: Any) -> tuple[Any, Array, Array]:
 
 def mounted(chain: ClosedChain, bases: Mapping[str, Any]) -> ClosedChain:
     """Return the chain with some bases elsewhere; only they are checked, since this happens at every stage."""
-    moved = copy.copy(chain)
+    moved, put = copy.copy(chain), object.__setattr__
     arms = dict(chain.arms)
     for name, base in bases.items():
+        pose = checks.pose(base, f"base motion of '{name}'")
+        if name == TRUNK and chain.trunk is not None:
+            put(moved, "trunk", copy.copy(chain.trunk))
+            put(moved.trunk, "base", pose)
+            continue
         arms[name] = copy.copy(arms[name])
-        object.__setattr__(arms[name], "base", checks.pose(base, f"base motion of '{name}'"))
-    object.__setattr__(moved, "arms", FrozenDict(arms))
+        put(arms[name], "base", pose)
+    put(moved, "arms", FrozenDict(arms))
     return moved

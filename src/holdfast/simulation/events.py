@@ -111,6 +111,7 @@ def happen(event: Event, chain: ClosedChain, state: State, inputs: Inputs) -> tu
         made = attach(chain, state, event.arm, event.grasp, here=event.here, inputs=inputs)
         text = f"'{event.arm}' grips ({event.grasp.kind}); kinetic energy changes by {made.energy_change:.3g} J"
         impulses, base_impulses = (tuple(map(tuple, x.tolist())) for x in (made.impulses, made.base_impulses))
+        below = () if made.trunk_base_impulse is None else tuple(made.trunk_base_impulse.tolist())
         occurrence = Occurrence(
             event.t,
             "attach",
@@ -118,6 +119,7 @@ def happen(event: Event, chain: ClosedChain, state: State, inputs: Inputs) -> tu
             text,
             impulses=impulses,
             base_impulses=base_impulses,
+            trunk_base_impulse=below,
             energy_change=made.energy_change,
         )
         return made.chain, made.state, occurrence

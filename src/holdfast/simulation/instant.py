@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,8 +17,8 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import work_rates
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.runge_kutta import rotation_vector_rate
-from holdfast.spatial.scalar import Array, array, concatenate, sqrt
+from holdfast.simulation.increment import increment_rate
+from holdfast.spatial.scalar import Array, array, sqrt
 from holdfast.state import Inputs, State
 
 # Rate at which friction has reached 71 % of its size. A sign function has no slope that a
@@ -27,7 +28,7 @@ SMOOTHING_RATE = 0.05  # rad/s or m/s
 
 def joint_friction(chain: ClosedChain) -> Array:
     """Return the joints' Coulomb friction F_c, (n,) [N m or N]."""
-    return np.array([joint.friction for arm in chain.arms.values() for joint in arm.joints])
+    return np.array([joint.friction for joint in chain.all_joints])
 
 
 def friction_torque(size: Array, qd: Array) -> Array:
@@ -69,31 +70,29 @@ class Instant:
 
     @property
     def velocities(self) -> Array:
-        """(n + 6,) joint rates, and the object's twist."""
-        return np.concatenate([self.state.qd, self.state.object_twist])
+        """(n + 6,) joint rates, and the object's twist; six more of a floating base."""
+        return velocities(self.state)
 
-    def rates(self, turn: Array) -> Array:
-        """Return d/dt of (q, qd, u, p, V(C), work), where exp(u) has brought the object here.
+    @property
+    def accelerations(self) -> Array:
+        """(n + 6,) of the joints, and of the object; six more of a floating base."""
+        found, of_base = self.result, self.result.base_acceleration
+        return np.concatenate([found.qdd, found.object_acceleration, *([] if of_base is None else [of_base])])
+
+    def rates(self, turns: Sequence[Array]) -> Array:
+        """Return d/dt of an `increment`.
 
         Args:
-            turn: (3,) u since the step's start [rad].
+            turns: (3,) u of each free body since the step's start [rad].
         """
         found = self.result
-        return rates(self.state, found.qdd, found.object_acceleration, self.power, turn)
+        accelerations = (found.object_acceleration, found.base_acceleration)
+        return increment_rate(self.state, found.qdd, accelerations, self.power, turns)
 
 
-def rates(state: State, qdd: Array, acceleration: Array, power: Array, turn: Array) -> Array:
-    """Return d/dt of (q, qd, u, p, V(C), work), (2 n + 16,); see `Instant.rates`.
-
-    Args:
-        state: positions and velocities.
-        qdd: (n,) joint accelerations.
-        acceleration: (6,) of C.
-        power: (4,) [W].
-        turn: (3,) u since the step's start [rad].
-    """
-    w, v = state.object_twist[:3], state.object_twist[3:]
-    return concatenate([state.qd, qdd, rotation_vector_rate(turn, w), v, acceleration, power])
+def velocities(state: State) -> Array:
+    """Return joint rates, the object's twist and that of a floating base, (n + 6,) or (n + 12,)."""
+    return np.concatenate([state.qd, state.object_twist, *([] if state.base_twist is None else [state.base_twist])])
 
 
 def evaluate(

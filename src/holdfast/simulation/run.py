@@ -100,8 +100,11 @@ def _jumped(at: RunState) -> RunState:
     for event in happening:
         chain, state, one = happen(event, chain, state, inputs)
         base_impulse = sums.base_impulse
-        for arm, impulse in zip(chain.arms.values(), one.base_impulses, strict=False):
-            base_impulse = base_impulse + shift_wrench(arm.base.p, np.array(impulse))
+        for (name, arm), impulse in zip(chain.arms.items(), one.base_impulses, strict=False):
+            if name not in chain.mounts:
+                base_impulse = base_impulse + shift_wrench(arm.base.p, np.array(impulse))
+        if chain.trunk is not None and one.trunk_base_impulse:  # zero below a floating base
+            base_impulse = base_impulse + shift_wrench(chain.trunk.base.p, np.array(one.trunk_base_impulse))
         sums = sums._replace(impact=sums.impact + one.energy_change, base_impulse=base_impulse)
         news.append(one)
     origin, gaps = Origin(t, state, at.now.memory), NO_GAPS

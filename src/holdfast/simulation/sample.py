@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
-from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.closed.spring_wrenches import with_springs
-from holdfast.dynamics.energy import Body, bodies, elastic_energy
+from holdfast.dynamics.contact_places import tip_frames
+from holdfast.dynamics.energy import bodies, elastic_energy, rotor_energy
+from holdfast.dynamics.momentum_balance import rate_of
 from holdfast.forces.force_split import split
 from holdfast.forces.margin_interval import margin_range
 from holdfast.forces.margins import grasp_margins
@@ -21,8 +22,6 @@ from holdfast.simulation.step import Gaps
 from holdfast.simulation.trajectory import Occurrence, Trajectory
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
-from holdfast.spatial.spatial_vector import shift_wrench
-from holdfast.spatial.vector import cross
 from holdfast.state import State
 
 
@@ -47,10 +46,10 @@ def sample(
     chain, state, found = at.chain, at.state, at.result
     parts = split(chain, state, found.grasp_wrench)
     allowed = margin_range(chain, state, found)
-    given = grasp_margins(chain, state, found.grasp_wrench)
-    now, best, worst = (by_arm(chain, m) for m in (given, allowed.best, allowed.worst))
+    margin = grasp_margins(chain, state, found.grasp_wrench)
+    now, best, worst = (by_arm(chain, m) for m in (margin, allowed.best, allowed.worst))
     lowest, when = _lowest(times, margins)
-    every = list(bodies(chain, state, at.inputs))
+    given, every = with_springs(chain, state, at.inputs.shaped(chain)), list(bodies(chain, state, at.inputs))
     l = len(chain.arms)
     joint, joint_lowest, joint_when = _lowest_joints(lowest[l:], when[l:])
     return Trajectory(
@@ -79,14 +78,18 @@ def sample(
         lowest_joint=joint,
         position_gap=gaps.position,
         velocity_gap=gaps.velocity,
-        kinetic=np.array(sum(body.kinetic_energy for body in every) + _rotors(chain, state)),
+        kinetic=np.array(sum(body.kinetic_energy for body in every) + rotor_energy(chain, state)),
         potential=np.array(sum(body.potential_energy(chain.gravity) for body in every) + elastic_energy(chain, state)),
         work=sums.work,
         impact=np.array(sums.impact),
         momentum=np.sum([body.momentum(np.zeros(3)) for body in every], axis=0),
-        momentum_rate=_wrenches(at, every),
+        momentum_rate=rate_of(chain, found, given, every, np.zeros(3)),
         base_impulse=sums.base_impulse,
         condition=np.array(found.condition),
+        base_pose=_or_none(state.base_pose),
+        base_twist=_or_none(state.base_twist),
+        base_acceleration=_or_none(found.base_acceleration),
+        trunk_base_wrench=_or_none(found.trunk_base_wrench),
         occurrences=occurrences,
     )
 
@@ -98,31 +101,16 @@ def spins(chain: ClosedChain, state: State) -> Array:
     and yet rolling turns it (Appendix A): it is reported, not corrected.
     """
     turned = np.zeros(len(chain.arms))
-    for name, grasp in chain.grasps.items():
-        if grasp.of_kind.rate_rows:
-            tip = posture(chain.arms[name], state.q[chain.joints[name]]).tip.R
-            q = rotation.to_quaternion(tip.T @ state.object_frame.R @ grasp.frame.R)
-            turned[chain.names.index(name)] = 2.0 * math.atan2(q[3], q[0])
+    soft = [name for name, grasp in chain.grasps.items() if grasp.of_kind.rate_rows]
+    for name, tip in tip_frames(chain, state, soft).items():
+        q = rotation.to_quaternion(tip.R.T @ state.object_frame.R @ chain.grasps[name].frame.R)
+        turned[chain.names.index(name)] = 2.0 * math.atan2(q[3], q[0])
     return turned
 
 
-def _rotors(chain: ClosedChain, state: State) -> float:
-    """Return the kinetic energy of the drives' rotors [J]."""
-    return 0.5 * float(np.concatenate([arm.armature for arm in chain.arms.values()]) @ state.qd**2)
-
-
-def _wrenches(at: Instant, every: list[Body]) -> Array:
-    """Return what changes the momentum about the world's origin: `momentum_rate` over bodies that are known."""
-    chain, given = at.chain, with_springs(at.chain, at.state, at.inputs.shaped(at.chain))
-    assert given.object_wrench is not None
-    total = shift_wrench(every[-1].origin, given.object_wrench)
-    for arm, f in zip(chain.arms.values(), at.result.base_wrench, strict=True):
-        total = total + shift_wrench(arm.base.p, f)
-    if given.link_wrenches is not None:
-        for body, f in zip(every, given.link_wrenches, strict=False):
-            total = total + shift_wrench(body.origin, f)
-    mass, com = sum(body.inertia.m for body in every), np.sum([body.com for body in every], axis=0)
-    return total + np.concatenate([cross(com, chain.gravity), mass * chain.gravity])
+def _or_none(array: Array | None) -> Array:
+    """Return an array of a trunk, without entries where there is none."""
+    return np.zeros(0) if array is None else array
 
 
 def _lowest(times: Array, margins: Array) -> tuple[Array, Array]:

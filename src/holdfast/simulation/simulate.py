@@ -12,7 +12,7 @@ from holdfast.control.controller import ControlLaw, Controller, require_controll
 from holdfast.dynamics.near_singular import NEAR, nearly_lost
 from holdfast.errors import HoldfastError, StateError
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain, require_own_bases
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.adaptive import RTOL, Tolerance
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.environment import BaseMotion, Environment
@@ -72,7 +72,7 @@ def simulate(
         duration: [s].
         step: h [s]; the last step is shorter where h does not divide the duration. An adaptive scheme
             takes shorter ones where it must, none across a multiple of h; every step is a sample.
-        base_motion: t -> (pose, twist, acceleration) of moving bases, by arm name.
+        base_motion: t -> (pose, twist, acceleration) of moving bases, by arm name, or "trunk" for a trunk's.
         inputs: external wrenches, constant or a function of t.
         events: `Attach` and `Release` at given times.
         breakpoints: times at which torques or inputs jump or change their course; steps end there.
@@ -101,7 +101,6 @@ def simulate(
         SingularChainError: the initial configuration is singular.
     """
     checks.instance(chain, ClosedChain, "simulation: chain")
-    require_own_bases(chain, "simulate")
     checks.instance(state, State, "simulation: state", StateError)
     require_controller(controller)
     if isinstance(controller, ControlLaw):

@@ -87,7 +87,7 @@ def postures_passed(segment: Segment, now: Instant, later: Instant) -> Iterator[
     """
     if not may_have_lost_rank(now, later):
         return
-    way = interpolant(*(Knot(at.t, at.state, at.result.qdd, at.result.object_acceleration) for at in (now, later)))
+    way = interpolant(*(Knot(at.t, at.state, at.accelerations) for at in (now, later)))
     begin = now.t
     for _ in range(MOST_IN_A_STEP):
         drop = _drop(segment, way, begin, later.t)
@@ -177,9 +177,9 @@ def posture_ahead(segment: Segment, now: Instant, until: float) -> SingularPostu
 def _moved(chain: ClosedChain, a: State, b: State, h: float) -> float:
     """Return how far joints or the object have turned, or joints slid, in h seconds [rad, or the arms' reach]."""
     joints = b.q - a.q
-    if not all(joint.turns for arm in chain.arms.values() for joint in arm.joints):
+    if not all(joint.turns for joint in chain.all_joints):
         joints = joints / coordinate_sizes(chain_at_rest(chain, a))[: len(joints)]
-    turned = h * np.abs([a.object_twist[:3], b.object_twist[:3]])
+    turned = h * np.abs([V[:3] for at in (a, b) for V in (at.object_twist, at.base_twist) if V is not None])
     return float(max(np.abs(joints).max(initial=0.0), turned.max()))
 
 
@@ -188,9 +188,7 @@ def _ahead(now: Instant) -> Way:
 
     def state(t: float) -> State:
         h = t - now.t
-        dq = h * now.state.qd + 0.5 * h**2 * now.result.qdd
-        dx = h * now.state.object_twist + 0.5 * h**2 * now.result.object_acceleration
-        return moved(now.state, np.concatenate([dq, dx]))
+        return moved(now.state, h * now.velocities + 0.5 * h**2 * now.accelerations)
 
     return state
 

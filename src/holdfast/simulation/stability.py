@@ -12,14 +12,16 @@ where h lambda is beyond the scheme's stability interval (`Tableau.stability_int
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from holdfast.control.controller import Controller
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
-from holdfast.dynamics.closed.chain_motion import chain_at_rest
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
 from holdfast.dynamics.object_level import motion_basis
+from holdfast.dynamics.projection import Change, quickened
+from holdfast.dynamics.trunk.whole_chain import whole_chain
 from holdfast.errors import StateError, StepTooLongError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -55,17 +57,14 @@ def fastest_decay(chain: ClosedChain, state: State, resistance: Array) -> Decay:
     Args:
         chain: the chain.
         state: its configuration; velocities do not enter.
-        resistance: (n, n + 6) torques taken from the joints per unit of (qd, V(C)).
+        resistance: (n, n + 6) torques taken from the joints per unit of (qd, V(C)); six columns more of a floating
+            base.
     """
     n = chain.joint_count
     Z = motion_basis(chain, state)
     if not Z.shape[1]:
         return Decay(0.0, chain.joint_names()[0])
-    motion = chain_at_rest(chain, state)
-    M = np.zeros((n + 6, n + 6))
-    for name, arm in motion.arms.items():
-        M[chain.joints[name], chain.joints[name]] = mass_matrix(arm.arm, arm.at)[0]
-    M[n:, n:] = motion.body.inertia.dense()
+    M = _mass_matrix(chain_at_rest(chain, state))
     sizes = np.sqrt(np.diag(M))[:, None]
     Z = np.linalg.qr(sizes * Z)[0] / sizes  # the same velocities, of like kinetic energies
     L = np.linalg.cholesky(Z.T @ M @ Z)
@@ -77,26 +76,44 @@ def fastest_decay(chain: ClosedChain, state: State, resistance: Array) -> Decay:
     return Decay(float(decays[fastest]), chain.joint_names()[int(np.argmax(power))])
 
 
+def _mass_matrix(motion: ChainMotion) -> Array:
+    """Return the mass matrix of (qd, V(C)), and of a floating base last."""
+    chain = motion.chain
+    n, size = chain.joint_count, chain.velocity_count
+    M = np.zeros((size, size))
+    M[n : n + 6, n : n + 6] = motion.body.inertia.dense()
+    if motion.trunk is not None:
+        places = np.r_[n + 6 : size, :n]  # the floating base comes first there
+        M[np.ix_(places, places)] += whole_chain(motion).M
+        return M
+    for name, arm in motion.arms.items():
+        M[chain.joints[name], chain.joints[name]] = mass_matrix(arm.arm, arm.at)[0]
+    return M
+
+
 def passive_resistance(chain: ClosedChain, qd: Array) -> Array:
-    """Return the torques that damping and friction take per unit of (qd, V(C)), (n, n + 6)."""
-    damping = np.concatenate([arm.damping for arm in chain.arms.values()])
-    return np.hstack([np.diag(damping + friction_slope(joint_friction(chain), qd)), np.zeros((len(qd), 6))])
+    """Return the torques that damping and friction take per unit of the velocities, (n, n + 6) or (n, n + 12)."""
+    n, damping = chain.joint_count, np.array([joint.damping for joint in chain.all_joints])
+    taken = np.diag(damping + friction_slope(joint_friction(chain), qd))
+    return np.hstack([taken, np.zeros((n, chain.velocity_count - n))])
 
 
 def feedback_resistance(controller: Controller, now: Instant) -> Array:
-    """Return the torques that a controller takes per unit of the velocities that the grasps allow, (n, n + 6).
+    """Return the torques that a controller takes per unit of the velocities that the grasps allow.
+
+    (n, n + 6), or (n, n + 12) with a floating base.
 
     Found by asking it about velocities changed a little, two questions for each of them.
     """
     n, Z = len(now.state.q), motion_basis(now.chain, now.state)
     columns = []
 
-    def asked(qd: Array, twist: Array) -> Array:
-        state = replace(now.state, qd=qd, object_twist=twist)
+    def asked(v: Array) -> Array:
+        state = quickened(now.state, Change(v[:n], v[n : n + 6], v[n + 6 :] if len(v) > n + 6 else None))
         return checks.numbers(controller(now.t, state, now.memory)[0], (n,), "controller: torques", StateError)
 
     for v in Z.T:
-        less, more = (asked(now.state.qd + w[:n], now.state.object_twist + w[n:]) for w in (-PROBE * v, PROBE * v))
+        less, more = asked(-PROBE * v), asked(PROBE * v)
         columns.append((less - more) / (2.0 * PROBE))
     return np.reshape(columns, (-1, n)).T @ Z.T
 
@@ -128,7 +145,7 @@ def require_followed(chain: ClosedChain, state: State, step: float, scheme: Tabl
         return
     limit, fitting = USED * scheme.stability_interval / decay.rate, step_for(decay, scheme)
     k = chain.joint_names().index(decay.joint)
-    joint = [joint for arm in chain.arms.values() for joint in arm.joints][k]
+    joint = chain.all_joints[k]
     what = " and ".join(["damping"] * (joint.damping > 0.0) + ["friction"] * (joint.friction > 0.0))
     raise StepTooLongError(
         f"simulation: step: {step:g} s is too long for joint '{decay.joint}', which is slowed down at {decay.rate:.3g}"
@@ -152,5 +169,5 @@ def _may_be_too_fast(chain: ClosedChain, resistance: Array, step: float, scheme:
 
     The grasps and the links only add inertia: no rate is beyond the largest resistance over armature.
     """
-    armature = np.concatenate([arm.armature for arm in chain.arms.values()])
+    armature = np.array([joint.armature for joint in chain.all_joints])
     return bool((step * resistance > USED * scheme.stability_interval * armature).any())

@@ -8,18 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.projection import (
-    FARTHEST,
-    LEFT_OPEN,
-    STEP_ROUNDS,
-    Change,
-    after_step,
-    displaced_by,
-    largest_gaps,
-)
+from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, STEP_ROUNDS, after_step, largest_gaps
 from holdfast.dynamics.rank import held_near
 from holdfast.errors import ClosureError, StateError
 from holdfast.simulation.environment import Environment
+from holdfast.simulation.increment import displaced, no_turns, turns_of, work_of
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.runge_kutta import Tableau, runge_kutta_step
 from holdfast.spatial.scalar import Array, Scalar
@@ -40,17 +33,17 @@ class Gaps:
 
 
 class Stage(NamedTuple):
-    """Asks for the slope at a stage of the scheme: d/dt (q, qd, u, p, V(C), work).
+    """Asks for the slope at a stage of the scheme, d/dt of an `increment`.
 
     Attributes:
         t: time [s].
         state: the chain there, a little off the grasps.
-        turn: (3,) u, where exp(u) has brought the object there since the step's start [rad].
+        turns: (3,) u of each free body, where exp(u) has brought it there since the step's start [rad].
     """
 
     t: Scalar
     state: State
-    turn: Array
+    turns: list[Array]
 
 
 class Closing(NamedTuple):
@@ -87,7 +80,7 @@ class Step(NamedTuple):
         later: what was answered at its end.
         gaps: what projection found and left, as answered.
         work: (4,) done during the step, see `balance.WORK_TERMS` [J].
-        estimates: the scheme's estimates of the error in (dq, dqd, turn, dp, dV(C), work).
+        estimates: the scheme's estimates of the increment's error.
     """
 
     later: Any
@@ -115,22 +108,22 @@ def take_step(start: State, first: Array, h: Scalar, times: Sequence[Scalar], sc
     Raises:
         StateError: a stage is not finite.
     """
-    n, until = len(start.q), times[-1]
+    until = times[-1]
 
     def stage(i: int, y: Array) -> Stage:
-        return Stage(times[i - 1], displaced(start, _finite(y)), y[2 * n : 2 * n + 3])
+        return Stage(times[i - 1], displaced(start, _finite(y)), turns_of(start, y))
 
     y, estimates = yield from runge_kutta_step(first, h, scheme, stage)
     closed, gaps = yield Closing(until, displaced(start, _finite(y)))
     later = yield Arrival(until, closed)
-    return Step(later, gaps, y[2 * n + 12 :], estimates)
+    return Step(later, gaps, work_of(y), estimates)
 
 
 def course_of(now: Instant, until: float, scheme: Tableau) -> StepCourse:
     """Return a step from an instant to a time [s]."""
     h = until - now.t
     times = [*(now.t + c * h for c in scheme.c[1:].tolist()), until]
-    return take_step(now.state, now.rates(np.zeros(3)), h, times, scheme)
+    return take_step(now.state, now.rates(no_turns(now.state)), h, times, scheme)
 
 
 def answered(course: StepCourse, answer: Callable[[Question], Any]) -> Step:
@@ -153,13 +146,6 @@ def answered_together(courses: Sequence[StepCourse], answer: Callable[[list[Ques
         if not questions:
             return ends
         replies = answer(questions)
-
-
-def displaced(state: State, y: Array) -> State:
-    """Return the state moved by increments (dq, dqd, turn u, dp, dV(C), ...)."""
-    n = len(state.q)
-    there = displaced_by(state, Change(y[:n], y[2 * n : 2 * n + 6], None))
-    return State(there.q, state.qd + y[n : 2 * n], there.object_pose, state.object_twist + y[2 * n + 6 : 2 * n + 12])
 
 
 def back_on_constraint(

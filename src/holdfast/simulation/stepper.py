@@ -145,7 +145,7 @@ class ReferenceStepper:
         if isinstance(question, Closing):
             return back_on_constraint(self.environment, question.t, question.state, held)
         if isinstance(question, Stage):
-            return self._evaluated(question.t, question.state, now.memory, held).rates(question.turn)
+            return self._evaluated(question.t, question.state, now.memory, held).rates(question.turns)
         return self.evaluate(question.t, question.state, now.memory)
 
     def _evaluated(self, t: float, state: State, memory: Any, held: Array | None) -> Instant:

@@ -133,14 +133,14 @@ def _lowest_joint_margins(run: Trajectory, joints: list[str]) -> dict[str, tuple
 
 
 def _torque_use(chain: ClosedChain, tau: Array) -> tuple[float, str] | None:
-    limits = np.array([joint.effort_limit for arm in chain.arms.values() for joint in arm.joints])
+    limits = np.array([joint.effort_limit for joint in chain.all_joints])
     used = np.abs(tau).max(axis=0) / limits
     worst = int(np.argmax(used))
     return (float(used[worst]), chain.joint_names()[worst]) if np.isfinite(limits).any() else None
 
 
 def _limit_excess(chain: ClosedChain, q: Array) -> tuple[float, str] | None:
-    low, high = np.concatenate([arm.position_limits for arm in chain.arms.values()]).T
+    low, high = np.array([joint.position_limits for joint in chain.all_joints]).T
     beyond = np.maximum(low - q, q - high).max(axis=0)
     worst = int(np.argmax(beyond))
     return (float(beyond[worst]), chain.joint_names()[worst]) if beyond[worst] > 0 else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 
 import numpy as np
@@ -35,6 +35,7 @@ class Occurrence:
         impulses: of an attach, (arms, 6) [moment; force] impulse of each arm on the object about its contact
             point, world axes [N m s, N s].
         base_impulses: of an attach, (arms, 6) of the base on each arm about the base origin.
+        trunk_base_impulse: of an attach, (6,) of the base on a trunk about the base origin; empty without one.
         energy_change: of an attach, of the kinetic energy [J].
         rank: of a singular posture, of the grasp constraint there.
         generic_rank: of a singular posture, of the constraint before and after.
@@ -50,6 +51,7 @@ class Occurrence:
     lowest_time: float | None = None
     impulses: tuple[tuple[float, ...], ...] = ()
     base_impulses: tuple[tuple[float, ...], ...] = ()
+    trunk_base_impulse: tuple[float, ...] = ()
     energy_change: float = 0.0
     rank: int | None = None
     generic_rank: int | None = None
@@ -62,21 +64,20 @@ class Knot(NamedTuple):
     Attributes:
         t: time [s].
         state: positions and velocities.
-        qdd: (n,) joint accelerations [rad/s^2 or m/s^2].
-        object_acceleration: (6,) [omega_dot; v_dot of C], world axes.
+        accelerations: (n + 6,) of the joints [rad/s^2 or m/s^2], and of the object [omega_dot; v_dot of C], world
+            axes; six more of a floating base.
     """
 
     t: float
     state: State
-    qdd: Array
-    object_acceleration: Array
+    accelerations: Array
 
 
 def interpolant(now: Knot, later: Knot) -> Callable[[float], State]:
     """Return the state as a function of time between two knots.
 
     Joint positions, the object's position and the four numbers of its quaternion follow
-    quintics; velocities are their slopes. Over a step h positions are good to O(h^6),
+    quintics, those of a floating base too; velocities are their slopes. Over a step h positions are good to O(h^6),
     velocities to O(h^5), and both are exact at the ends. A state between is not projected:
     its grasps are open by the same O(h^6) and O(h^5). Where torques jump at `later` (a
     controller that holds them for a step) the accelerations do not belong to the step and
@@ -90,39 +91,55 @@ def interpolant(now: Knot, later: Knot) -> Callable[[float], State]:
         StateError: from the returned function, at a time not between the two.
     """
     step = later.t - now.t
-    ends = _motion(now, np.zeros(4)), _motion(later, now.state.object_pose[:4])
-    n = len(now.state.q)
+    ends = [_motion(at, now.state) for at in (now, later)]
+    n, floats = len(now.state.q), now.state.base_pose is not None
 
     def state(t: float) -> State:
         if not now.t <= t <= later.t:
             raise StateError(f"interpolation: t: expected {now.t:.9g} to {later.t:.9g} s, got {t:.9g} s")
         x, rate = _quintic(*ends[0], *ends[1], step, (t - now.t) / step)
-        quaternion, turning = x[n : n + 4], rate[n : n + 4]
-        length = np.sqrt(quaternion @ quaternion)
-        inverse = np.array([1.0, -1.0, -1.0, -1.0]) * quaternion / length**2
-        omega = 2.0 * quaternion_product(turning, inverse)[1:]  # the scalar part only changes the length
-        pose = np.concatenate([quaternion / length, x[n + 4 :]])
-        return State(x[:n], rate[:n], pose, np.concatenate([omega, rate[n + 4 :]]))
+        held, *base = [_pose_and_twist(x[k : k + 7], rate[k : k + 7]) for k in range(n, len(x), 7)]
+        return State(x[:n], rate[:n], *held, *(base[0] if floats else ()))
 
     return state
 
 
-def _motion(at: Knot, near: Array) -> tuple[Array, Array, Array]:
-    """Return (q, quaternion, p) of a knot, its rates and accelerations, (n + 7,) each.
+def _motion(at: Knot, near: State) -> tuple[Array, Array, Array]:
+    """Return q and (quaternion, p) of the free bodies at a knot, their rates and accelerations, (n + 7 bodies,) each.
 
-    With W = [0; omega] the quaternion's rate is W o quaternion / 2. Of the two quaternions of an
-    attitude the one nearest to `near` is taken.
+    Of the two quaternions of an attitude the one nearest to that in `near` is taken.
     """
-    state, acceleration = at.state, at.object_acceleration
-    quaternion = state.object_pose[:4] if state.object_pose[:4] @ near >= 0.0 else -state.object_pose[:4]
-    spin, spinning_up = (np.concatenate([[0.0], x[:3]]) for x in (state.object_twist, acceleration))
+    state, n = at.state, len(at.state.q)
+    bodies = [_free_body(state.object_pose, state.object_twist, at.accelerations[n : n + 6], near.object_pose)]
+    if state.base_pose is not None and state.base_twist is not None and near.base_pose is not None:
+        bodies.append(_free_body(state.base_pose, state.base_twist, at.accelerations[n + 6 :], near.base_pose))
+    joints = (state.q, state.qd, at.accelerations[:n])
+    x, v, a = (np.concatenate(parts) for parts in zip(joints, *bodies, strict=True))
+    return x, v, a
+
+
+def _free_body(pose: Array, twist: Array, acceleration: Array, near: Array) -> tuple[Array, Array, Array]:
+    """Return (quaternion, p) of a free body, its rate and acceleration, (7,) each.
+
+    With W = [0; omega] the quaternion's rate is W o quaternion / 2.
+    """
+    quaternion = pose[:4] if pose[:4] @ near[:4] >= 0.0 else -pose[:4]
+    spin, spinning_up = (np.concatenate([[0.0], x[:3]]) for x in (twist, acceleration))
     turning = 0.5 * quaternion_product(spin, quaternion)
     turning_up = 0.5 * (quaternion_product(spinning_up, quaternion) + quaternion_product(spin, turning))
     return (
-        np.concatenate([state.q, quaternion, state.object_pose[4:]]),
-        np.concatenate([state.qd, turning, state.object_twist[3:]]),
-        np.concatenate([at.qdd, turning_up, acceleration[3:]]),
+        np.concatenate([quaternion, pose[4:]]),
+        np.concatenate([turning, twist[3:]]),
+        np.concatenate([turning_up, acceleration[3:]]),
     )
+
+
+def _pose_and_twist(x: Array, rate: Array) -> tuple[Array, Array]:
+    """Return pose wxyz_xyz and twist of a free body whose quaternion has any length."""
+    quaternion, length = x[:4], np.sqrt(x[:4] @ x[:4])
+    inverse = np.array([1.0, -1.0, -1.0, -1.0]) * quaternion / length**2
+    omega = 2.0 * quaternion_product(rate[:4], inverse)[1:]  # the scalar part only changes the length
+    return np.concatenate([quaternion / length, x[4:]]), np.concatenate([omega, rate[4:]])
 
 
 def _quintic(
@@ -138,6 +155,17 @@ def _quintic(
     t = s * step
     x = x0 + t * v0 + 0.5 * t**2 * a0 + s**3 * (c3 + s * (c4 + s * c5))
     return x, v0 + t * a0 + s**2 * (3.0 * c3 + s * (4.0 * c4 + 5.0 * s * c5)) / step
+
+
+NONE = np.zeros(0)
+
+
+def _none() -> Array:
+    """Return what stands for an array of a trunk where there is none."""
+    return NONE
+
+
+OF_TRUNK = ("base_pose", "base_twist", "base_acceleration", "trunk_base_wrench")  # results of 0.1 have no such arrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,6 +191,9 @@ class Trajectory(Frozen):
         work: (samples, 4) since the start, see `balance.WORK_TERMS` [J].
         momentum, momentum_rate, base_impulse: (samples, 6).
         condition: (samples,) of the grasp constraint.
+        base_pose, base_twist, base_acceleration: (samples, 7), (samples, 6) twice, of a trunk's floating base;
+            (samples, 0) without one.
+        trunk_base_wrench: (samples, 6); (samples, 0) without a trunk.
         stopped: None for a run that reached its end, else what ended it.
         occurrences: grasps that closed and opened, limits that were passed, in order of time.
     """
@@ -217,15 +248,34 @@ class Trajectory(Frozen):
         "[angular; linear] impulses of the bases in impacts since the start, about the world's origin, N m s and N s",
     ]
     condition: Annotated[Array, "1"]
+    base_pose: Annotated[Array, "unit quaternion wxyz, then m, of a floating base; world axes"] = field(
+        default_factory=_none
+    )
+    base_twist: Annotated[Array, "[omega; v of the floating base's origin], rad/s and m/s, world axes"] = field(
+        default_factory=_none
+    )
+    base_acceleration: Annotated[Array, "[omega_dot; v_dot of that origin], rad/s^2 and m/s^2, world axes"] = field(
+        default_factory=_none
+    )
+    trunk_base_wrench: Annotated[
+        Array, "[moment; force] of the base on the trunk about the base origin, N m and N, world axes"
+    ] = field(default_factory=_none)
     stopped: str | None = None
     occurrences: tuple[Occurrence, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in OF_TRUNK:
+            if getattr(self, name) is NONE:
+                object.__setattr__(self, name, np.zeros((*np.shape(self.t), 0)))
+        super().__post_init__()
 
     def __len__(self) -> int:
         return len(self.t)
 
     def state(self, k: int) -> State:
         """Return the state of sample k."""
-        return State(self.q[k], self.qd[k], self.object_pose[k], self.object_twist[k])
+        base = (self.base_pose[k], self.base_twist[k]) if self.base_pose.shape[1] else ()
+        return State(self.q[k], self.qd[k], self.object_pose[k], self.object_twist[k], *base)
 
     def state_at(self, t: float) -> State:
         """Return the state at any time of the run; between samples by quintics, see `interpolant`.
@@ -244,7 +294,8 @@ class Trajectory(Frozen):
         return self.state(k) if self.t[k] == t else interpolant(self._knot(k), self._knot(k + 1))(t)
 
     def _knot(self, k: int) -> Knot:
-        return Knot(float(self.t[k]), self.state(k), self.qdd[k], self.object_acceleration[k])
+        accelerations = np.concatenate([self.qdd[k], self.object_acceleration[k], self.base_acceleration[k]])
+        return Knot(float(self.t[k]), self.state(k), accelerations)
 
     @property
     def imbalance(self) -> Array:

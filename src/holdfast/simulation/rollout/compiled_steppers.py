@@ -23,6 +23,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
+from holdfast.simulation.increment import no_turns
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import Signals
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
@@ -71,7 +72,7 @@ class FusedStepper:
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
         """Return where one step leads; see `Stepper`."""
         systems = self.kernel.systems(state_rows([now.state] * len(ends)), now.memory)
-        systems["slope"][...] = now.rates(np.zeros(3))
+        systems["slope"][...] = now.rates(no_turns(now.state))
         hold_rows(systems, now.result.held)
         self._run(systems, now.t, np.array(ends) - now.t, held=False)
         return [self._advance(systems, row, end, now.memory) for row, end in enumerate(ends)]
@@ -259,7 +260,7 @@ def _slope(found: Array, at: Stage) -> Array:
     """Return the slope at a stage; the machine took the attitude there for a step's start."""
     n = len(at.state.q)
     return np.concatenate(
-        [found[: 2 * n], rotation_vector_rate(at.turn, at.state.object_twist[:3]), found[2 * n + 3 :]]
+        [found[: 2 * n], rotation_vector_rate(at.turns[0], at.state.object_twist[:3]), found[2 * n + 3 :]]
     )
 
 
@@ -300,7 +301,7 @@ def stepper_for(
     """
     few = steps * (LOOKED_AT if len(Signals(environment.chain).limited) else 1) < WORTH_COMPILING
     acting = environment.inputs(0.0) if callable(environment.inputs) else environment.inputs
-    if (few and not scheme.adaptive) or acting.link_wrenches is not None:
+    if (few and not scheme.adaptive) or acting.link_wrenches is not None or environment.chain.trunk is not None:
         return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)
     law = law_of(controller, environment.chain)
     motions = environment.base_motion.values()

@@ -32,7 +32,8 @@ from holdfast.model.grasp_kinds import GRASP_KINDS
 from holdfast.model.wrench_condition import largest_force_and_moment
 from holdfast.simulation.balance import work_rates
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.instant import WORST_CONDITION, friction_torque, joint_friction, rates
+from holdfast.simulation.increment import increment_rate
+from holdfast.simulation.instant import WORST_CONDITION, friction_torque, joint_friction
 from holdfast.simulation.rollout.user_functions import Motions, checked_motion, law_outputs
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import Arrival, Question, Stage, answered, take_step
@@ -95,10 +96,11 @@ class Evaluation(NamedTuple):
     memory: Array
     power: Array
 
-    def slope(self, turn: Array) -> Array:
-        """Return d/dt (q, qd, turn, p, V(C), work), where exp(turn) has brought the object here."""
+    def slope(self, turns: list[Array]) -> Array:
+        """Return d/dt of an `increment`, where exp(turn) has brought the object here."""
         found = self.found.whole
-        return rates(self.state, found.qdd, found.object_acceleration, self.power, turn)
+        accelerations = (found.object_acceleration, found.base_acceleration)
+        return increment_rate(self.state, found.qdd, accelerations, self.power, turns)
 
 
 class TracedSystem:
@@ -174,7 +176,7 @@ class TracedSystem:
         # a turn by nothing may cost the last bit
         at = State(at.q, at.qd, select(still, self.last("object_pose"), at.object_pose), at.object_twist)
         if isinstance(question, Stage):
-            return self.evaluate(t, at, self.last("memory"), choose=False).slope(question.turn)
+            return self.evaluate(t, at, self.last("memory"), choose=False).slope(question.turns)
         chain, inputs = self.environment.at(t)
         closed = after_step(chain, at, inputs, self.held)
         end = State(*(select(still, getattr(at, name), getattr(closed, name)) for name in STATE))
@@ -191,7 +193,7 @@ def step(structure: Structure, law: ControlLaw, motions: Motions, tableau: Table
     kept = (
         {name: getattr(end, name) for name in STATE}
         | {
-            "slope": now.slope(np.zeros(3)),
+            "slope": now.slope([np.zeros(3)]),
             **{name: getattr(found.whole, name) for name in STEP_RESULTS if hasattr(found.whole, name)},
             "drive": now.drive,
             "memory": now.memory,
@@ -334,6 +336,6 @@ def evaluation(structure: Structure, law: ControlLaw, motions: Motions, given: G
     now = system.evaluate(system.time(0.0), system.state, system.last("before"), choose=False)
     on = system.last("code")[()] < 0.5
     return {
-        "last.slope": select(on, now.slope(np.zeros(3)), system.last("slope")),
+        "last.slope": select(on, now.slope([np.zeros(3)]), system.last("slope")),
         "last.memory": select(on, now.memory, system.last("memory")),
     }

@@ -1,0 +1,86 @@
+"""What a Runge-Kutta step adds up, (dq, dqd; turn, dp, dV of each free body; work): the object, then a floating base.
+
+An attitude is written R = exp(u) R_0 about the attitude R_0 at the step's start (`runge_kutta`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from holdfast.dynamics.projection import Change, displaced_by, quickened
+from holdfast.simulation.runge_kutta import rotation_vector_rate
+from holdfast.spatial import rotation
+from holdfast.spatial.scalar import Array, concatenate
+from holdfast.state import State
+
+OF_BODY = 12  # entries of a free body
+OF_WORK = 4
+
+
+def free_bodies(state: State) -> int:
+    """Return how many bodies are moved by no joint: the object, and a floating base."""
+    return 1 if state.base_pose is None else 2
+
+
+def body_parts(state: State) -> list[slice]:
+    """Return where each free body's turn, dp and dV lie."""
+    first = 2 * len(state.q)
+    return [slice(first + OF_BODY * i, first + OF_BODY * (i + 1)) for i in range(free_bodies(state))]
+
+
+def work_of(y: Array) -> Array:
+    """Return the part of an increment that is work, (4,)."""
+    return y[len(y) - OF_WORK :]
+
+
+def turns_of(state: State, y: Array) -> list[Array]:
+    """Return the rotation vectors of the free bodies since the step's start, (3,) each [rad]."""
+    return [y[part][:3] for part in body_parts(state)]
+
+
+def no_turns(state: State) -> list[Array]:
+    """Return those at the step's start."""
+    return [np.zeros(3)] * free_bodies(state)
+
+
+def turns_between(before: State, after: State) -> list[Array]:
+    """Return those that lead from one state to another."""
+    frames = zip(_attitudes(before), _attitudes(after), strict=True)
+    return [rotation.log(there @ here.T) for here, there in frames]
+
+
+def increment_rate(
+    state: State, qdd: Array, accelerations: Sequence[Array | None], power: Array, turns: Sequence[Array]
+) -> Array:
+    """Return d/dt of an increment, (2 n + 12 bodies + 4,).
+
+    Args:
+        state: positions and velocities.
+        qdd: (n,) joint accelerations.
+        accelerations: (6,) of C, and of a floating base; None without one.
+        power: (4,) [W].
+        turns: of the free bodies since the step's start.
+    """
+    twists = [state.object_twist, *([] if state.base_twist is None else [state.base_twist])]
+    moving = [a for a in accelerations if a is not None]
+    bodies = [
+        part
+        for u, V, a in zip(turns, twists, moving, strict=True)
+        for part in (rotation_vector_rate(u, V[:3]), V[3:], a)
+    ]
+    return concatenate([state.qd, qdd, *bodies, power])
+
+
+def displaced(state: State, y: Array) -> State:
+    """Return the state moved by an increment."""
+    n = len(state.q)
+    moves, jumps = zip(*((y[part][:6], y[part][6:]) for part in body_parts(state)), strict=True)
+    there = displaced_by(state, Change(y[:n], moves[0], moves[1] if len(moves) > 1 else None))
+    return quickened(there, Change(y[n : 2 * n], jumps[0], jumps[1] if len(jumps) > 1 else None))
+
+
+def _attitudes(state: State) -> list[Array]:
+    base = state.base_frame
+    return [state.object_frame.R, *([] if base is None else [base.R])]
