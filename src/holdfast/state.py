@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -78,6 +79,21 @@ class State(Frozen):
             raise StateError("state: base_pose: expected the pose of the trunk's floating base, got none")
         if self.base_pose is not None and not chain.floats:
             raise StateError("state: base_pose: expected none, as the chain has no floating base")
+
+
+def exact_state(parts: Mapping[str, Array]) -> State:
+    """Return a state of arrays that another state had, to the bit.
+
+    Dividing a unit quaternion by its length once more can change its last bit.
+
+    Args:
+        parts: by field; those of a floating base where there is one.
+    """
+    state = State(**parts)
+    for pose in ("object_pose", "base_pose"):
+        if pose in parts:
+            object.__setattr__(state, pose, checks.read_only(parts[pose]))
+    return state
 
 
 def _pose(given: Any, what: str) -> Array:

@@ -9,12 +9,19 @@ from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External
 from holdfast.model.closed_chain import ClosedChain
 
-STATE = ("q", "qd", "object_pose", "object_twist")
+# Fields of a state by the names of its arrays; the base that floats is a trunk's, "base" alone being an arm's.
+STATE_FIELDS = {name: name for name in ("q", "qd", "object_pose", "object_twist")}
+FLOATING_FIELDS = {"floating_pose": "base_pose", "floating_twist": "base_twist"}
+STATE, FLOATING = tuple(STATE_FIELDS), tuple(FLOATING_FIELDS)
 BASE_MOTION = ("base_twist", "base_acceleration")  # parameters, if bases move
-FLOATING = ("floating_pose", "floating_twist")  # pose and twist of a trunk's floating base
 TRUNK_BASE_MOTION = ("trunk_base_twist", "trunk_base_acceleration")
 MOVING = (*BASE_MOTION, *TRUNK_BASE_MOTION)
 LINKS = ("link_mass", "link_com", "link_inertia")  # parameters, if the links' inertias are
+
+
+def state_fields(chain: ClosedChain) -> dict[str, str]:
+    """Return the fields of a chain's state by the names of its arrays."""
+    return STATE_FIELDS | (FLOATING_FIELDS if chain.floats else {})
 
 
 def shapes(chain: ClosedChain) -> dict[str, Shape]:

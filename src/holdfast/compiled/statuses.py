@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from holdfast.compiled.externals import FLOATING, STATE
+from holdfast.compiled.externals import state_fields
 from holdfast.compiled.faults import fault, largest_positions
 from holdfast.compiled.forward_schedule import guarded_outputs
 from holdfast.compiled.result import INDETERMINATE, INVALID, OK, SINGULAR, UNDECIDED, CompiledResult
@@ -63,7 +63,7 @@ def system(chain: ClosedChain, found: Mapping[str, Array], row: int) -> tuple[Cl
     def of(name: str, axes: int) -> Array:
         return found[name][row] if found[name].ndim > axes else found[name]
 
-    state = State(*(of(name, 1) for name in (*STATE, *(FLOATING if chain.floats else ()))))
+    state = State(**{field: of(name, 1) for name, field in state_fields(chain).items()})
     if "base_p" in found:
         poses = zip(chain.names, of("base_R", 3), of("base_p", 2), strict=True)
         chain = chain.with_bases({name: Pose.unchecked(R, p) for name, R, p in poses})

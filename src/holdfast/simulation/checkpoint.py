@@ -36,7 +36,6 @@ import msgspec
 import numpy as np
 
 from holdfast.errors import ResultError
-from holdfast.model import checks
 from holdfast.model.grasp import Friction, Grasp, WrenchLimits
 from holdfast.simulation.adaptive import Proposal
 from holdfast.simulation.balance import Sums
@@ -44,7 +43,7 @@ from holdfast.simulation.margins import ViolationTracker
 from holdfast.simulation.trajectory import Occurrence
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
-from holdfast.state import State
+from holdfast.state import State, exact_state
 
 TRACKER = "ledger"  # what result folders call it
 
@@ -149,7 +148,6 @@ class Checkpoint:
 
 
 _STATE = ("q", "qd", "object_pose", "object_twist", "base_pose", "base_twist")  # the last two of a floating base
-_POSES = ("object_pose", "base_pose")
 
 
 def _origin_data(name: str, origin: Origin, arrays: dict[str, Array]) -> Any:
@@ -161,12 +159,7 @@ def _origin_data(name: str, origin: Origin, arrays: dict[str, Array]) -> Any:
 
 def _origin(name: str, memory: Any, arrays: Mapping[str, Array]) -> Origin:
     saved = {part: np.array(arrays[at]) for part in _STATE if (at := f"{name}.{part}") in arrays}
-    saved = {part: checks.read_only(array) for part, array in saved.items()}
-    state = State(**saved)
-    for part in _POSES:  # dividing a unit quaternion by its length once more can change its last bit
-        if part in saved:
-            object.__setattr__(state, part, saved[part])
-    return Origin(float(arrays[f"{name}.t"]), state, unpacked(memory, arrays))
+    return Origin(float(arrays[f"{name}.t"]), exact_state(saved), unpacked(memory, arrays))
 
 
 def _grasp_data(name: str, grasp: Grasp, arrays: dict[str, Array]) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from holdfast.dynamics.projection import Change, displaced_by, quickened
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.runge_kutta import rotation_vector_rate
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array, concatenate
@@ -19,15 +20,20 @@ OF_BODY = 12  # entries of a free body
 OF_WORK = 4
 
 
-def free_bodies(state: State) -> int:
-    """Return how many bodies are moved by no joint: the object, and a floating base."""
-    return 1 if state.base_pose is None else 2
+def increment_size(chain: ClosedChain) -> int:
+    """Return how many entries an increment of a chain has."""
+    return 2 * chain.joint_count + OF_BODY * (2 if chain.floats else 1) + OF_WORK
 
 
 def body_parts(state: State) -> list[slice]:
     """Return where each free body's turn, dp and dV lie."""
     first = 2 * len(state.q)
-    return [slice(first + OF_BODY * i, first + OF_BODY * (i + 1)) for i in range(free_bodies(state))]
+    return [slice(first + OF_BODY * i, first + OF_BODY * (i + 1)) for i, _ in enumerate(twists(state))]
+
+
+def twists(state: State) -> list[Array]:
+    """Return the twists of the bodies that no joint moves: the object's, and a floating base's."""
+    return [state.object_twist, *([] if state.base_twist is None else [state.base_twist])]
 
 
 def work_of(y: Array) -> Array:
@@ -42,7 +48,7 @@ def turns_of(state: State, y: Array) -> list[Array]:
 
 def no_turns(state: State) -> list[Array]:
     """Return those at the step's start."""
-    return [np.zeros(3)] * free_bodies(state)
+    return [np.zeros(3) for _ in twists(state)]
 
 
 def turns_between(before: State, after: State) -> list[Array]:
@@ -63,11 +69,10 @@ def increment_rate(
         power: (4,) [W].
         turns: of the free bodies since the step's start.
     """
-    twists = [state.object_twist, *([] if state.base_twist is None else [state.base_twist])]
     moving = [a for a in accelerations if a is not None]
     bodies = [
         part
-        for u, V, a in zip(turns, twists, moving, strict=True)
+        for u, V, a in zip(turns, twists(state), moving, strict=True)
         for part in (rotation_vector_rate(u, V[:3]), V[3:], a)
     ]
     return concatenate([state.qd, qdd, *bodies, power])

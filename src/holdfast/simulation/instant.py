@@ -17,7 +17,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import work_rates
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.increment import increment_rate
+from holdfast.simulation.increment import increment_rate, twists
 from holdfast.spatial.scalar import Array, array, sqrt
 from holdfast.state import Inputs, State
 
@@ -92,7 +92,7 @@ class Instant:
 
 def velocities(state: State) -> Array:
     """Return joint rates, the object's twist and that of a floating base, (n + 6,) or (n + 12,)."""
-    return np.concatenate([state.qd, state.object_twist, *([] if state.base_twist is None else [state.base_twist])])
+    return np.concatenate([state.qd, *twists(state)])
 
 
 def evaluate(

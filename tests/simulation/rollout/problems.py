@@ -79,30 +79,40 @@ def elsewhere(chain: ClosedChain, state: State, count: int, seed: int = 0) -> di
 
 def arrays(state: State) -> dict[str, np.ndarray]:
     """Return a state's arrays by the names of a rollout's arguments."""
-    return {name: getattr(state, name) for name in ("q", "qd", "object_pose", "object_twist")}
+    found = {name: getattr(state, name) for name in ("q", "qd", "object_pose", "object_twist")}
+    if state.base_pose is not None:
+        found |= {"floating_pose": state.base_pose, "floating_twist": state.base_twist}
+    return found
 
 
 def state_of(systems: RolloutSystems, row: int) -> State:
     """Return the state of one system."""
-    return State(systems.q[row], systems.qd[row], systems.object_pose[row], systems.object_twist[row])
+    base = (systems.floating_pose[row], systems.floating_twist[row]) if systems.chain.floats else ()
+    return State(systems.q[row], systems.qd[row], systems.object_pose[row], systems.object_twist[row], *base)
 
 
 def numbers(at: Instant) -> dict[str, np.ndarray]:
     """Return all numbers of an instant, by name."""
     found = at.result
-    return arrays(at.state) | {
-        "t": np.array(at.t),
-        "tau": at.tau,
-        "memory": np.ravel(np.zeros(0) if at.memory is None else at.memory),
-        "power": at.power,
-        "qdd": found.qdd,
-        "grasp_wrench": found.grasp_wrench,
-        "object_acceleration": found.object_acceleration,
-        "contact_acceleration": found.contact_acceleration,
-        "base_wrench": found.base_wrench,
-        "rank": np.array(float(found.rank)),
-        "condition": np.array(found.condition),
-    }
+    of_trunk = {"trunk_base_wrench": found.trunk_base_wrench, "floating_acceleration": found.base_acceleration}
+    of_trunk = {name: x for name, x in of_trunk.items() if x is not None}
+    return (
+        arrays(at.state)
+        | of_trunk
+        | {
+            "t": np.array(at.t),
+            "tau": at.tau,
+            "memory": np.ravel(np.zeros(0) if at.memory is None else at.memory),
+            "power": at.power,
+            "qdd": found.qdd,
+            "grasp_wrench": found.grasp_wrench,
+            "object_acceleration": found.object_acceleration,
+            "contact_acceleration": found.contact_acceleration,
+            "base_wrench": found.base_wrench,
+            "rank": np.array(float(found.rank)),
+            "condition": np.array(found.condition),
+        }
+    )
 
 
 def difference(found: Mapping[str, np.ndarray], expected: Mapping[str, np.ndarray]) -> float:

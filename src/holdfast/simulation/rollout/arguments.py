@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 
 from holdfast.compiled import arrays
-from holdfast.compiled.externals import LINKS
-from holdfast.compiled.parameters import parse_parameters
+from holdfast.compiled.externals import FLOATING, LINKS, STATE
+from holdfast.compiled.parameters import WRENCHES, parse_parameters
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.spatial.scalar import Array
 
 CHAINS = ("object_wrench", "gravity", "object_mass", "object_com", "object_inertia", "base_pose", "grasp_pose")
-OF_LINKS = (*LINKS, "link_wrench")
-_OWN = ("systems", "q", "qd", "object_pose", "object_twist", "memory", "t", "step", "steps", "duration", "every")
+OF_LINKS = (*LINKS, "link_wrench", "trunk_link_wrench")
+_OWN = ("systems", *STATE, *FLOATING, "memory", "t", "step", "steps", "duration", "every")
 _TAKEN = (*CHAINS, *OF_LINKS, *_OWN, "record", "least_margin", "stop_at_limits", "largest_drift", "threads", "self")
 
 
@@ -57,7 +57,7 @@ def call_inputs(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dic
         elif name in known:
             chains[name] = x
         elif name in OF_LINKS:
-            option = "link_inertia" if name in LINKS else name
+            option = "link_inertia" if name in LINKS else "link_wrench"
             raise StateError(
                 f"{name}: the machine code was made without it; try compile_rollout(..., parameters=['{option}'])"
             )
@@ -79,7 +79,7 @@ def kernel_arguments(kernel: StepKernel, given: Mapping[str, Array]) -> tuple[di
     Raises:
         StateError: the law was never given one of its parameters, or the systems are of another chain.
     """
-    wrenches = [name for name in ("object_wrench", "link_wrench") if name in kernel.externals]
+    wrenches = [name for name in ("object_wrench", *WRENCHES) if name in kernel.externals]
     inputs = {name: np.zeros(kernel.externals[name].shape) for name in wrenches}
     parameters: dict[str, Array] = {}
     for name, x in given.items():

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from holdfast.compiled.structure import optional_parameters
 from holdfast.control.controller import ControlLaw, held_torques
 from holdfast.errors import ModelError
-from holdfast.model.closed_chain import ClosedChain, require_own_bases
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.rollout.arguments import require_free_names
 from holdfast.simulation.rollout.rollout import Rollout
@@ -34,7 +34,7 @@ def compile_rollout(
         scheme: `rk4`, or `midpoint`: half the evaluations, second order.
         generic_rank: rank of the grasp constraint away from singular configurations; found from the
             first systems if not given.
-        base_motion: t -> (pose, twist, acceleration) of moving bases, by arm name, as for `simulate`;
+        base_motion: t -> (pose, twist, acceleration) of moving bases, by arm name or "trunk", as for `simulate`;
             written as a control law is, as it becomes part of the machine code.
         parameters: what else may be given, as for `compile`: `link_inertia` (link_mass, link_com,
             link_inertia), `link_wrench` (external wrenches on the links).
@@ -56,7 +56,6 @@ def compile_rollout(
         )
     if not isinstance(chain, ClosedChain):
         raise ModelError(f"rollout: chain: expected a ClosedChain, got {type(chain).__name__}")
-    require_own_bases(chain, "compile_rollout")
     if law is not None:
         require_free_names(law.parameters)
     motions = Environment(chain, base_motion or {}).base_motion

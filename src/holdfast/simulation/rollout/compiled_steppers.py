@@ -19,11 +19,11 @@ from holdfast.compiler.errors import CompileError
 from holdfast.control.controller import ControlLaw, Controller, held_torques, torques_and_memory
 from holdfast.errors import HoldfastError, MethodNotApplicable, StateError
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.increment import no_turns
+from holdfast.simulation.increment import body_parts, no_turns, twists
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import Signals
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
@@ -203,11 +203,13 @@ class StagewiseStepper:
         """
         chain, inputs = self.environment.at(t)
         shaped = inputs.shaped(chain)
-        if shaped.link_wrenches is not None and shaped.link_wrenches.any():
-            raise MethodNotApplicable(
-                f"stagewise steps, t = {t:g} s: expected no external wrenches on links, got some; a run whose inputs"
-                " give them from t = 0 on, zeros at first, is taken by the reference"
-            )
+        for what in ("link_wrenches", "trunk_link_wrenches", "trunk_base_twist", "trunk_base_acceleration"):
+            x = getattr(shaped, what)
+            if x is not None and x.any():
+                raise MethodNotApplicable(
+                    f"stagewise steps, t = {t:g} s: inputs: {what}: expected none, got some; a run whose inputs give"
+                    " them from t = 0 on, zeros at first, is taken by the reference"
+                )
         if self.controller is None:
             return Moment(t, chain, shaped, None, memory)
         if state is None:
@@ -258,10 +260,10 @@ def hold_rows(systems: Systems, held: Array | None) -> None:
 
 def _slope(found: Array, at: Stage) -> Array:
     """Return the slope at a stage; the machine took the attitude there for a step's start."""
-    n = len(at.state.q)
-    return np.concatenate(
-        [found[: 2 * n], rotation_vector_rate(at.turns[0], at.state.object_twist[:3]), found[2 * n + 3 :]]
-    )
+    slope = found.copy()
+    for part, turn, twist in zip(body_parts(at.state), at.turns, twists(at.state), strict=True):
+        slope[part.start : part.start + 3] = rotation_vector_rate(turn, twist[:3])
+    return slope
 
 
 def bases_move(environment: Environment) -> bool:
@@ -271,7 +273,10 @@ def bases_move(environment: Environment) -> bool:
 
 def unsteady(given: Inputs | Callable[[float], Inputs]) -> bool:
     """Return whether inputs move bases, or change with time."""
-    return callable(given) or given.base_twists is not None or given.base_accelerations is not None
+    if callable(given):
+        return True
+    moving = ("base_twists", "base_accelerations", "trunk_base_twist", "trunk_base_acceleration")
+    return any(getattr(given, name) is not None for name in moving)
 
 
 def stepper_for(
@@ -301,14 +306,23 @@ def stepper_for(
     """
     few = steps * (LOOKED_AT if len(Signals(environment.chain).limited) else 1) < WORTH_COMPILING
     acting = environment.inputs(0.0) if callable(environment.inputs) else environment.inputs
-    if (few and not scheme.adaptive) or acting.link_wrenches is not None or environment.chain.trunk is not None:
+    on_links = any(x is not None for x in (acting.link_wrenches, acting.trunk_link_wrenches))
+    if (few and not scheme.adaptive) or on_links:
         return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)
     law = law_of(controller, environment.chain)
     motions = environment.base_motion.values()
     traceable = not unsteady(environment.inputs) and all(getattr(motion, "traceable", False) for motion in motions)
     if law is None or scheme.adaptive or not traceable:
+        if _moves_trunk_base(environment, acting):  # which stagewise steps have no place for
+            return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)
         return StagewiseStepper.of(environment, controller, generic_rank, scheme, tolerance, law)
     return FusedStepper.of(environment, law, scheme, generic_rank)
+
+
+def _moves_trunk_base(environment: Environment, acting: Inputs) -> bool:
+    """Return whether the base of a trunk in the world moves."""
+    given = (acting.trunk_base_twist, acting.trunk_base_acceleration)
+    return TRUNK in environment.base_motion or any(x is not None for x in given)
 
 
 def law_of(controller: Controller | ControlLaw, chain: ClosedChain) -> ControlLaw | None:

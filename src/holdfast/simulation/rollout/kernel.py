@@ -24,6 +24,7 @@ from holdfast.forces.margins import joint_limits
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.model.grasp import WrenchLimits
+from holdfast.simulation.increment import increment_size
 from holdfast.simulation.instant import joint_friction
 from holdfast.simulation.rollout import traced_step
 from holdfast.simulation.rollout.user_functions import Motions
@@ -43,9 +44,9 @@ def carried_shapes(chain: ClosedChain, law: ControlLaw, held: bool) -> dict[str,
         held: whether steps hold chosen rows of the constraint.
     """
     n, grasps, memory = chain.joint_count, (len(chain.grasps),), (len(law.memory),)
-    own: dict[str, Shape] = {"slope": (2 * n + 16,), "drive": (n,), "memory": memory}
+    own: dict[str, Shape] = {"slope": (increment_size(chain),), "drive": (n,), "memory": memory}
     own |= {"rank": (), "condition": (), "margin": grasps}
-    found = {name: (shapes(chain) | own)[name] for name in traced_step.STEP_RESULTS}
+    found = {name: (shapes(chain) | own)[name] for name in traced_step.step_results(chain)}
     found |= {"work": (4,), "gaps": (4,), "code": (), "count": (), "before": memory}
     found |= {"worst_margin": grasps, "worst_time": grasps}
     if held:  # in velocity and, where they are others, in position; see `dynamics.closed.held_rows`
@@ -60,7 +61,8 @@ def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]
     own |= {"contact": (len(chain.grasps), 6), "limits": (4, chain.joint_count)}
     of_law = {f"control.{name}": tuple(shape) for name, shape in law.parameters.items()}
     inputs = [*STEP_INPUTS, "object_wrench", *of_law]
-    inputs += ["link_wrench"] if options.link_wrenches else []
+    if options.link_wrenches:
+        inputs += ["link_wrench", *(["trunk_link_wrench"] if chain.trunk is not None else ())]
     inputs += ["keep_rows"] if options.held else []
     parameters = [
         *PARAMETERS,
@@ -139,7 +141,7 @@ class StepKernel:
         """Return systems that have only their states; a step of length zero closes them and finds everything else.
 
         Args:
-            state: q, qd, object_pose, object_twist, a row for each system, or one for all.
+            state: as `state_fields` names its arrays, a row for each system, or one for all.
             memory: the law's, likewise; by default as it says.
             count: how many, where no array has rows.
         """

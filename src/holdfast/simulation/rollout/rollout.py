@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.compiled import arrays
-from holdfast.compiled.externals import STATE
+from holdfast.compiled.externals import FLOATING, STATE, state_fields
 from holdfast.compiled.faults import faulty, largest_positions
 from holdfast.compiled.statuses import MOST_TRIED, system
 from holdfast.compiled.structure import Options
@@ -87,6 +87,8 @@ class Rollout:
         object_pose: Any,
         object_twist: Any,
         *,
+        floating_pose: Any = None,
+        floating_twist: Any = None,
         memory: Any = None,
         t: float = 0.0,
         threads: int = 1,
@@ -99,6 +101,8 @@ class Rollout:
             qd: joint rates.
             object_pose: (7,) wxyz_xyz.
             object_twist: (6,) [omega; v of C], world axes.
+            floating_pose: (7,) wxyz_xyz of a trunk's floating base, if there is one.
+            floating_twist: (6,) of its origin, world axes.
             memory: (m,) of the law; by default as it says.
             t: the time they are at [s].
             threads: how many share the systems.
@@ -107,7 +111,15 @@ class Rollout:
         Raises:
             StateError: wrong shapes, or no system at all.
         """
-        systems = self._systems_at(q, qd, object_pose, object_twist, memory, number("t", t))
+        given_state = dict(zip(STATE, (q, qd, object_pose, object_twist), strict=True))
+        floating = dict(zip(FLOATING, (floating_pose, floating_twist), strict=True))
+        for name, x in floating.items():
+            if self.chain.floats and x is None:
+                raise StateError(f"{name}: expected that of the trunk's floating base, got none")
+            if not self.chain.floats and x is not None:
+                raise StateError(f"{name}: expected none, as the chain has no floating base")
+        given_state |= floating if self.chain.floats else {}
+        systems = self._systems_at(given_state, memory, number("t", t))
         systems.keep_inputs(call_inputs(self._kernel, given, len(systems)), self.law)
         return self._started(systems, whole_number("threads", threads))
 
@@ -132,15 +144,17 @@ class Rollout:
             raise StateError(
                 f"systems: expected those of a rollout with the joints {', '.join(joints)}, got {', '.join(others)}"
             )
+        if self.chain.floats != systems.chain.floats:
+            base = "a floating base" if self.chain.floats else "no floating base"
+            raise StateError(f"systems: expected those of a rollout with {base}, as this one's chain has")
         begun = systems.copy()
         stale = [] if list(systems.chain.grasps) == list(self.chain.grasps) else ["grasp_R", "grasp_p"]
         stale += ["base_R", "base_p"] if self.base_motion else []
         takes = {name: external.shape for name, external in self._kernel.externals.items() if name not in stale}
         kept = {name: x for name, x in begun.call_inputs.items() if takes.get(name) == x.shape[1:]}
         memory = begun.arrays.get("memory", np.zeros((len(systems), 0)))
-        found = self._kernel.systems(
-            {name: begun.arrays[name] for name in STATE}, memory if memory.shape[1] == len(self.law.memory) else None
-        )
+        remembered = memory if memory.shape[1] == len(self.law.memory) else None
+        found = self._kernel.systems({name: begun.arrays[name] for name in state_fields(self.chain)}, remembered)
         for array, x in ((found[key], begun.arrays.get(key)) for key in found):
             if x is not None and x.shape == array.shape:
                 array[~begun.running] = x[~begun.running]
@@ -149,7 +163,7 @@ class Rollout:
         made = self._started(made, whole_number("threads", threads))
         made.arrays["work"][...] = begun.arrays["work"]
         apart = made.running & (made.drift[:, 0] > POSITION_TOLERANCE)
-        for name in STATE:
+        for name in state_fields(self.chain):
             made.arrays[name][apart] = begun.arrays[name][apart]
         made.arrays["code"][apart] = OPEN
         return made
@@ -272,15 +286,10 @@ class Rollout:
             stopped[violated] = self._refined(at, violated, step, _stop_margins(**stops))
         return RolloutRecord(begin + done * step, {name: np.array(rows) for name, rows in kept.items()}, at, stopped)
 
-    def _systems_at(
-        self, q: Any, qd: Any, object_pose: Any, object_twist: Any, memory: Any, t: float
-    ) -> RolloutSystems:
+    def _systems_at(self, given: Mapping[str, Any], memory: Any, t: float) -> RolloutSystems:
         """Return systems at users' states as they are, faulty ones marked as such."""
-        shapes = {name: self._kernel.carried[name] for name in STATE}
-        state = {
-            name: arrays.floats(name, x, shapes[name])
-            for name, x in zip(STATE, (q, qd, object_pose, object_twist), strict=True)
-        }
+        shapes = {name: self._kernel.carried[name] for name in given}
+        state = {name: arrays.floats(name, x, shapes[name]) for name, x in given.items()}
         count = arrays.batch_of(state, {name: External(shape, "input") for name, shape in shapes.items()})
         if count == 0:
             raise StateError("rollout: expected at least one system, got arrays without rows")
@@ -289,8 +298,8 @@ class Rollout:
         remembered = None if memory is None else fitting("memory", memory, (len(self.law.memory),), count)
         found = self._kernel.systems(state, remembered, count)
         bad = np.zeros(count, dtype=bool) if bad is None else bad
-        pose = found["object_pose"]
-        pose[~bad, :4] /= np.linalg.norm(pose[~bad, :4], axis=1, keepdims=True)
+        for pose in (found[name] for name in given if name.endswith("pose")):
+            pose[~bad, :4] /= np.linalg.norm(pose[~bad, :4], axis=1, keepdims=True)
         found["code"][bad] = BROKEN
         return RolloutSystems(self.chain, found, np.full(count, t), np.zeros(count))
 
@@ -339,13 +348,13 @@ class Rollout:
         begun.arrays["held_rows"] = one * systems.arrays["held_rows"]
         self._advance(begun, begun.step_length, 1, NO_STOPS, threads)
         there = begun.running
-        for name in (*STATE, "held_rows"):
+        for name in (*state_fields(self.chain), "held_rows"):
             systems.arrays[name][there] = begun.arrays[name][there]
 
     def _closed(self, systems: RolloutSystems) -> Iterator[tuple[ClosedChain, State]]:
         """Yield chain and state, closed, of the first systems whose grasps nearly hold."""
         _, parameters = kernel_arguments(self._kernel, systems.call_inputs)
-        at = {name: systems.arrays[name] for name in STATE} | self._kernel.parameters | parameters
+        at = {name: systems.arrays[name] for name in state_fields(self.chain)} | self._kernel.parameters | parameters
         for row in np.flatnonzero(systems.running)[:MOST_TRIED].tolist():
             chain, state = system(self.chain, at, row)
             chain, _ = Environment(chain, self.base_motion).at(float(systems.t[row]))

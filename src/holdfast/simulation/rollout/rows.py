@@ -8,20 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.externals import STATE
+from holdfast.compiled.externals import FLOATING_FIELDS, STATE_FIELDS
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion, pseudo_gravity
 from holdfast.dynamics.closed.chain_solution import chain_solution
 from holdfast.dynamics.indeterminate import with_smallest_forces
 from holdfast.dynamics.projection import FARTHEST
 from holdfast.dynamics.result import ForwardResult, Status
+from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import ClosureError, HoldfastError, SingularChainError, StateError
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.simulation.instant import WORST_CONDITION, Instant, friction_torque, joint_friction
 from holdfast.simulation.rollout.kernel import Systems
 from holdfast.simulation.rollout.traced_step import BROKEN, OPEN, SINGULAR
 from holdfast.simulation.step import Gaps
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, exact_state
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,16 +46,15 @@ class Moment:
 
 def state_rows(states: Sequence[State]) -> dict[str, Array]:
     """Return states as arrays with a row each."""
-    return {name: np.array([getattr(state, name) for state in states]) for name in STATE}
+    fields = STATE_FIELDS | (FLOATING_FIELDS if states[0].base_pose is not None else {})
+    return {name: np.array([getattr(state, field) for state in states]) for name, field in fields.items()}
 
 
 def state_of(systems: Systems, row: int) -> State:
     """Return one system's state, to the bit."""
-    parts = {name: systems[name][row].copy() for name in STATE}
-    state = State(**parts)
-    # dividing a unit quaternion by its length once more can change its last bit
-    object.__setattr__(state, "object_pose", parts["object_pose"])
-    return state
+    fields = STATE_FIELDS | FLOATING_FIELDS
+    parts = {field: systems[name][row].copy() for name, field in fields.items() if name in systems}
+    return exact_state(parts)
 
 
 def instant_of(systems: Systems, row: int, at: Moment) -> Instant:
@@ -71,7 +71,7 @@ def instant_of(systems: Systems, row: int, at: Moment) -> Instant:
     unique = rank == chain.constraint_row_count
     if not unique:  # machine code gives one solution for the forces, the reference the smallest
         net = tau - friction_torque(joint_friction(chain), state.qd)
-        x["grasp_wrench"], x["base_wrench"] = _smallest_forces(chain_motion(chain, state, net, at.inputs), x)
+        x |= _smallest_forces(chain_motion(chain, state, net, at.inputs), x)
     found = ForwardResult(
         chain,
         x["qdd"],
@@ -80,26 +80,32 @@ def instant_of(systems: Systems, row: int, at: Moment) -> Instant:
         x.get("contact_acceleration", np.zeros(0)),
         x["base_wrench"],
         rank,
-        chain.joint_count + 6 + chain.contact_freedom_count - rank,
+        chain.velocity_count + chain.contact_freedom_count - rank,
         Status.OK if unique else Status.INDETERMINATE_FORCES,
         float(x["condition"]),
         "sequential",
         x.get("held_rows"),
+        x.get("floating_acceleration"),
+        x.get("trunk_base_wrench"),
     )
     return Instant(at.t, state, chain, at.inputs, tau, memory, found, x["slope"][-4:])
 
 
-def _smallest_forces(motion: ChainMotion, x: dict[str, Array]) -> tuple[Array, Array]:
+def _smallest_forces(motion: ChainMotion, x: dict[str, Array]) -> dict[str, Array]:
     """Return the smallest grasp wrenches with which a system moves as it does, and the base wrenches with them."""
-    chain = motion.chain
+    chain, trunk = motion.chain, None
+    if motion.trunk is not None:
+        trunk = TrunkAcceleration(x["qdd"][chain.joints[TRUNK]], x.get("floating_acceleration"))
     found = Solution(
         [x["qdd"][chain.joints[name]] for name in chain.grasps],
         [x["grasp_wrench"][chain.names.index(name)] for name in chain.grasps],
         x["object_acceleration"] - pseudo_gravity(chain),
         rank=int(x["rank"]),
+        trunk=trunk,
     )
     whole = chain_solution(motion, with_smallest_forces(motion, found), "auto")
-    return whole.grasp_wrench, whole.base_wrench
+    below = {} if whole.trunk_base_wrench is None else {"trunk_base_wrench": whole.trunk_base_wrench}
+    return {"grasp_wrench": whole.grasp_wrench, "base_wrench": whole.base_wrench} | below
 
 
 def gaps_of(systems: Systems, row: int) -> Gaps:

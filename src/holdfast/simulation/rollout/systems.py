@@ -69,6 +69,14 @@ class RolloutSystems:
     object_acceleration: Array = _carried(
         "object_acceleration", "(systems, 6) [omega_dot; v_dot of C], true, world axes."
     )
+    floating_pose: Array = _carried(
+        "floating_pose", "(systems, 7) wxyz_xyz of a trunk's floating base; without columns where there is none."
+    )
+    floating_twist: Array = _carried("floating_twist", "(systems, 6) [omega; v of that frame's origin], world axes.")
+    floating_acceleration: Array = _carried("floating_acceleration", "(systems, 6) its true acceleration.")
+    trunk_base_wrench: Array = _carried(
+        "trunk_base_wrench", "(systems, 6) [moment; force] of the base on a trunk about the base origin, world axes."
+    )
     grasp_wrench: Array = _carried(
         "grasp_wrench",
         "(systems, arms, 6) [moment; force] of each arm on the object about the contact, world axes; where the forces"

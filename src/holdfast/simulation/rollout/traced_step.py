@@ -7,12 +7,13 @@ state at each stage of the scheme -> control -> forward dynamics -> slope; the e
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.compiled.externals import STATE
+from holdfast.compiled.externals import state_fields
 from holdfast.compiled.forward_schedule import SolutionWithStatus, solve_with_status
 from holdfast.compiled.structure import Structure
 from holdfast.compiled.traced_chain import Given, framed, traced_chain, traced_inputs
@@ -32,7 +33,7 @@ from holdfast.model.grasp_kinds import GRASP_KINDS
 from holdfast.model.wrench_condition import largest_force_and_moment
 from holdfast.simulation.balance import work_rates
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.increment import increment_rate
+from holdfast.simulation.increment import increment_rate, no_turns, twists
 from holdfast.simulation.instant import WORST_CONDITION, friction_torque, joint_friction
 from holdfast.simulation.rollout.user_functions import Motions, checked_motion, law_outputs
 from holdfast.simulation.runge_kutta import Tableau
@@ -59,12 +60,7 @@ RUNNING, SLIPPED, SINGULAR, OPEN, BROKEN, TOO_LONG, LIMITED = range(7)
 BESIDE = 0.1
 LEAPING = 1e-3  # of how far the joints move
 
-# What is known of a system at the end of a step.
 STEP_RESULTS = (
-    "q",
-    "qd",
-    "object_pose",
-    "object_twist",
     "slope",
     "qdd",
     "object_acceleration",
@@ -77,6 +73,14 @@ STEP_RESULTS = (
     "condition",
     "margin",
 )
+OF_TRUNK = {"floating_acceleration": "base_acceleration", "trunk_base_wrench": "trunk_base_wrench"}  # in a solution
+
+
+def step_results(chain: ClosedChain) -> tuple[str, ...]:
+    """Return what is known of a system at the end of a step, by the names of its arrays."""
+    of_trunk = [] if chain.trunk is None else ["trunk_base_wrench"]
+    of_trunk += ["floating_acceleration"] if chain.floats else []
+    return *state_fields(chain), *STEP_RESULTS, *of_trunk
 
 
 class Evaluation(NamedTuple):
@@ -128,7 +132,7 @@ class TracedSystem:
     @property
     def state(self) -> State:
         """Where it is."""
-        return State(*(self.last(name) for name in STATE))
+        return State(**{field: self.last(name) for name, field in state_fields(self.real).items()})
 
     @property
     def held(self) -> Array | None:
@@ -162,7 +166,9 @@ class TracedSystem:
         choose = choose and held is not None
         rank = self.given["generic_rank"]
         found = solve_with_status(chain, framed(state), drive - lost, inputs, rank, self.route, held, choose)
-        power = work_rates(power_of(chain, state, drive, found.whole.base_wrench, inputs), lost, state.qd)
+        whole = found.whole
+        powers = power_of(chain, state, drive, whole.base_wrench, inputs, whole.trunk_base_wrench)
+        power = work_rates(powers, lost, state.qd)
         self.worst = maximum(self.worst, array([found.condition, found.status]))
         self.conditions.append(found.condition)
         return Evaluation(state, found, drive, kept, power)
@@ -173,13 +179,16 @@ class TracedSystem:
         t, at = question.t, question.state
         if isinstance(question, Arrival):
             return self.evaluate(t, at, self.last("memory"), choose=True)
+        fields = state_fields(self.real)
+        poses = {field: name for name, field in fields.items() if name.endswith("pose")}
         # a turn by nothing may cost the last bit
-        at = State(at.q, at.qd, select(still, self.last("object_pose"), at.object_pose), at.object_twist)
+        kept = {field: select(still, self.last(name), getattr(at, field)) for field, name in poses.items()}
+        at = replace(at, **kept)
         if isinstance(question, Stage):
             return self.evaluate(t, at, self.last("memory"), choose=False).slope(question.turns)
         chain, inputs = self.environment.at(t)
         closed = after_step(chain, at, inputs, self.held)
-        end = State(*(select(still, getattr(at, name), getattr(closed, name)) for name in STATE))
+        end = State(**{field: select(still, getattr(at, field), getattr(closed, field)) for field in fields.values()})
         return end, [largest_gaps(chain, one, inputs) for one in (at, end)]
 
 
@@ -190,20 +199,22 @@ def step(structure: Structure, law: ControlLaw, motions: Motions, tableau: Table
     course = take_step(system.state, system.last("slope"), given["step"][()], times, tableau)
     now, (drift, gaps), work, _ = answered(course, system.answer)
     end, found = now.state, now.found
+    whole = found.whole
     kept = (
-        {name: getattr(end, name) for name in STATE}
+        {name: getattr(end, field) for name, field in state_fields(system.real).items()}
+        | {name: x for name, field in OF_TRUNK.items() if (x := getattr(whole, field)) is not None}
         | {
-            "slope": now.slope([np.zeros(3)]),
-            **{name: getattr(found.whole, name) for name in STEP_RESULTS if hasattr(found.whole, name)},
+            "slope": now.slope(no_turns(end)),
+            **{name: getattr(whole, name) for name in STEP_RESULTS if hasattr(whole, name)},
             "drive": now.drive,
             "memory": now.memory,
             "rank": array(found.rank),
             "condition": array(found.condition),
-            "margin": grasp_margins(system.real, given, end.object_frame.R, found.whole.grasp_wrench),
+            "margin": grasp_margins(system.real, given, end.object_frame.R, whole.grasp_wrench),
         }
         | ({} if found.held is None else {"held_rows": found.held})
     )
-    passed = passes_singular(system, tableau, kept["q"], end.object_twist, drift)
+    passed = passes_singular(system, tableau, end, drift)
     code = stop_code(system, kept, system.worst, drift, gaps, passed)
     return carried(system, kept, code, work, times[-1], concatenate([drift, gaps]))
 
@@ -239,7 +250,7 @@ def contact_margin(kind: str, contact: Array, f: Array) -> Scalar:
     return minimum(strength, where(one_sided > 0.5, pressed, float("inf")))
 
 
-def passes_singular(system: TracedSystem, tableau: Tableau, q: Array, twist: Array, drift: Gap) -> Scalar:
+def passes_singular(system: TracedSystem, tableau: Tableau, end: State, drift: Gap) -> Scalar:
     """Return whether a step seems to pass a singular posture, 1 or 0.
 
     The strength s = condition^-1/2 of the constraint is the size of what changes sign there. So its values at the
@@ -251,8 +262,7 @@ def passes_singular(system: TracedSystem, tableau: Tableau, q: Array, twist: Arr
     Args:
         system: after its evaluations.
         tableau: the scheme.
-        q: (n,) at the step's end.
-        twist: (6,) of the object there.
+        end: the state at the step's end.
         drift: gaps that projection found.
     """
     nodes = [*tableau.c[1:].tolist(), 1.0]
@@ -262,9 +272,10 @@ def passes_singular(system: TracedSystem, tableau: Tableau, q: Array, twist: Arr
     first, middle, last = of[0], of[1 + nodes.index(0.5)], of[1 + nodes.index(1.0)]
     kept_sign = abs(first - 2.0 * middle + last)
     other_sign = minimum(abs(first + 2.0 * middle - last), abs(first - 2.0 * middle - last))
-    moved = [*(q - system.last("q")), *(system.given["step"][()] * twist[:3])]
+    turned = [system.given["step"][()] * twist[:3] for twist in twists(end)]
+    moved = [*(end.q - system.last("q")), *concatenate(turned)]
     far = reduce(maximum, [abs(x) for x in moved])
-    if any(not joint.turns for arm in system.real.arms.values() for joint in arm.joints):
+    if any(not joint.turns for joint in system.real.all_joints):
         far = float("inf")  # how far a joint slides says nothing by itself
     both, most = first + last, STRENGTH_LOST * far
     passed = where(both < most, where(other_sign - BESIDE * both < kept_sign, 1.0, 0.0), 0.0)
@@ -336,6 +347,6 @@ def evaluation(structure: Structure, law: ControlLaw, motions: Motions, given: G
     now = system.evaluate(system.time(0.0), system.state, system.last("before"), choose=False)
     on = system.last("code")[()] < 0.5
     return {
-        "last.slope": select(on, now.slope([np.zeros(3)]), system.last("slope")),
+        "last.slope": select(on, now.slope(no_turns(now.state)), system.last("slope")),
         "last.memory": select(on, now.memory, system.last("memory")),
     }

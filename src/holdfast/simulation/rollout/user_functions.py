@@ -13,11 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.compiled.externals import shapes, state_fields
 from holdfast.compiled.traced_chain import unit_pose
 from holdfast.compiler.arithmetic import OPERATIONS
 from holdfast.compiler.errors import CompileError
 from holdfast.compiler.node import Node
-from holdfast.compiler.program import Program, Shape
+from holdfast.compiler.program import Program
 from holdfast.compiler.trace import trace
 from holdfast.control.controller import ControlLaw
 from holdfast.model import checks
@@ -58,19 +59,20 @@ def law_outputs(
 
 
 def law_program(law: ControlLaw, chain: ClosedChain) -> Program:
-    """Return a law as a program: t, q, qd, object_pose, object_twist, memory and parameters to torques and memory.
+    """Return a law as a program: t, the state's arrays, memory and parameters to torques and memory.
 
     Raises:
         CompileError: it cannot be traced.
     """
-    n, names = chain.joint_count, [f"control.{name}" for name in law.parameters]
+    names, fields, size = [f"control.{name}" for name in law.parameters], state_fields(chain), shapes(chain)
 
     def outputs(t: Array, *arrays: Array) -> tuple[Array, Array]:
-        state, memory, given = State(*arrays[:4]), arrays[4], arrays[5:]
+        parts, (memory, *given) = arrays[: len(fields)], arrays[len(fields) :]
+        state = State(**dict(zip(fields.values(), parts, strict=True)))
         return law_outputs(law, chain, t[()], state, memory, dict(zip(names, given, strict=True)))
 
-    shapes: list[Shape] = [(), (n,), (n,), (7,), (6,), (len(law.memory),), *map(tuple, law.parameters.values())]
-    return trace(outputs, shapes)
+    of_state = [size[name] for name in fields]
+    return trace(outputs, [(), *of_state, (len(law.memory),), *map(tuple, law.parameters.values())])
 
 
 def checked_motion(name: str, motion: BaseMotion) -> Callable[[Scalar], tuple[Pose, Array, Array]]:
@@ -111,7 +113,7 @@ class TracedTorque:
     """The torques of a law: (t, state, memory, parameters) -> (torques, memory).
 
     Attributes:
-        program: takes t, q, qd, object_pose, object_twist, memory and the parameters; returns torques and memory.
+        program: takes t, the state's arrays, memory and the parameters; returns torques and memory.
         parameters: their names, in order.
     """
 
@@ -120,7 +122,8 @@ class TracedTorque:
 
     def __call__(self, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
         """Return the torques (n,) and the memory (m,)."""
-        parts = (state.q, state.qd, state.object_pose, state.object_twist)
+        every = (state.q, state.qd, state.object_pose, state.object_twist, state.base_pose, state.base_twist)
+        parts = [part for part in every if part is not None]
         torques, kept = replayed(self.program, t, *parts, memory, *(given[name] for name in self.parameters))
         return torques, kept
 
