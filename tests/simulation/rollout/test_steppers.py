@@ -152,7 +152,9 @@ def test_what_stagewise_cannot_is_refused():
     stepper = StagewiseStepper.of(Environment(chain, inputs=late), stubborn, rank, scheme("rk4"), Tolerance())
     now, _ = stepper.start(BEGIN, state, None)
     (reached,) = stepper.advance(now, [BEGIN + 1e-3])
-    assert isinstance(reached.failure, MethodNotApplicable) and "wrenches on links" in str(reached.failure)
+    assert isinstance(reached.failure, MethodNotApplicable) and "inputs: link_wrenches: expected none" in str(
+        reached.failure
+    )
     short = StagewiseStepper.of(
         Environment(chain, inputs=wind), lambda t, x, m: (np.zeros(3), m), rank, scheme("rk4"), Tolerance()
     )

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from holdfast.compiled import arrays
-from holdfast.compiled.externals import FLOATING, LINKS, STATE
+from holdfast.compiled.externals import FLOATING, LINKS, STATE, state_fields
 from holdfast.compiled.parameters import WRENCHES, parse_parameters
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.spatial.scalar import Array
 
@@ -33,6 +34,25 @@ def require_free_names(parameters: Mapping[str, Any]) -> None:
                 f"control law: parameter '{name}': expected a name of its own, got one that rollouts use"
                 f" ({', '.join(_TAKEN)}); try another"
             )
+
+
+def state_arguments(chain: ClosedChain, *given: Any) -> dict[str, Any]:
+    """Return the state that `start` is given, by the names of its arrays.
+
+    Args:
+        chain: the chain.
+        given: in the order of `STATE` and `FLOATING`; the latter None where no base floats.
+
+    Raises:
+        StateError: a floating base's pose or twist is missing, or given where none floats.
+    """
+    named = dict(zip((*STATE, *FLOATING), given, strict=True))
+    for name in FLOATING:
+        if chain.floats and named[name] is None:
+            raise StateError(f"{name}: expected that of the trunk's floating base, got none")
+        if not chain.floats and named[name] is not None:
+            raise StateError(f"{name}: expected none, as the chain has no floating base")
+    return {name: named[name] for name in state_fields(chain)}
 
 
 def call_inputs(kernel: StepKernel, given: Mapping[str, Any], count: int) -> dict[str, Array]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.compiled import arrays
-from holdfast.compiled.externals import FLOATING, STATE, state_fields
+from holdfast.compiled.externals import state_fields
 from holdfast.compiled.faults import faulty, largest_positions
 from holdfast.compiled.statuses import MOST_TRIED, system
 from holdfast.compiled.structure import Options
@@ -25,6 +25,7 @@ from holdfast.simulation.rollout.arguments import (
     fitting,
     kernel_arguments,
     number,
+    state_arguments,
     step_lengths,
     whole_number,
     whole_steps,
@@ -111,15 +112,8 @@ class Rollout:
         Raises:
             StateError: wrong shapes, or no system at all.
         """
-        given_state = dict(zip(STATE, (q, qd, object_pose, object_twist), strict=True))
-        floating = dict(zip(FLOATING, (floating_pose, floating_twist), strict=True))
-        for name, x in floating.items():
-            if self.chain.floats and x is None:
-                raise StateError(f"{name}: expected that of the trunk's floating base, got none")
-            if not self.chain.floats and x is not None:
-                raise StateError(f"{name}: expected none, as the chain has no floating base")
-        given_state |= floating if self.chain.floats else {}
-        systems = self._systems_at(given_state, memory, number("t", t))
+        every = (q, qd, object_pose, object_twist, floating_pose, floating_twist)
+        systems = self._systems_at(state_arguments(self.chain, *every), memory, number("t", t))
         systems.keep_inputs(call_inputs(self._kernel, given, len(systems)), self.law)
         return self._started(systems, whole_number("threads", threads))
 
