@@ -32,6 +32,7 @@ class Options:
         link_wrenches: external wrenches on the links become an input.
         base_motion: twist and acceleration of the bases are run-time parameters, rather than zero.
         held: steps hold as many rows of the constraint as its generic rank says, see `held_rows`.
+        implicit: what joints have of armature and torque besides becomes an input, for stages of implicit steps.
     """
 
     route: Route = "auto"
@@ -39,6 +40,7 @@ class Options:
     link_wrenches: bool = False
     base_motion: bool = False
     held: bool = False
+    implicit: bool = False
 
 
 def optional_parameters(parameters: Sequence[str], what: str, route: Route = "auto") -> Options:

@@ -31,6 +31,8 @@ from holdfast.state import Inputs, State
 
 NEIGHBOURS = 8
 NEIGHBOUR_DISTANCE = 0.1  # rad, or part of the arms' reach
+SHORTER = (1.0, 0.25, 0.0625)  # parts of it, where a neighbour is not as near
+STRAYED = 3.0  # times as far: what closes there is no neighbour
 TANGENT_STEPS = (0.05, 0.005, 0.0005)  # the same: near a singular configuration only short ones lead on
 # A row that follows from others has a relative pivot of about gap^2 beside the constraint, gap in m or rad. What is
 # larger than that by far is no such row.
@@ -83,16 +85,28 @@ def generic_constraint_rank(chain: ClosedChain, state: State) -> int:
     best = constraint_rank(chain, state)
     still, sizes = _still(chain, state)
     for seed in range(NEIGHBOURS):
-        step = NEIGHBOUR_DISTANCE * sizes * np.random.default_rng(seed).uniform(-1, 1, len(sizes))
-        there = moved(still, step)
-        try:
-            neighbour = close(chain, there, limits=False)
-        except ClosureError:
-            continue
-        best = max(best, constraint_rank(chain, neighbour))
+        step = NEIGHBOUR_DISTANCE * np.random.default_rng(seed).uniform(-1, 1, len(sizes))
+        neighbour = _neighbour(chain, still, sizes, step)
+        if neighbour is not None:
+            best = max(best, constraint_rank(chain, neighbour))
         if best == chain.constraint_row_count:
             break
     return best
+
+
+def _neighbour(chain: ClosedChain, still: State, sizes: Array, step: Array) -> State | None:
+    """Return a closed state near a step from a configuration, or near a shorter one; None if there is none.
+
+    What closes only far from there may be another assembly of the chain, whose rank says nothing about this one.
+    """
+    for shorter in SHORTER:
+        try:
+            found = close(chain, moved(still, shorter * step * sizes), limits=False)
+        except ClosureError:
+            continue
+        if np.abs(_moved_by(still, found) / sizes).max() <= STRAYED * shorter * NEIGHBOUR_DISTANCE:
+            return found
+    return None
 
 
 def closed_near(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> State | None:
@@ -206,12 +220,15 @@ def _survive(chain: ClosedChain, state: State, still: State, sizes: Array, basis
             closed = close(chain, there, limits=False)
         except ClosureError:
             return False
-        moved_by = np.concatenate([closed.q - state.q, _displacement(state.object_frame, closed.object_frame)])
-        if state.base_frame is not None and closed.base_frame is not None:
-            moved_by = np.concatenate([moved_by, _displacement(state.base_frame, closed.base_frame)])
-        moved_by = moved_by / sizes
-        kept.append(basis.T @ moved_by / step)
+        kept.append(basis.T @ (_moved_by(state, closed) / sizes) / step)
     return bool(np.linalg.svd(np.array(kept), compute_uv=False)[-1] > 0.5)
+
+
+def _moved_by(before: State, after: State) -> Array:
+    """Return the way from one state to another in the columns of `ConstraintRows.matrix`."""
+    frames = [(before.object_frame, after.object_frame), (before.base_frame, after.base_frame)]
+    turns = [_displacement(a, b) for a, b in frames if a is not None and b is not None]
+    return np.concatenate([after.q - before.q, *turns])
 
 
 def _displacement(a: Pose, b: Pose) -> Array:

@@ -77,6 +77,7 @@ class Checkpoint:
         event: how many events have happened.
         grasps: the grasps that are on the chain.
         generic_rank: of the chain with these grasps.
+        implicit: whether steps are linearly implicit, see `Segment`.
         sums: what has gone into the chain since the start.
         occurrences: what has happened so far.
         proposal: what the step size control goes on with; None for steps of fixed size.
@@ -91,6 +92,7 @@ class Checkpoint:
     event: int
     grasps: Mapping[str, Grasp]
     generic_rank: int
+    implicit: bool
     sums: Sums
     occurrences: tuple[Occurrence, ...]
     proposal: Proposal | None
@@ -113,6 +115,7 @@ class Checkpoint:
             "stop": self.stop,
             "event": self.event,
             "generic_rank": self.generic_rank,
+            "implicit": self.implicit,
             "occurrences": [asdict(one) for one in self.occurrences],
             "grasps": [_grasp_data(name, grasp, arrays) for name, grasp in self.grasps.items()],
             "now": _origin_data("now", self.now, arrays),
@@ -138,6 +141,7 @@ class Checkpoint:
                 event=int(data["event"]),
                 grasps=dict(_grasp(given, arrays) for given in data["grasps"]),
                 generic_rank=int(data["generic_rank"]),
+                implicit=bool(data.get("implicit", False)),
                 sums=Sums(np.array(arrays["work"]), float(arrays["impact"]), np.array(arrays["base_impulse"])),
                 occurrences=msgspec.convert(data["occurrences"], tuple[Occurrence, ...]),
                 proposal=Proposal(*arrays["proposal"].tolist()) if len(arrays["proposal"]) else None,

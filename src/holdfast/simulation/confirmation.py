@@ -100,7 +100,7 @@ def explained(window: Window, until: float, failure: HoldfastError) -> HoldfastE
         failure: what the step failed with.
     """
     decay = _decay(window)
-    if decay is not None and not followed(decay, window.segment.settings.longest_step, window.segment.settings.scheme):
+    if decay is not None and not followed(decay, window.segment.settings.longest_step, window.segment.scheme):
         return too_long(window, until, f"a step fails ({failure})")
     most = PARTS[0] if isinstance(failure, SingularChainError) else MOST_PARTS
     parts, fewer = 2, window.in_parts(until, 2)
@@ -123,11 +123,11 @@ def too_long(window: Window, until: float, why: str) -> StepTooLongError:
         until: the time to which they do [s].
         why: what gives it away.
     """
-    settings, decay = window.segment.settings, _decay(window)
-    step = settings.longest_step
-    if decay is not None and not followed(decay, step, settings.scheme):
+    scheme, decay = window.segment.scheme, _decay(window)
+    step = window.segment.settings.longest_step
+    if decay is not None and not followed(decay, step, scheme):
         joint, reason = decay.joint, f"slowed down at {decay.rate:.3g} 1/s by damping, friction or its controller"
-        limit = step_for(decay, settings.scheme)
+        limit = step_for(decay, scheme)
     else:
         joint, reason, limit = _most_different(window, until), "which moves otherwise then", 0.5 * step
     fitting = _working(window, until, limit)
@@ -145,10 +145,15 @@ def _by_time(found: StepMargins, signals: Sequence[int]) -> Iterator[tuple[int, 
 
 
 def _decay(window: Window) -> Decay | None:
-    """Return the fastest decay where a window begins, feedback included; None where it cannot be found."""
+    """Return the fastest decay where a window begins, feedback included; None where it cannot be found.
+
+    Linearly implicit steps have to follow the controller's feedback only.
+    """
     at, controller = window.begin, window.segment.controller
     try:
-        resistance = passive_resistance(at.chain, at.state.qd) + feedback_resistance(controller, at)
+        resistance = feedback_resistance(controller, at)
+        if not window.segment.scheme.implicit:
+            resistance = resistance + passive_resistance(at.chain, at.state.qd)
         return fastest_decay(at.chain, at.state, resistance)
     except (HoldfastError, np.linalg.LinAlgError):
         return None

@@ -18,6 +18,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import work_rates
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import increment_rate, twists
+from holdfast.simulation.linearly_implicit import Implicit, Passive, with_armature
 from holdfast.spatial.scalar import Array, array, sqrt
 from holdfast.state import Inputs, State
 
@@ -38,7 +39,15 @@ def friction_torque(size: Array, qd: Array) -> Array:
 
 def friction_slope(size: Array, qd: Array) -> Array:
     """Return d(friction torque)/d(qd), (n,) [N m s/rad or N s/m]; at standstill F_c / 0.05."""
-    return size * SMOOTHING_RATE**2 / (qd**2 + SMOOTHING_RATE**2) ** 1.5
+    squares = [v * v + SMOOTHING_RATE**2 for v in qd]
+    return array([F * SMOOTHING_RATE**2 / (x * sqrt(x)) for F, x in zip(size, squares, strict=True)])
+
+
+def passive_at(chain: ClosedChain, qd: Array) -> Passive:
+    """Return what dampers, friction and springs take from the joints, at joint rates (n,)."""
+    damping, stiffness = np.array([(joint.damping, joint.stiffness) for joint in chain.all_joints]).reshape(-1, 2).T
+    friction = joint_friction(chain)
+    return Passive(damping + friction_slope(friction, qd) if friction.any() else damping, stiffness)
 
 
 WORST_CONDITION = 1e12  # beyond it no digit of the grasp forces is left
@@ -105,6 +114,7 @@ def evaluate(
     generic_rank: int | None = None,
     held: Array | None = None,
     check: bool = False,
+    implicit: Implicit | None = None,
 ) -> Instant:
     """Return the chain at one time and state.
 
@@ -117,6 +127,7 @@ def evaluate(
         generic_rank: as for `forward_dynamics`.
         held: as for `forward_dynamics`.
         check: refuse a state that breaks the grasps.
+        implicit: what forward dynamics differs by in a stage of a linearly implicit step.
 
     Raises:
         SingularChainError: the constraint's rank drops, or its condition passes 1e12.
@@ -126,9 +137,10 @@ def evaluate(
     tau, memory = torques_and_memory(controller(t, state, memory))
     tau = checks.numbers(tau, (chain.joint_count,), "controller: torques", StateError)
     friction = friction_torque(joint_friction(chain), state.qd)
-    found = forward_dynamics(
-        chain, state, tau - friction, inputs=inputs, check=check, generic_rank=generic_rank, held=held
-    )
+    net, solved = tau - friction, chain
+    if implicit is not None:
+        net, solved = net + implicit.torque, with_armature(chain, implicit.armature)
+    found = forward_dynamics(solved, state, net, inputs=inputs, check=check, generic_rank=generic_rank, held=held)
     if not found.condition <= WORST_CONDITION:
         raise SingularChainError(
             f"the grasp constraint is nearly singular: condition {found.condition:.3g}, expected <="

@@ -16,8 +16,7 @@ from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import ViolationTracker
 from holdfast.simulation.run_state import RunState
 from holdfast.simulation.run_step import stepped
-from holdfast.simulation.segment import RunSettings, Segment, first_segment, resumed_segment, segment_with
-from holdfast.simulation.stability import require_followed
+from holdfast.simulation.segment import RunSettings, Segment, first_segment, resumed_segment, segment_with, suited
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import NO_GAPS
 from holdfast.simulation.stops import just_after
@@ -31,11 +30,9 @@ def start_of_run(settings: RunSettings, state: State) -> RunState:
 
     Raises:
         StateError: the state breaks a grasp, or the controller's torques do not fit.
-        StepTooLongError: no explicit step of this length can follow the joints' damping.
         SingularChainError: the configuration is singular.
     """
-    segment = first_segment(settings, Origin(0.0, state, None))
-    require_followed(settings.environment.at(0.0)[0], state, settings.longest_step, settings.scheme)
+    segment, news = suited(first_segment(settings, Origin(0.0, state, None)), 0.0, state)
     now, gaps = segment.stepper.start(0.0, state, None)
     blank = Checkpoint(
         now=Origin(0.0, now.state, None),
@@ -46,17 +43,18 @@ def start_of_run(settings: RunSettings, state: State) -> RunState:
         event=0,
         grasps=segment.environment.chain.grasps,
         generic_rank=segment.generic_rank,
+        implicit=segment.implicit,
         sums=Sums(np.zeros(4), 0.0, np.zeros(6)),
         occurrences=(),
         proposal=None,
         tracker=ViolationTracker.blank(len(segment.signals)),
     )
-    return _stretch_begins(segment, blank, now, gaps)
+    return _stretch_begins(segment, blank, now, gaps, news)
 
 
 def resumed_run(settings: RunSettings, at: Checkpoint) -> RunState:
     """Return a run at a checkpoint."""
-    segment = resumed_segment(settings, at.grasps, at.generic_rank)
+    segment = resumed_segment(settings, at.grasps, at.generic_rank, at.implicit)
     now = segment.at(at.now)
     previous = None if at.previous is None else segment.at(at.previous)
     return RunState(segment, at, now, previous, NO_GAPS, np.array([now.t]), segment.margins(now)[None])
@@ -109,8 +107,8 @@ def _jumped(at: RunState) -> RunState:
         news.append(one)
     origin, gaps = Origin(t, state, at.now.memory), NO_GAPS
     if happening:
-        segment = segment_with(segment, chain.grasps, origin)
-        require_followed(chain, state, settings.longest_step, settings.scheme)
+        segment, stiff = suited(segment_with(segment, chain.grasps, origin), t, state)
+        news += stiff
     if any(isinstance(event, Attach) for event in happening):
         now, gaps = segment.stepper.start(t, state, origin.memory)
         origin = replace(origin, state=now.state)
@@ -124,15 +122,13 @@ def _jumped(at: RunState) -> RunState:
 
 def _opened(at: RunState, signal: int) -> RunState:
     """Return the run after a grasp that cannot hold has opened; velocities go on."""
-    name, settings = at.segment.signals.names[signal], at.segment.settings
+    name = at.segment.signals.names[signal]
     origin = Origin(just_after(at.now.t), at.now.state, at.now.memory)
     grasps = {arm: grasp for arm, grasp in at.checkpoint.grasps.items() if arm != name}
-    segment = segment_with(at.segment, grasps, origin)
-    chain = segment.environment.at(origin.t)[0]
-    require_followed(chain, origin.state, settings.longest_step, settings.scheme)
+    segment, stiff = suited(segment_with(at.segment, grasps, origin), origin.t, origin.state)
     news = Occurrence(at.now.t, "release", name, f"'{name}' is released: it cannot hold")
     saved = replace(at.checkpoint, now=origin, tracker=at.checkpoint.tracker.without(signal))
-    return _stretch_begins(segment, saved, segment.at(origin), NO_GAPS, [news])
+    return _stretch_begins(segment, saved, segment.at(origin), NO_GAPS, [news, *stiff])
 
 
 def _stretch_begins(
@@ -155,6 +151,7 @@ def _stretch_begins(
         "tail": margins[:0],
         "grasps": segment.environment.chain.grasps,
         "generic_rank": segment.generic_rank,
+        "implicit": segment.implicit,
         "proposal": first_proposal(now) if segment.settings.scheme.adaptive else None,
         "tracker": tracker,
         "occurrences": (*saved.occurrences, *news, *further),

@@ -14,7 +14,7 @@ from holdfast.simulation.checkpoint import Origin
 from holdfast.simulation.confirmation import Window, explained, require_shown, too_long
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.run_state import RunState
-from holdfast.simulation.segment import Segment
+from holdfast.simulation.segment import Segment, suited
 from holdfast.simulation.singular_posture import (
     CLOSED,
     SingularPosture,
@@ -27,7 +27,7 @@ from holdfast.simulation.singular_posture import (
     postures_passed,
     time_left,
 )
-from holdfast.simulation.stability import elsewhere, require_followed
+from holdfast.simulation.stability import elsewhere
 from holdfast.simulation.stepper import Advance, Stepper
 from holdfast.simulation.verification import MarginCurves, StepMargins, look_times, verify
 
@@ -66,7 +66,8 @@ def _step_and_posture(at: RunState, until: float) -> tuple[RunState | None, Sing
     except HoldfastError as cause:
         failure, posture = cause, posture_ahead(segment, now, until)
     leaps = posture is not None and posture.gap > CLOSED
-    if (posture is None or leaps) and not segment.settings.scheme.adaptive and _unresolved(at, until, later, leaps):
+    fixed = not (segment.scheme.adaptive or segment.scheme.implicit)
+    if (posture is None or leaps) and fixed and _unresolved(at, until, later, leaps):
         try:
             later = _step_to(at, until, stepper=segment.adaptive_parts)
         except HoldfastError as cause:
@@ -172,7 +173,7 @@ def _step_to(
         curves.advances[reached.t] = reached
         curves.margins[reached.t] = segment.margins(reached.instant)
         until = reached.t
-    times = look_times(now.t, until, settings.scheme.c.tolist()) if len(signals.limited) else [until]
+    times = look_times(now.t, until, segment.scheme.c.tolist()) if len(signals.limited) else [until]
     found = verify(curves, now.t, times, signals.limited, segment.acting, saved.tracker.lowest)
     end = found.end
     _require_step(at, found, until)
@@ -182,6 +183,9 @@ def _step_to(
     if end.t == now.t:  # a dip just before, found only now
         margins = margins.min(axis=0, keepdims=True)
     tail_time = times[-2] if len(times) > 1 else now.t
+    if elsewhere(now.state, end.instant.state):
+        segment, stiff = suited(segment, end.t, end.instant.state)
+        news = [*news, *stiff]
     checkpoint = replace(
         saved,
         now=Origin(end.t, end.instant.state, now.memory),
@@ -191,6 +195,7 @@ def _step_to(
         stop=saved.stop + int(end.t == next_stop),
         sums=saved.sums._replace(work=saved.sums.work + end.work),
         proposal=proposal,
+        implicit=segment.implicit,
         tracker=tracker,
         occurrences=(*saved.occurrences, *news),
     )
@@ -213,11 +218,8 @@ def _require_step(at: RunState, found: StepMargins, until: float) -> None:
     if not np.abs(state.qd).max() < FASTEST:
         why = f"the motion diverges, a joint rate passes {FASTEST:g}"
         raise StateError(why) if settings.scheme.adaptive else too_long(window, until, why)
-    if settings.scheme.adaptive:
-        return
-    require_shown(window, found, at.checkpoint.tracker)
-    if elsewhere(at.now.state, state):
-        require_followed(end.instant.chain, state, settings.longest_step, settings.scheme)
+    if not settings.scheme.adaptive:
+        require_shown(window, found, at.checkpoint.tracker)
 
 
 def _margin_curves(at: RunState, stepper: Stepper) -> MarginCurves:

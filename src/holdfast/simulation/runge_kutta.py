@@ -19,12 +19,12 @@ from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, Scalar, cos, sin, sqrt, where
 from holdfast.spatial.vector import cross
 
-SCHEMES = ("rk4", "midpoint", "dop853")
+SCHEMES = ("rk4", "midpoint", "dop853", "ros34pw2")
 
 
 @dataclass(frozen=True, eq=False)
 class Tableau(Frozen):
-    """An explicit Runge-Kutta scheme of s stages, k_i = f(t + c_i h, y + h sum_j<i a_ij k_j).
+    """A Runge-Kutta scheme of s stages, k_i = f(t + c_i h, y + h sum_j<i a_ij k_j), or a Rosenbrock-W method.
 
     Attributes:
         name: as in `SCHEMES`.
@@ -34,6 +34,8 @@ class Tableau(Frozen):
         b: (s,).
         error: (estimates, s) weights e of the error estimates h sum_i e_i k_i; (0, s) for a
             scheme that estimates none.
+        gamma: (s, s) lower triangular, of a method that is linearly implicit in damping and springs of joints
+            (`linearly_implicit`); None for an explicit scheme.
     """
 
     name: str
@@ -42,16 +44,23 @@ class Tableau(Frozen):
     a: Array
     b: Array
     error: Array
+    gamma: Array | None = None
 
     @property
     def adaptive(self) -> bool:
         """Whether a step comes with an estimate of its error."""
         return len(self.error) > 0
 
+    @property
+    def implicit(self) -> bool:
+        """Whether steps are linearly implicit in damping and springs of joints."""
+        return self.gamma is not None
+
     @functools.cached_property
     def stability_interval(self) -> float:
         """The largest x such that steps of y' = -rate y with h rate <= x do not grow: 2 for midpoint, 2.785 for rk4.
 
+        Of a linearly implicit method, for what it does not take implicitly.
         A step multiplies y by R(-h rate), R(z) = 1 + sum_k b^T A^(k-1) 1 z^k; this is the first x with |R(-x)| = 1.
         """
         terms, weights = [], -self.b  # of (-x)^k, k = 1 .. s
@@ -86,6 +95,31 @@ MIDPOINT = Tableau(
     np.zeros((0, 2)),
 )
 
+# Rang and Angermann's method of order 3 for any A (`linearly_implicit`), L-stable, its last stage the step's end.
+ROS34PW2 = Tableau(
+    "ros34pw2",
+    3,
+    np.array([0.0, 0.87173304301691801, 0.73157995778885238, 1.0]),
+    np.array(
+        [
+            [0.0, 0.0, 0.0, 0.0],
+            [0.87173304301691801, 0.0, 0.0, 0.0],
+            [0.84457060015369423, -0.11299064236484185, 0.0, 0.0],
+            [0.0, 0.0, 1.0, 0.0],
+        ]
+    ),
+    np.array([0.24212380706095346, -1.2232505839045147, 1.5452602553351020, 0.43586652150845900]),
+    np.zeros((0, 4)),
+    np.array(
+        [
+            [0.43586652150845900, 0.0, 0.0, 0.0],
+            [-0.87173304301691801, 0.43586652150845900, 0.0, 0.0],
+            [-0.90338057013044082, 0.054180672388095326, 0.43586652150845900, 0.0],
+            [0.24212380706095346, -1.2232505839045147, 0.54526025533510214, 0.43586652150845900],
+        ]
+    ),
+)
+
 # One stage, for steps of length zero, of which only the end is of interest.
 EULER = Tableau("euler", 1, np.zeros(1), np.zeros((1, 1)), np.ones(1), np.zeros((0, 1)))
 
@@ -110,7 +144,7 @@ def scheme(name: str) -> Tableau:
     Raises:
         ModelError: no scheme has that name.
     """
-    for tableau in (RK4, MIDPOINT):
+    for tableau in (RK4, MIDPOINT, ROS34PW2):
         if name == tableau.name:
             return tableau
     if name == "dop853":

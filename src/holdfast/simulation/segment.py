@@ -21,10 +21,13 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.events import Event
 from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.margins import Policy, Signals
-from holdfast.simulation.runge_kutta import Tableau
+from holdfast.simulation.runge_kutta import ROS34PW2, Tableau
+from holdfast.simulation.stability import too_fast
 from holdfast.simulation.stepper import Stepper, SubdividingStepper
 from holdfast.simulation.stops import Stops
+from holdfast.simulation.trajectory import Occurrence
 from holdfast.spatial.scalar import Array
+from holdfast.state import State
 
 MakeStepper = Callable[[Environment, Controller, int, Tableau, Tolerance], Stepper]
 
@@ -76,18 +79,25 @@ class Segment:
         environment: the chain with its grasps now, and what acts on it.
         controller: torques.
         generic_rank: of the constraint away from singular configurations.
+        implicit: whether steps are linearly implicit in damping and springs, which explicit ones cannot follow.
     """
 
     settings: RunSettings
     environment: Environment
     controller: Controller
     generic_rank: int
+    implicit: bool = False
+
+    @property
+    def scheme(self) -> Tableau:
+        """The scheme of the steps."""
+        return ROS34PW2 if self.implicit else self.settings.scheme
 
     @cached_property
     def stepper(self) -> Stepper:
         """What takes the steps; those of a scheme that does not choose its own are taken in parts where need be."""
         run = self.settings
-        whole = run.make_stepper(self.environment, self.controller, self.generic_rank, run.scheme, run.tolerance)
+        whole = run.make_stepper(self.environment, self.controller, self.generic_rank, self.scheme, run.tolerance)
         if run.scheme.adaptive or run.largest_drift is None:
             return whole
         return SubdividingStepper(whole, run.largest_drift)
@@ -142,7 +152,7 @@ def segment_with(before: Segment, grasps: Mapping[str, Grasp], start: Origin) ->
     Raises:
         SingularChainError: the configuration is singular with these grasps.
     """
-    segment = resumed_segment(before.settings, grasps, -1)
+    segment = resumed_segment(before.settings, grasps, -1, before.implicit)
     return replace(segment, generic_rank=_rank_near(segment.environment, segment.controller, start))
 
 
@@ -158,12 +168,28 @@ def _rank_near(environment: Environment, controller: Controller, start: Origin) 
     return evaluate(environment, controller, start.t, state, start.memory).result.rank
 
 
-def resumed_segment(settings: RunSettings, grasps: Mapping[str, Grasp], generic_rank: int) -> Segment:
-    """Return the segment with given grasps and generic rank.
+def suited(segment: Segment, t: float, state: State) -> tuple[Segment, tuple[Occurrence, ...]]:
+    """Return the segment whose steps can follow how fast joints settle and swing, and what the log says of a change.
+
+    Args:
+        segment: the chain and what moves it.
+        t: time [s].
+        state: the chain there.
+    """
+    settings = segment.settings
+    why = too_fast(segment.environment.at(t)[0], state, settings.longest_step, segment.scheme)
+    if why is None:
+        return segment, ()
+    text = f"steps are linearly implicit from here ({ROS34PW2.name}): {why}"
+    return replace(segment, implicit=True), (Occurrence(t, "stiff", "joints", text),)
+
+
+def resumed_segment(settings: RunSettings, grasps: Mapping[str, Grasp], generic_rank: int, implicit: bool) -> Segment:
+    """Return the segment with given grasps, generic rank and kind of steps.
 
     A controller that has a `for_chain(chain)` is replaced by what that returns; another goes on as it is.
     """
     chain = replace(settings.environment.chain, grasps=grasps)
     for_chain = getattr(settings.controller, "for_chain", None)
     controller = settings.controller if for_chain is None else for_chain(chain)
-    return Segment(settings, replace(settings.environment, chain=chain), controller, generic_rank)
+    return Segment(settings, replace(settings.environment, chain=chain), controller, generic_rank, implicit)

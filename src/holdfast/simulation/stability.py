@@ -12,7 +12,8 @@ where h lambda is beyond the scheme's stability interval (`Tableau.stability_int
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,10 +23,10 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
 from holdfast.dynamics.object_level import motion_basis
 from holdfast.dynamics.projection import Change, quickened
 from holdfast.dynamics.trunk.whole_chain import whole_chain
-from holdfast.errors import StateError, StepTooLongError
+from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.instant import Instant, friction_slope, joint_friction
+from holdfast.simulation.instant import Instant, friction_slope, joint_friction, passive_at
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -38,9 +39,8 @@ PROBE = 1e-5  # rad/s or m/s: by how much velocities are changed to see what a c
 CELL = 0.5  # rad or m: joints that have moved by as much may settle at another rate
 
 
-@dataclass(frozen=True)
-class Decay:
-    """The fastest decay of a chain's velocities.
+class Decay(NamedTuple):
+    """The fastest decay of a chain's velocities, or its fastest swing.
 
     Attributes:
         rate: lambda [1/s].
@@ -60,6 +60,25 @@ def fastest_decay(chain: ClosedChain, state: State, resistance: Array) -> Decay:
         resistance: (n, n + 6) torques taken from the joints per unit of (qd, V(C)); six columns more of a floating
             base.
     """
+    return _fastest(chain, state, resistance)
+
+
+def fastest_swing(chain: ClosedChain, state: State, stiffness: Array) -> Decay:
+    """Return the fastest swing on the joints' springs of the velocities that the grasps allow [rad/s]. O((n + 6)^3).
+
+    Args:
+        chain: the chain.
+        state: its configuration; velocities do not enter.
+        stiffness: (n,) of the joints' springs [N m/rad or N/m].
+    """
+    if not stiffness.any():
+        return Decay(0.0, chain.joint_names()[0])
+    square, joint = _fastest(chain, state, np.eye(chain.joint_count, chain.velocity_count) * stiffness[:, None])
+    return Decay(math.sqrt(square), joint)
+
+
+def _fastest(chain: ClosedChain, state: State, resistance: Array) -> Decay:
+    """Return the largest eigenvalue of M^-1 times torques per velocity, and the joint with most of its power."""
     n = chain.joint_count
     Z = motion_basis(chain, state)
     if not Z.shape[1]:
@@ -128,32 +147,18 @@ def step_for(decay: Decay, scheme: Tableau) -> float:
     return float(f"{SUGGESTED * scheme.stability_interval / decay.rate:.2g}")
 
 
-def require_followed(chain: ClosedChain, state: State, step: float, scheme: Tableau) -> None:
-    """Refuse a step that cannot follow how fast damping and friction make joints settle.
-
-    Raises:
-        StepTooLongError: naming the joint, and a step that would do.
-    """
-    resistance = passive_resistance(chain, state.qd)
-    if scheme.adaptive or not _may_be_too_fast(chain, np.diag(resistance), step, scheme):
-        return
-    try:
-        decay = fastest_decay(chain, state, resistance)
-    except np.linalg.LinAlgError:  # masses too far apart to tell; what a step shows is still checked
-        return
-    if followed(decay, step, scheme):
-        return
-    limit, fitting = USED * scheme.stability_interval / decay.rate, step_for(decay, scheme)
-    k = chain.joint_names().index(decay.joint)
-    joint = chain.all_joints[k]
-    what = " and ".join(["damping"] * (joint.damping > 0.0) + ["friction"] * (joint.friction > 0.0))
-    raise StepTooLongError(
-        f"simulation: step: {step:g} s is too long for joint '{decay.joint}', which is slowed down at {decay.rate:.3g}"
-        f" 1/s by {what}: {scheme.name} can follow that with steps of at most {limit:.2g} s; try a step of"
-        f" {fitting:g} s, the inertia of the joint's drive (armature), or scheme 'dop853', which chooses its steps",
-        decay.joint,
-        fitting,
-    )
+def too_fast(chain: ClosedChain, state: State, step: float, scheme: Tableau) -> str | None:
+    """Return why an explicit scheme of fixed steps cannot follow how fast joints settle or swing; None if it can."""
+    if scheme.adaptive or scheme.implicit or not may_be_too_fast(chain, state.qd, step, scheme):
+        return None
+    fastest, swings = fastest_passive(chain, state)
+    if followed(fastest, step, scheme):
+        return None
+    rate, joint = fastest
+    limit, at = USED * scheme.stability_interval / rate, chain.all_joints[chain.joint_names().index(joint)]
+    by = " and ".join(["damping"] * (at.damping > 0.0) + ["friction"] * (at.friction > 0.0))
+    how = f"swings at {rate:.3g} rad/s by its spring" if swings else f"is slowed down at {rate:.3g} 1/s by {by}"
+    return f"joint '{joint}' {how}, which {scheme.name} follows with steps of at most {limit:.2g} s"
 
 
 def elsewhere(before: State, after: State) -> bool:
@@ -161,13 +166,30 @@ def elsewhere(before: State, after: State) -> bool:
 
     Told by two instants alone, so that a run that was resumed sees it where an unbroken one does.
     """
-    return bool((np.floor(before.q / CELL + 1 / np.pi) != np.floor(after.q / CELL + 1 / np.pi)).any())
+    return bool((cell(before.q) != cell(after.q)).any())
 
 
-def _may_be_too_fast(chain: ClosedChain, resistance: Array, step: float, scheme: Tableau) -> bool:
+def cell(q: Array) -> Array:
+    """Return numbers that change where a joint moves so far that it may settle at another rate; any leading axes."""
+    return np.floor(q / CELL + 1 / np.pi)
+
+
+def fastest_passive(chain: ClosedChain, state: State) -> tuple[Decay, bool]:
+    """Return the fastest decay by dampers and friction, or swing on springs, and whether it swings. O((n + 6)^3)."""
+    try:
+        decay = fastest_decay(chain, state, passive_resistance(chain, state.qd))
+        swing = fastest_swing(chain, state, passive_at(chain, state.qd).stiffness)
+    except np.linalg.LinAlgError:  # masses too far apart to tell; what a step shows is still checked
+        return Decay(0.0, chain.joint_names()[0]), False
+    return max((decay, False), (swing, True), key=lambda found: found[0].rate)
+
+
+def may_be_too_fast(chain: ClosedChain, qd: Array, step: float, scheme: Tableau) -> bool:
     """Return False where the drives' inertias alone make every rate, in every configuration, slow enough.
 
     The grasps and the links only add inertia: no rate is beyond the largest resistance over armature.
     """
+    passive, most = passive_at(chain, qd), USED * scheme.stability_interval
     armature = np.array([joint.armature for joint in chain.all_joints])
-    return bool((step * resistance > USED * scheme.stability_interval * armature).any())
+    fast = (step * passive.damping > most * armature) | (step**2 * passive.stiffness > most**2 * armature)
+    return bool(fast.any())

@@ -13,7 +13,8 @@ from holdfast.dynamics.rank import held_near
 from holdfast.errors import ClosureError, StateError
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import displaced, no_turns, turns_of, work_of
-from holdfast.simulation.instant import Instant
+from holdfast.simulation.instant import Instant, passive_at
+from holdfast.simulation.linearly_implicit import Implicit, Passive, rosenbrock_step
 from holdfast.simulation.runge_kutta import Tableau, runge_kutta_step
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.state import State
@@ -39,11 +40,13 @@ class Stage(NamedTuple):
         t: time [s].
         state: the chain there, a little off the grasps.
         turns: (3,) u of each free body, where exp(u) has brought it there since the step's start [rad].
+        implicit: what forward dynamics differs by, of a linearly implicit scheme.
     """
 
     t: Scalar
     state: State
     turns: list[Array]
+    implicit: Implicit | None = None
 
 
 class Closing(NamedTuple):
@@ -92,7 +95,9 @@ class Step(NamedTuple):
 StepCourse = Generator[Question, Any, Step]
 
 
-def take_step(start: State, first: Array, h: Scalar, times: Sequence[Scalar], scheme: Tableau) -> StepCourse:
+def take_step(
+    start: State, first: Array, h: Scalar, times: Sequence[Scalar], scheme: Tableau, passive: Passive | None = None
+) -> StepCourse:
     """Return the chain one step later, closed again.
 
     A generator, which asks how the chain is found at a state: on floats (`stepper`), for several ends side
@@ -102,18 +107,24 @@ def take_step(start: State, first: Array, h: Scalar, times: Sequence[Scalar], sc
         start: on the constraint; the first of the scheme's stages.
         first: the slope there.
         h: the step's length [s].
-        times: of the other stages, and of the end [s].
-        scheme: the Runge-Kutta scheme.
+        times: of the stages, and of the end [s].
+        scheme: the scheme.
+        passive: what a linearly implicit scheme takes implicitly.
 
     Raises:
         StateError: a stage is not finite.
     """
     until = times[-1]
 
-    def stage(i: int, y: Array) -> Stage:
-        return Stage(times[i - 1], displaced(start, _finite(y)), turns_of(start, y))
+    def stage(i: int, y: Array | None, implicit: Implicit | None = None) -> Stage:
+        if y is None:
+            return Stage(times[i], start, no_turns(start), implicit)
+        return Stage(times[i], displaced(start, _finite(y)), turns_of(start, y), implicit)
 
-    y, estimates = yield from runge_kutta_step(first, h, scheme, stage)
+    if passive is None:
+        y, estimates = yield from runge_kutta_step(first, h, scheme, stage)
+    else:
+        y, estimates = (yield from rosenbrock_step(start, passive, h, scheme, stage)), []
     closed, gaps = yield Closing(until, displaced(start, _finite(y)))
     later = yield Arrival(until, closed)
     return Step(later, gaps, work_of(y), estimates)
@@ -122,8 +133,9 @@ def take_step(start: State, first: Array, h: Scalar, times: Sequence[Scalar], sc
 def course_of(now: Instant, until: float, scheme: Tableau) -> StepCourse:
     """Return a step from an instant to a time [s]."""
     h = until - now.t
-    times = [*(now.t + c * h for c in scheme.c[1:].tolist()), until]
-    return take_step(now.state, now.rates(no_turns(now.state)), h, times, scheme)
+    times = [*(now.t + c * h for c in scheme.c.tolist()), until]
+    passive = passive_at(now.chain, now.state.qd) if scheme.implicit else None
+    return take_step(now.state, now.rates(no_turns(now.state)), h, times, scheme, passive)
 
 
 def answered(course: StepCourse, answer: Callable[[Question], Any]) -> Step:

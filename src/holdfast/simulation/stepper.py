@@ -22,6 +22,7 @@ from holdfast.errors import ClosureError, HoldfastError, ModelError, SingularCha
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import Instant, evaluate
+from holdfast.simulation.linearly_implicit import Implicit
 from holdfast.simulation.runge_kutta import RK4, Tableau
 from holdfast.simulation.step import (
     Closing,
@@ -145,12 +146,15 @@ class ReferenceStepper:
         if isinstance(question, Closing):
             return back_on_constraint(self.environment, question.t, question.state, held)
         if isinstance(question, Stage):
-            return self._evaluated(question.t, question.state, now.memory, held).rates(question.turns)
+            at = self._evaluated(question.t, question.state, now.memory, held, question.implicit)
+            return at.rates(question.turns)
         return self.evaluate(question.t, question.state, now.memory)
 
-    def _evaluated(self, t: float, state: State, memory: Any, held: Array | None) -> Instant:
-        environment, controller, rank = self.environment, self.controller, self.generic_rank
-        return evaluate(environment, controller, t, state, memory, generic_rank=rank, held=held)
+    def _evaluated(
+        self, t: float, state: State, memory: Any, held: Array | None, implicit: Implicit | None = None
+    ) -> Instant:
+        of = self.environment, self.controller, t, state, memory
+        return evaluate(*of, generic_rank=self.generic_rank, held=held, implicit=implicit)
 
 
 MOST_PARTS = 32

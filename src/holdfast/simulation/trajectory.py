@@ -16,7 +16,7 @@ from holdfast.spatial.rotation import quaternion_product
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-Kind = Literal["attach", "release", "violation", "recovery", "singular"]
+Kind = Literal["attach", "release", "violation", "recovery", "singular", "stiff"]
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,9 @@ class Occurrence:
     Attributes:
         t: when [s].
         kind: "attach" and "release" of a grasp; "violation", a margin that becomes negative, and
-            "recovery", where it no longer is; "singular", a posture where the grasp constraint loses rank.
-        name: the arm, or 'arm/joint'; of a singular posture "grasps".
+            "recovery", where it no longer is; "singular", a posture where the grasp constraint loses rank; "stiff",
+            where steps become linearly implicit, because no explicit one could follow damping or springs.
+        name: the arm, or 'arm/joint'; of a singular posture "grasps", of stiff joints "joints".
         text: what happened.
         quantity: of a violation or recovery, what was passed: "grasp", "position", "rate", "effort".
         lowest: of a recovery, the lowest margin since the violation [N; rad or m; rad/s or m/s; N m or N].

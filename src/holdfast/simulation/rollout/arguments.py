@@ -14,8 +14,11 @@ from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout.kernel import StepKernel
+from holdfast.simulation.rollout.systems import RolloutSystems
+from holdfast.simulation.rollout.traced_step import LIMITED, SLIPPED
 from holdfast.spatial.scalar import Array
 
+StopMargins = Mapping[int, float]  # margins below which a system stops, by the code that it gets
 CHAINS = ("object_wrench", "gravity", "object_mass", "object_com", "object_inertia", "base_pose", "grasp_pose")
 OF_LINKS = (*LINKS, "link_wrench", "trunk_link_wrench")
 _OWN = ("systems", *STATE, *FLOATING, "memory", "t", "step", "steps", "duration", "every")
@@ -184,3 +187,24 @@ def whole_steps(duration: float, step: float) -> int:
     if steps < 1 or abs(steps * step - duration) > 1e-9 * duration:
         raise StateError(f"duration: expected a whole number of steps of {step:g} s, got {duration:g} s")
     return steps
+
+
+def stop_margins(least_margin: float, stop_at_limits: bool) -> StopMargins:
+    """Return the margins below which systems stop."""
+    if not isinstance(stop_at_limits, bool | np.bool_):
+        raise StateError(f"stop_at_limits: expected True or False, got {stop_at_limits!r}")
+    return {
+        SLIPPED: number("least_margin", least_margin, infinite=True),
+        LIMITED: 0.0 if stop_at_limits else -np.inf,
+    }
+
+
+def common_time(systems: RolloutSystems) -> float:
+    """Return the time at which all systems are that go on."""
+    times = np.unique(systems.t[systems.running]) if systems.running.any() else systems.t.max(keepdims=True)
+    if times[-1] - times[0] > 1e-9 * max(1.0, abs(times[0])):
+        raise StateError(
+            f"systems: expected all at one time, got {times[0]:g} s to {times[-1]:g} s; a record has one time axis; try"
+            " `step`"
+        )
+    return float(times[0])

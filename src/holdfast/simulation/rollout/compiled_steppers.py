@@ -25,6 +25,7 @@ from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import body_parts, no_turns, twists
 from holdfast.simulation.instant import Instant
+from holdfast.simulation.linearly_implicit import Implicit
 from holdfast.simulation.margins import Signals
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.rows import Moment, failure, gaps_of, instant_of, refuse, state_of, state_rows
@@ -142,7 +143,7 @@ class StagewiseStepper:
     ) -> StagewiseStepper:
         """Return the stepper of a controller; a `law` that gives the same torques is asked in its place."""
         ours = held_torques(environment.chain.joint_count) if law is None else law
-        options = Options(base_motion=bases_move(environment))
+        options = Options(base_motion=bases_move(environment), implicit=scheme.gamma is not None)
         kernel = StepKernel(environment.chain, ours, EULER, generic_rank, options=options, quick=True)
         return cls(environment, controller if law is None else None, kernel, generic_rank, scheme, tolerance)
 
@@ -177,7 +178,9 @@ class StagewiseStepper:
         times, states, held = [one.t for one in questions], [one.state for one in questions], now.result.held
         if isinstance(questions[0], Closing):
             return self._closed(times, states, held)
-        found, moments = self._evaluated(times, states, now.memory, held if isinstance(questions[0], Stage) else None)
+        implicit = [one.implicit for one in questions if isinstance(one, Stage) and one.implicit is not None]
+        rows = held if isinstance(questions[0], Stage) else None
+        found, moments = self._evaluated(times, states, now.memory, rows, implicit)
         return [
             _slope(found["slope"][row], one) if isinstance(one, Stage) else instant_of(found, row, moments[row])
             for row, one in enumerate(questions)
@@ -189,11 +192,16 @@ class StagewiseStepper:
         return [(state_of(systems, row), gaps_of(systems, row)) for row in range(len(states))]
 
     def _evaluated(
-        self, times: list[float], states: list[State], memory: Any, rows: Array | None
+        self,
+        times: list[float],
+        states: list[State],
+        memory: Any,
+        rows: Array | None,
+        implicit: Sequence[Implicit] = (),
     ) -> tuple[Systems, list[Moment]]:
         """Return what follows from the states under the controller's torques."""
         moments = [self._moment(t, state, memory) for t, state in zip(times, states, strict=True)]
-        return self._run(states, moments, memory, rows, held=True), moments
+        return self._run(states, moments, memory, rows, held=True, implicit=implicit), moments
 
     def _moment(self, t: float, state: State | None = None, memory: Any = None) -> Moment:
         """Return what the machine code is given at a time; without a state its torques do not matter.
@@ -218,7 +226,15 @@ class StagewiseStepper:
         tau = checks.numbers(tau, (chain.joint_count,), "controller: torques", StateError)
         return Moment(t, chain, shaped, tau, kept)
 
-    def _run(self, states: list[State], moments: list[Moment], memory: Any, rows: Array | None, held: bool) -> Systems:
+    def _run(
+        self,
+        states: list[State],
+        moments: list[Moment],
+        memory: Any,
+        rows: Array | None,
+        held: bool,
+        implicit: Sequence[Implicit] = (),
+    ) -> Systems:
         """Return the systems after a step of length zero, or refuse it.
 
         Args:
@@ -227,6 +243,7 @@ class StagewiseStepper:
             memory: the law's.
             rows: which components of the grasps are held; None: those chosen where they are.
             held: take the states as they are.
+            implicit: what forward dynamics differs by, of each; none if by nothing.
         """
         systems = self.kernel.systems(state_rows(states), memory)
         hold_rows(systems, rows)
@@ -237,6 +254,10 @@ class StagewiseStepper:
             "object_wrench": np.array([m.inputs.object_wrench for m in moments]),
             "keep_rows": np.array(float(rows is not None)),
         }
+        if self.scheme.gamma is not None:
+            none = np.zeros(self.environment.chain.joint_count)
+            inputs["added_armature"] = np.array([one.armature for one in implicit]) if implicit else none
+            inputs["added_torque"] = np.array([one.torque for one in implicit]) if implicit else none
         if self.controller is not None:
             inputs["control.tau"] = np.array([m.tau for m in moments])
         parameters = {}

@@ -58,12 +58,14 @@ def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]
     """Return the arrays of a step: inputs, parameters, and what is carried on."""
     chain, options = structure.chain, structure.options
     own: dict[str, Shape] = dict.fromkeys((*STEP_INPUTS, "keep_rows", "generic_rank"), ())
-    own |= {"contact": (len(chain.grasps), 6), "limits": (4, chain.joint_count)}
+    n = chain.joint_count
+    own |= {"contact": (len(chain.grasps), 6), "limits": (4, n), "added_armature": (n,), "added_torque": (n,)}
     of_law = {f"control.{name}": tuple(shape) for name, shape in law.parameters.items()}
     inputs = [*STEP_INPUTS, "object_wrench", *of_law]
     if options.link_wrenches:
         inputs += ["link_wrench", *(["trunk_link_wrench"] if chain.trunk is not None else ())]
     inputs += ["keep_rows"] if options.held else []
+    inputs += ["added_armature", "added_torque"] if options.implicit else []
     parameters = [
         *PARAMETERS,
         *(LINKS if options.link_inertia else ()),

@@ -21,26 +21,30 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.arguments import (
+    StopMargins,
     call_inputs,
+    common_time,
     fitting,
     kernel_arguments,
     number,
     state_arguments,
     step_lengths,
+    stop_margins,
     whole_number,
     whole_steps,
 )
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.parts import contradicted, subdivided
+from holdfast.simulation.rollout.stiff import stiff_systems
 from holdfast.simulation.rollout.systems import RolloutRecord, RolloutSystems
 from holdfast.simulation.rollout.traced_step import BROKEN, LIMITED, OPEN, SINGULAR, SLIPPED, TOO_LONG
 from holdfast.simulation.rollout.user_functions import Motions, travelling_law, travelling_motion
+from holdfast.simulation.runge_kutta import ROS34PW2, Tableau
 from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
 HALVINGS = 50  # of a step, when the instant of a slip or limit is sought
-StopMargins = Mapping[int, float]  # margins below which a system stops, by the code that it gets
 NO_STOPS: StopMargins = {SLIPPED: -np.inf, LIMITED: -np.inf}
 RECORDED = ("q", "qd", "object_pose", "object_twist", "grasp_wrench")
 
@@ -68,12 +72,24 @@ class Rollout:
     ) -> None:
         self.chain, self.law, self.scheme, self.generic_rank = chain, law, scheme, generic_rank
         self.base_motion, self.options = base_motion, options
-        self._kernel = self._kernel_for(generic_rank)
+        self._kernels = self._kernels_for(generic_rank)
 
-    def _kernel_for(self, generic_rank: int | None) -> StepKernel:
-        """Return the step for a generic rank; where it is low, one that holds so many rows of the constraint."""
-        rank, tableau = -1 if generic_rank is None else generic_rank, scheme_of(self.scheme)
-        return StepKernel(self.chain, self.law, tableau, rank, motions=self.base_motion, options=self.options)
+    @property
+    def _kernel(self) -> StepKernel:
+        """The step of the scheme."""
+        return self._kernels[False]
+
+    def _kernels_for(self, generic_rank: int | None) -> dict[bool, StepKernel]:
+        """Return the scheme's step and, True, the linearly implicit one; compiled when first taken.
+
+        Where the generic rank is low they hold so many rows of the constraint.
+        """
+        rank = -1 if generic_rank is None else generic_rank
+
+        def of(tableau: Tableau) -> StepKernel:
+            return StepKernel(self.chain, self.law, tableau, rank, motions=self.base_motion, options=self.options)
+
+        return {False: of(scheme_of(self.scheme)), True: of(ROS34PW2)}
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what makes the rollout again: machine code is compiled, or found on disk."""
@@ -200,7 +216,7 @@ class Rollout:
             StateError: wrong shapes, unknown names, a step that is not positive.
         """
         steps, threads = whole_number("steps", steps), whole_number("threads", threads)
-        least = _stop_margins(least_margin, stop_at_limits)
+        least = stop_margins(least_margin, stop_at_limits)
         limit = None if largest_drift is None else checks.number(largest_drift, "largest_drift", above=0.0)
         lengths, new = step_lengths(step, len(systems)), call_inputs(self._kernel, given, len(systems))
         inputs, parameters = kernel_arguments(self._kernel, systems.call_inputs | new)
@@ -266,7 +282,7 @@ class Rollout:
             if not isinstance(getattr(RolloutSystems, name, None), property):
                 known = [n for n, x in vars(RolloutSystems).items() if isinstance(x, property)]
                 raise StateError(f"record: no array '{name}'.{checks.did_you_mean(name, known)}")
-        at, begin = systems.copy(), _common_time(systems)
+        at, begin = systems.copy(), common_time(systems)
         stops = {"least_margin": least_margin, "stop_at_limits": stop_at_limits}
         done = np.minimum(np.arange(0, steps + every, every), steps)
         kept = {name: [np.array(getattr(at, name))] for name in record}
@@ -277,7 +293,7 @@ class Rollout:
         stopped = np.where(at.running, np.inf, at.t)
         violated = systems.running & np.isin(at.arrays["code"], (SLIPPED, LIMITED))
         if violated.any():
-            stopped[violated] = self._refined(at, violated, step, _stop_margins(**stops))
+            stopped[violated] = self._refined(at, violated, step, stop_margins(**stops))
         return RolloutRecord(begin + done * step, {name: np.array(rows) for name, rows in kept.items()}, at, stopped)
 
     def _systems_at(self, given: Mapping[str, Any], memory: Any, t: float) -> RolloutSystems:
@@ -317,7 +333,7 @@ class Rollout:
         """Return systems at states as they are brought onto the grasps, and all that is known there."""
         if self.generic_rank is None and (near := next(self._closed(systems), None)) is not None:
             self.generic_rank = generic_rank_near(*near, constraint_rank(*near))
-            self._kernel = self._kernel_for(self.generic_rank)
+            self._kernels = self._kernels_for(self.generic_rank)
         if "held_rows" in self._kernel.carried:
             self._hold_rows(systems, threads)
         self._advance(systems, systems.step_length, 1, NO_STOPS, threads)
@@ -329,9 +345,15 @@ class Rollout:
         self, systems: RolloutSystems, step_length: Array, steps: int, least: StopMargins, threads: int = 1
     ) -> None:
         """Take steps in place under the arguments of calls so far, and believe what they show."""
-        inputs, parameters = kernel_arguments(self._kernel, systems.call_inputs)
         systems.set_step_length(step_length)
-        self._kernel.run(systems.arrays, inputs | _step_inputs(systems, least), parameters, steps, threads)
+        stiff = stiff_systems(systems, scheme_of(self.scheme), self._located)
+        for implicit in np.unique(stiff).tolist():
+            rows = np.flatnonzero(stiff == implicit)
+            kernel, part = self._kernels[implicit], systems if len(rows) == len(systems) else systems.copy(rows)
+            inputs, parameters = kernel_arguments(kernel, part.call_inputs)
+            kernel.run(part.arrays, inputs | _step_inputs(part, least), parameters, steps, threads)
+            if part is not systems:
+                systems.put(rows, part)
 
     def _hold_rows(self, systems: RolloutSystems, threads: int) -> None:
         """Bring systems near the grasps by rows that suit one of them; each then chooses its own."""
@@ -347,14 +369,18 @@ class Rollout:
 
     def _closed(self, systems: RolloutSystems) -> Iterator[tuple[ClosedChain, State]]:
         """Yield chain and state, closed, of the first systems whose grasps nearly hold."""
-        _, parameters = kernel_arguments(self._kernel, systems.call_inputs)
-        at = {name: systems.arrays[name] for name in state_fields(self.chain)} | self._kernel.parameters | parameters
         for row in np.flatnonzero(systems.running)[:MOST_TRIED].tolist():
-            chain, state = system(self.chain, at, row)
-            chain, _ = Environment(chain, self.base_motion).at(float(systems.t[row]))
+            chain, state = self._located(systems, row)
             closed = closed_near(chain, state)
             if closed is not None:
                 yield chain, closed
+
+    def _located(self, systems: RolloutSystems, row: int) -> tuple[ClosedChain, State]:
+        """Return one system's chain, its bases where they are, and its state."""
+        _, parameters = kernel_arguments(self._kernel, systems.call_inputs)
+        at = {name: systems.arrays[name] for name in state_fields(self.chain)} | self._kernel.parameters | parameters
+        chain, state = system(self.chain, at, row)
+        return Environment(chain, self.base_motion).at(float(systems.t[row]))[0], state
 
 
 def _step_inputs(systems: RolloutSystems, least: StopMargins) -> dict[str, Array]:
@@ -368,29 +394,8 @@ def _step_inputs(systems: RolloutSystems, least: StopMargins) -> dict[str, Array
     }
 
 
-def _stop_margins(least_margin: float, stop_at_limits: bool) -> StopMargins:
-    """Return the margins below which systems stop."""
-    if not isinstance(stop_at_limits, bool | np.bool_):
-        raise StateError(f"stop_at_limits: expected True or False, got {stop_at_limits!r}")
-    return {
-        SLIPPED: number("least_margin", least_margin, infinite=True),
-        LIMITED: 0.0 if stop_at_limits else -np.inf,
-    }
-
-
 def _freed(systems: RolloutSystems, rows: Array) -> RolloutSystems:
     """Return copies of some systems that go on from where they stand."""
     found = systems.copy(rows)
     found.arrays["code"][...] = 0.0
     return found
-
-
-def _common_time(systems: RolloutSystems) -> float:
-    """Return the time at which all systems are that go on."""
-    times = np.unique(systems.t[systems.running]) if systems.running.any() else systems.t.max(keepdims=True)
-    if times[-1] - times[0] > 1e-9 * max(1.0, abs(times[0])):
-        raise StateError(
-            f"systems: expected all at one time, got {times[0]:g} s to {times[-1]:g} s; a record has one time axis; try"
-            " `step`"
-        )
-    return float(times[0])

@@ -34,7 +34,8 @@ from holdfast.model.wrench_condition import largest_force_and_moment
 from holdfast.simulation.balance import work_rates
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import increment_rate, no_turns, twists
-from holdfast.simulation.instant import WORST_CONDITION, friction_torque, joint_friction
+from holdfast.simulation.instant import WORST_CONDITION, friction_torque, joint_friction, passive_at
+from holdfast.simulation.linearly_implicit import Implicit, with_armature
 from holdfast.simulation.rollout.user_functions import Motions, checked_motion, law_outputs
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import Arrival, Question, Stage, answered, take_step
@@ -139,6 +140,12 @@ class TracedSystem:
         """Which components of the grasps it holds through the step, if they were chosen; see `held_rows`."""
         return self.given.get("last.held_rows")
 
+    @property
+    def added(self) -> Implicit | None:
+        """What the caller makes forward dynamics differ by, where it asks stage by stage."""
+        armature = self.given.get("added_armature")
+        return None if armature is None else Implicit(armature, self.given["added_torque"])
+
     def last(self, name: str) -> Array:
         """Return what was known at the end of the step before."""
         found = self.given.get(f"last.{name}")
@@ -148,7 +155,9 @@ class TracedSystem:
         """Return the time so many steps after the beginning of this one."""
         return self.given["begin"][()] + (self.last("count")[()] + steps) * self.given["step"][()]
 
-    def evaluate(self, t: Scalar, state: State, memory: Array, choose: bool) -> Evaluation:
+    def evaluate(
+        self, t: Scalar, state: State, memory: Array, choose: bool, implicit: Implicit | None = None
+    ) -> Evaluation:
         """Return torques, then forward dynamics and the power.
 
         Args:
@@ -156,6 +165,7 @@ class TracedSystem:
             state: where.
             memory: the law's.
             choose: take the rows to hold anew, if any are chosen, rather than those of the step's beginning.
+            implicit: what forward dynamics differs by in a stage of a linearly implicit step.
         """
         held = self.held
         if choose and held is not None:
@@ -163,9 +173,12 @@ class TracedSystem:
         drive, kept = law_outputs(self.law, self.real, t, state, memory, self.given)
         lost = friction_torque(self.friction, state.qd)
         chain, inputs = self.environment.at(t)
+        net, solved = drive - lost, chain
+        if implicit is not None:
+            net, solved = net + implicit.torque, with_armature(chain, implicit.armature)
         choose = choose and held is not None
         rank = self.given["generic_rank"]
-        found = solve_with_status(chain, framed(state), drive - lost, inputs, rank, self.route, held, choose)
+        found = solve_with_status(solved, framed(state), net, inputs, rank, self.route, held, choose)
         whole = found.whole
         powers = power_of(chain, state, drive, whole.base_wrench, inputs, whole.trunk_base_wrench)
         power = work_rates(powers, lost, state.qd)
@@ -178,14 +191,15 @@ class TracedSystem:
         still = self.given["held"][()] > 0.5
         t, at = question.t, question.state
         if isinstance(question, Arrival):
-            return self.evaluate(t, at, self.last("memory"), choose=True)
+            return self.evaluate(t, at, self.last("memory"), True, self.added)
         fields = state_fields(self.real)
         poses = {field: name for name, field in fields.items() if name.endswith("pose")}
         # a turn by nothing may cost the last bit
         kept = {field: select(still, self.last(name), getattr(at, field)) for field, name in poses.items()}
         at = replace(at, **kept)
         if isinstance(question, Stage):
-            return self.evaluate(t, at, self.last("memory"), choose=False).slope(question.turns)
+            found = self.evaluate(t, at, self.last("memory"), False, question.implicit)
+            return found.slope(question.turns)
         chain, inputs = self.environment.at(t)
         closed = after_step(chain, at, inputs, self.held)
         end = State(**{field: select(still, getattr(at, field), getattr(closed, field)) for field in fields.values()})
@@ -195,8 +209,9 @@ class TracedSystem:
 def step(structure: Structure, law: ControlLaw, motions: Motions, tableau: Tableau, given: Given) -> dict[str, Any]:
     """Return what a system carries on after one step: `take_step`, refused systems staying where they are."""
     system = TracedSystem(structure, law, motions, given)
-    times = [system.time(c) for c in (*tableau.c[1:].tolist(), 1.0)]
-    course = take_step(system.state, system.last("slope"), given["step"][()], times, tableau)
+    times = [system.time(c) for c in (*tableau.c.tolist(), 1.0)]
+    passive = passive_at(structure.chain, system.last("qd")) if tableau.implicit else None
+    course = take_step(system.state, system.last("slope"), given["step"][()], times, tableau, passive)
     now, (drift, gaps), work, _ = answered(course, system.answer)
     end, found = now.state, now.found
     whole = found.whole
