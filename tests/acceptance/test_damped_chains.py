@@ -24,11 +24,12 @@ def test_a_thousand_damped_chains(batch):
     stopped = [one.stopped for one in found if one.stopped is not None]
     sides = [[one for one in found if one.implicit is implicit] for implicit in (False, True)]
     worst = np.array([[max(getattr(one, name) for one in side) for name in ("position", "velocity")] for side in sides])
+    explicit, implicit = (f"{len(side)}, right to {x:.1e} rad or m, {v:.1e} of velocities" for side, (x, v) in
+                          zip(sides, worst, strict=True))  # fmt: skip
+    ratios = [one.ratio for one in found]
     print(
-        f"\n{len(found)} damped chains, h lambda {min(one.ratio for one in found):.2g} to"
-        f" {max(one.ratio for one in found):.2g}: {len(sides[0])} by explicit steps (right to {worst[0, 0]:.1e} rad or"
-        f" m, velocities {worst[0, 1]:.1e}), {len(sides[1])} by implicit ones (to {worst[1, 0]:.1e}, {worst[1, 1]:.1e});"
-        f" {len(stopped)} stopped; {time.perf_counter() - begin:.0f} s",
+        f"\n{len(found)} damped chains, h lambda {min(ratios):.2g} to {max(ratios):.2g}: by explicit steps {explicit};"
+        f" by implicit ones {implicit}; {len(stopped)} stopped; {time.perf_counter() - begin:.0f} s",
         end="",
     )
     assert not stopped, stopped[:3]

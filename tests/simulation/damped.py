@@ -120,7 +120,7 @@ def outcome(given: Problem, scheme: str) -> Outcome:
     if given.ratio <= AFFORDABLE:
         exact = simulate(chain, given.state, given.torques, duration, duration / 4, scheme="dop853", rtol=1e-9)
     else:
-        exact = simulate(chain, given.state, given.torques, duration, step / FINER, scheme="ros34pw2")
+        exact = simulate(chain, given.state, given.torques, duration, step / FINER, scheme="imex")
     assert exact.stopped is None, exact.stopped
     halves = exact.grasp_wrench.reshape(len(exact), -1, 2, 3)
     moment, force = BEARS * np.hypot.reduce(halves, axis=3).max(axis=(0, 1))

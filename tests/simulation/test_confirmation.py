@@ -133,7 +133,7 @@ def test_damped_pandas():
     exact = simulate(chain, state, torques, 0.03, 0.03, scheme="dop853", rtol=1e-7)
     assert run.stopped is None and exact.stopped is None
     (stiff,) = run.occurrences
-    assert re.search(r"\(ros34pw2\): joint 'right/joint7' is slowed down at .* 1/s by damping, which rk4", stiff.text)
+    assert re.search(r"\(imex\): joint 'right/joint7' is slowed down at .* 1/s by damping, which rk4", stiff.text)
     assert np.abs(run.q[-1] - exact.q[-1]).max() < 1e-6
     assert np.abs(run.qd[-1] - exact.qd[-1]).max() < 1e-5
 

@@ -78,6 +78,23 @@ def increment_rate(
     return concatenate([state.qd, qdd, *bodies, power])
 
 
+def moving_at(state: State, z: Array, slope: Array, turns: Sequence[Array]) -> Array:
+    """Return a slope whose positions change by other velocities: those of a state, moved by an increment.
+
+    Args:
+        state: the state.
+        z: an increment, of which the velocities enter.
+        slope: d/dt of an increment.
+        turns: of the free bodies where the slope was found.
+    """
+    n = len(state.q)
+    parts = [state.qd + z[n : 2 * n], slope[n : 2 * n]]
+    for part, u, twist in zip(body_parts(state), turns, twists(state), strict=True):
+        V = twist + z[part][6:]
+        parts += [rotation_vector_rate(u, V[:3]), V[3:], slope[part][6:]]
+    return concatenate([*parts, work_of(slope)])
+
+
 def displaced(state: State, y: Array) -> State:
     """Return the state moved by an increment."""
     n = len(state.q)

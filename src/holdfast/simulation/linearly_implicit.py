@@ -1,13 +1,14 @@
-"""Steps that dampers and springs of joints cannot blow up: linearly implicit in both, by Rosenbrock-W methods.
+"""Steps that dampers and springs of joints cannot blow up: implicit in both, explicit in all else.
 
-A stage of such a method asks for k with (1 - gamma h A) k = f + h A sum_j<i gamma_ij k_j, for any A near the slope's
-derivative (J. Rang, L. Angermann, "New Rosenbrock W-methods of order 3 for partial differential algebraic equations of
-index 1", BIT 45, 2005). With A the derivative by what dampers (D) and springs (K) take from the joints, and v' = k,
+A stage of an implicit-explicit Runge-Kutta scheme has two states: one by the explicit weights, at which postures,
+controller and all forces are evaluated, and one by the implicit weights, whose rates v and positions q dampers (D) and
+springs (K) feel, and whose velocities are what positions change by (S. Boscarino, F. Filbet, G. Russo, "High order
+semi-implicit schemes for time dependent partial differential equations", J. Sci. Comput. 68, 2016). Its acceleration k,
 
-    (M + gamma h D + (gamma h)^2 K) k = torques - D e_v - K (e_q + gamma h (v + e_v)) + J^T f ..,
-    e = h sum_j<i gamma_ij k_j  of rates and positions
+    (M + h a D + (h a)^2 K) k = torques - D v - K (q + h a v) + J^T f ..,    v, q of the stages before
 
-it is forward dynamics once more: with more armature and other torques, and grasps as ever.
+is forward dynamics once more: with more armature and other torques, and grasps as ever. Where damping takes all, every
+stage has the velocities at which torques and damping balance, and steps are those of the explicit scheme for them.
 """
 
 from __future__ import annotations
@@ -21,9 +22,10 @@ import numpy as np
 
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.joint import Joint
+from holdfast.simulation.increment import OF_BODY, OF_WORK, moving_at, no_turns, turns_of, twists
 from holdfast.simulation.runge_kutta import Tableau, weighted
 from holdfast.spatial.frozen import FrozenDict
-from holdfast.spatial.scalar import Array, Scalar, concatenate
+from holdfast.spatial.scalar import Array, Scalar
 from holdfast.state import State
 
 
@@ -51,35 +53,31 @@ class Implicit(NamedTuple):
     torque: Array
 
 
-def rosenbrock_step(
+def imex_step(
     start: State, passive: Passive, h: Scalar, tableau: Tableau, stage: Callable[[int, Array | None, Implicit], Any]
 ) -> Generator[Any, Array, Array]:
     """Return by how much an `increment` grows in a step; a generator as `runge_kutta_step`.
 
     Args:
         start: at the step's start.
-        passive: what counts as stiff there.
+        passive: what is taken implicitly.
         h: the step's length [s].
-        tableau: with gamma.
-        stage: (i, increment, what is implicit) -> what is asked; the i-th stage is at t + c_i h. None for no
-            increment, in the first.
+        tableau: with implicit weights.
+        stage: (i, increment by the explicit weights, what is implicit) -> what is asked; the i-th stage is at
+            t + c_i h, the first without an increment (None).
     """
-    assert tableau.gamma is not None
-    n, gamma = len(start.q), float(tableau.gamma[0, 0]) * h
-    D, K = passive
-    sprung = (K != 0.0).astype(float)
-    armature = gamma * D + gamma**2 * K
+    assert tableau.a_implicit is not None
+    (D, K), n, size = passive, len(start.q), 2 * len(start.q) + OF_BODY * len(twists(start)) + OF_WORK
     slopes: list[Array] = []
-    for i in range(len(tableau.b)):
-        earlier, y = np.zeros(2 * n), None
-        if i:
-            earlier = h * weighted(tableau.gamma[i, :i], slopes)[: 2 * n]
-            y = h * weighted(tableau.a[i, :i], slopes)
-        rate = start.qd if y is None else start.qd + y[n : 2 * n]
-        torque = -D * earlier[n:] - K * (earlier[:n] + gamma * (rate + earlier[n:]))
-        slope = yield stage(i, y, Implicit(armature, torque))
-        ahead = sprung * (earlier[n:] + gamma * slope[n : 2 * n])
-        slopes.append(concatenate([slope[:n] + ahead, slope[n:]]))
+    for i, (explicit, implicit) in enumerate(zip(tableau.a, tableau.a_implicit, strict=True)):
+        y = h * weighted(explicit[:i], slopes) if i else None
+        z = h * weighted(implicit[:i], slopes) if i else np.zeros(size)
+        own = float(implicit[i]) * h
+        ahead = z if y is None else z - y
+        torque = -D * ahead[n : 2 * n] - K * (ahead[:n] + own * (start.qd + z[n : 2 * n]))
+        slope = yield stage(i, y, Implicit(own * D + own**2 * K, torque))
+        turns = no_turns(start) if y is None else turns_of(start, y)
+        slopes.append(moving_at(start, z + own * slope, slope, turns))
     return h * weighted(tableau.b, slopes)
 
 

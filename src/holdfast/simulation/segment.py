@@ -21,7 +21,7 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.events import Event
 from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.margins import Policy, Signals
-from holdfast.simulation.runge_kutta import ROS34PW2, Tableau
+from holdfast.simulation.runge_kutta import IMEX, Tableau
 from holdfast.simulation.stability import too_fast
 from holdfast.simulation.stepper import Stepper, SubdividingStepper
 from holdfast.simulation.stops import Stops
@@ -91,7 +91,7 @@ class Segment:
     @property
     def scheme(self) -> Tableau:
         """The scheme of the steps."""
-        return ROS34PW2 if self.implicit else self.settings.scheme
+        return IMEX if self.implicit else self.settings.scheme
 
     @cached_property
     def stepper(self) -> Stepper:
@@ -180,7 +180,7 @@ def suited(segment: Segment, t: float, state: State) -> tuple[Segment, tuple[Occ
     why = too_fast(segment.environment.at(t)[0], state, settings.longest_step, segment.scheme)
     if why is None:
         return segment, ()
-    text = f"steps are linearly implicit from here ({ROS34PW2.name}): {why}"
+    text = f"steps are linearly implicit from here ({IMEX.name}): {why}"
     return replace(segment, implicit=True), (Occurrence(t, "stiff", "joints", text),)
 
 

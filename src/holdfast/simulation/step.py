@@ -14,7 +14,7 @@ from holdfast.errors import ClosureError, StateError
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import displaced, no_turns, turns_of, work_of
 from holdfast.simulation.instant import Instant, passive_at
-from holdfast.simulation.linearly_implicit import Implicit, Passive, rosenbrock_step
+from holdfast.simulation.linearly_implicit import Implicit, Passive, imex_step
 from holdfast.simulation.runge_kutta import Tableau, runge_kutta_step
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.state import State
@@ -124,7 +124,7 @@ def take_step(
     if passive is None:
         y, estimates = yield from runge_kutta_step(first, h, scheme, stage)
     else:
-        y, estimates = (yield from rosenbrock_step(start, passive, h, scheme, stage)), []
+        y, estimates = (yield from imex_step(start, passive, h, scheme, stage)), []
     closed, gaps = yield Closing(until, displaced(start, _finite(y)))
     later = yield Arrival(until, closed)
     return Step(later, gaps, work_of(y), estimates)

@@ -143,7 +143,7 @@ class StagewiseStepper:
     ) -> StagewiseStepper:
         """Return the stepper of a controller; a `law` that gives the same torques is asked in its place."""
         ours = held_torques(environment.chain.joint_count) if law is None else law
-        options = Options(base_motion=bases_move(environment), implicit=scheme.gamma is not None)
+        options = Options(base_motion=bases_move(environment), implicit=scheme.implicit)
         kernel = StepKernel(environment.chain, ours, EULER, generic_rank, options=options, quick=True)
         return cls(environment, controller if law is None else None, kernel, generic_rank, scheme, tolerance)
 
@@ -254,7 +254,7 @@ class StagewiseStepper:
             "object_wrench": np.array([m.inputs.object_wrench for m in moments]),
             "keep_rows": np.array(float(rows is not None)),
         }
-        if self.scheme.gamma is not None:
+        if self.scheme.implicit:
             none = np.zeros(self.environment.chain.joint_count)
             inputs["added_armature"] = np.array([one.armature for one in implicit]) if implicit else none
             inputs["added_torque"] = np.array([one.torque for one in implicit]) if implicit else none

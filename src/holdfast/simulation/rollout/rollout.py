@@ -39,7 +39,7 @@ from holdfast.simulation.rollout.stiff import stiff_systems
 from holdfast.simulation.rollout.systems import RolloutRecord, RolloutSystems
 from holdfast.simulation.rollout.traced_step import BROKEN, LIMITED, OPEN, SINGULAR, SLIPPED, TOO_LONG
 from holdfast.simulation.rollout.user_functions import Motions, travelling_law, travelling_motion
-from holdfast.simulation.runge_kutta import ROS34PW2, Tableau
+from holdfast.simulation.runge_kutta import IMEX, Tableau
 from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -80,16 +80,13 @@ class Rollout:
         return self._kernels[False]
 
     def _kernels_for(self, generic_rank: int | None) -> dict[bool, StepKernel]:
-        """Return the scheme's step and, True, the linearly implicit one; compiled when first taken.
-
-        Where the generic rank is low they hold so many rows of the constraint.
-        """
+        """Return the scheme's step and, True, the implicit one; they hold as many rows as a low generic rank says."""
         rank = -1 if generic_rank is None else generic_rank
 
         def of(tableau: Tableau) -> StepKernel:
             return StepKernel(self.chain, self.law, tableau, rank, motions=self.base_motion, options=self.options)
 
-        return {False: of(scheme_of(self.scheme)), True: of(ROS34PW2)}
+        return {False: of(scheme_of(self.scheme)), True: of(IMEX)}
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what makes the rollout again: machine code is compiled, or found on disk."""

@@ -1,0 +1,86 @@
+"""Damping as in hands' stock URDF files: steps of a millisecond against steps of a microsecond."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.dynamics import tip_pose
+from tests.acceptance.test_real_robots import FOLDER
+from tests.control.two_pandas import two_pandas
+
+pytestmark = pytest.mark.long
+STEP, THOUSAND = 1e-3, 1000
+FINGERS = {
+    "index": ("link_3.0_tip", [0.0, 0.7, 0.6, 0.5]),
+    "middle": ("link_7.0_tip", [0.0, 0.7, 0.6, 0.5]),
+    "thumb": ("link_15.0_tip", [1.2, 0.5, 0.5, 0.6]),
+}
+
+
+def allegro(friction: bool) -> tuple[hf.ClosedChain, hf.State]:
+    """Return three fingers of the hand with a ball of 0.2 kg between them, joints as in the file."""
+    (file,) = FOLDER.rglob("allegro_right_hand.urdf")
+    ends = {name: ("palm_link", tip) for name, (tip, _) in FINGERS.items()}
+    arms = hf.load_urdf_arms(file, ends, lock_others=True, physical=False)
+    assert all(3.0 <= joint.damping <= 10.0 and joint.armature == 0.0 for arm in arms.values() for joint in arm.joints)
+    if not friction:
+        arms = {
+            name: replace(arm, joints=[replace(joint, friction=0.0) for joint in arm.joints])
+            for name, arm in arms.items()
+        }
+    tips = {name: tip_pose(arm, FINGERS[name][1]) for name, arm in arms.items()}
+    centre = np.mean([tip.p for tip in tips.values()], axis=0)
+    rubber = hf.Friction(2.0)
+    grasps = {
+        name: hf.Grasp("ball", hf.contact_frame(tip.p - centre, centre - tip.p), rubber) for name, tip in tips.items()
+    }
+    chain = hf.ClosedChain(arms, hf.HeldObject.sphere(0.2, 0.03), grasps)
+    q = np.concatenate([FINGERS[name][1] for name in arms])
+    return chain, hf.close(chain, hf.State(q, np.zeros(12), hf.Pose.translation(*centre)), hold_object=True)
+
+
+def pandas() -> tuple[hf.ClosedChain, hf.State]:
+    """Return two Pandas without drives' inertias, damped by 20 N m s/rad."""
+    chain, state = two_pandas()
+    arms = {
+        name: replace(arm, joints=[replace(joint, damping=20.0, armature=0.0) for joint in arm.joints])
+        for name, arm in chain.arms.items()
+    }
+    return replace(chain, arms=arms), state
+
+
+HANDS = {"hand": lambda: allegro(True), "hand without friction": lambda: allegro(False), "pandas": pandas}
+
+
+@pytest.mark.parametrize("name", HANDS)
+def test_a_thousandth_of_the_step(name):
+    """To the end, without a false slip, within 1e-4 rad of steps of a microsecond; second order."""
+    if "hand" in name and not any(FOLDER.rglob("allegro_right_hand.urdf")):
+        pytest.skip("no robots fetched: make robots")
+    chain, state = HANDS[name]()
+    hold = hf.holding_torques(chain, state, internal=5.0)
+    push = 0.5 * np.random.default_rng(0).normal(size=len(hold))
+    law = hf.ControlLaw(lambda t, s, memory, given: (hold + push * (1 + 20 * t), memory))
+    duration = 0.048
+    run = hf.simulate(chain, state, law, duration, STEP)
+    assert run.stopped is None
+    assert [one.kind for one in run.occurrences] == ["stiff"]
+    rollout, errors = hf.compile_rollout(chain, law), []
+    given = state.q, state.qd, state.object_pose, state.object_twist
+    true = rollout.start(*given)
+    rollout.step(true, STEP / THOUSAND, steps=round(duration / STEP * THOUSAND))
+    assert true.running.all()
+    for step in (4e-3, 2e-3, 1e-3, 0.5e-3):
+        systems = rollout.start(*given)
+        rollout.step(systems, step, steps=round(duration / step))
+        errors.append(np.abs(systems.q - true.q).max())
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.abs(run.q[-1] - true.q[0]).max() < 1e-4
+    assert orders.mean() > 1.8
+    moved = np.abs(true.q[0] - state.q).max()
+    print(f"{name}: {run.occurrences[0].text}; moved by {moved:.2g} rad, at 1 ms off by {errors[2]:.1e} rad, orders "
+          + ", ".join(f"{order:.2f}" for order in orders))  # fmt: skip
