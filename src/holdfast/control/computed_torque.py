@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from holdfast.dynamics.arm.jacobian import jacobian
-from holdfast.dynamics.arm.newton_euler import drive_torques
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.dynamics.inverse import torques
+from holdfast.dynamics.trunk.trunk_inverse import TrunkTorques, trunk_torques
+from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
+from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.spatial.linalg import least_solution
-from holdfast.spatial.scalar import Array, concatenate
+from holdfast.spatial.scalar import Array, array, concatenate
 from holdfast.spatial.spatial_vector import shift_twist
 from holdfast.state import Inputs, State
 
@@ -19,7 +21,8 @@ def computed_torque(
 ) -> Array:
     """Return the torques of the least qdd that goes with the object's acceleration, (n,); see `drive_torques`.
 
-    Arms that cannot follow do so as nearly as they can. Bases are taken to stand still.
+    Arms that cannot follow do so as nearly as they can. Bases are taken to stand still. The joints of a trunk are
+    slowed down while the arms on it follow the object; its floating base, which nothing drives, accelerates as it must.
 
     Args:
         chain: the chain.
@@ -29,15 +32,22 @@ def computed_torque(
         joint_damping: of the joint motion that no grasp feels [1/s].
     """
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
-    qdd = joint_accelerations(motion, state.qd, acceleration - pseudo_gravity(chain), joint_damping)
-    return concatenate(
-        drive_torques(arm, qdd[part], f)
-        for arm, part, f in zip(motion.arms.values(), chain.arm_joints, wrenches, strict=True)
-    )
+    alpha = acceleration - pseudo_gravity(chain)
+
+    def with_base(base: Array | None) -> TrunkTorques:
+        return trunk_torques(motion, joint_accelerations(motion, state.qd, alpha, joint_damping, base), wrenches, base)
+
+    if not chain.floats:
+        return torques(motion, joint_accelerations(motion, state.qd, alpha, joint_damping), wrenches)
+    still = with_base(np.zeros(6))
+    by_base = array([with_base(unit).base - still.base for unit in np.eye(6)]).T  # what it would need is linear in it
+    return with_base(-least_solution(by_base, still.base)).tau
 
 
-def joint_accelerations(motion: ChainMotion, qd: Array, acceleration: Array, joint_damping: float = 0.0) -> Array:
-    """Return the least joint accelerations that go with the object's, (n,).
+def joint_accelerations(
+    motion: ChainMotion, qd: Array, acceleration: Array, joint_damping: float = 0.0, base: Array | None = None
+) -> Array:
+    """Return the least joint accelerations that go with the object's, (n,); those of a trunk are damped only.
 
     K (J qdd + Jdot qd) = K (A alpha(C) + a(C) - g), arm by arm; what moves no tip is
     damped. Arms that cannot follow do so as nearly as they can.
@@ -47,14 +57,22 @@ def joint_accelerations(motion: ChainMotion, qd: Array, acceleration: Array, joi
         qd: (n,) joint rates.
         acceleration: (6,) alpha(C), less [0; g], world axes.
         joint_damping: of the joint motion that no grasp feels [1/s].
+        base: (6,) true acceleration of a floating base; None: zero.
     """
     chain, contacts = motion.chain, dict(zip(motion.chain.grasps, motion.contacts, strict=True))
-    qdd = []
+    qdd, trunk, betas = [], motion.trunk, []
+    if trunk is not None:
+        qdd.append(-joint_damping * qd[chain.joints[TRUNK]])
+        of_base = (np.zeros(6) if base is None else base) if trunk.floats else None
+        betas = trunk.accelerations(TrunkAcceleration(qdd[0], of_base))
     for name, arm in motion.arms.items():
         damped = -joint_damping * qd[chain.joints[name]]
         if name in contacts:
             c = contacts[name]
             tip = shift_twist(c.offset, acceleration) + c.a - c.g - arm.bias.tip_acceleration
+            below = None if trunk is None else trunk.under(name, betas)
+            if below is not None:
+                tip = tip - shift_twist(arm.base_to_tip, below)
             rows = c.K @ jacobian(arm.arm, arm.at)
             damped = damped + least_solution(rows, c.K @ tip - rows @ damped)
         qdd.append(damped)

@@ -8,12 +8,13 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from holdfast.control.grasp_forces import commanded_wrenches
-from holdfast.dynamics.arm.newton_euler import drive_torques
 from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.inverse import torques
+from holdfast.errors import MethodNotApplicable
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain, require_own_bases
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.frozen import Frozen
-from holdfast.spatial.scalar import Array, concatenate
+from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
 
@@ -37,7 +38,11 @@ class GravityCompensation(Frozen):
 
     def __post_init__(self) -> None:
         checks.instance(self.chain, ClosedChain, "gravity compensation: chain")
-        require_own_bases(self.chain, "GravityCompensation")
+        if self.chain.floats and self.chain.gravity.any():
+            raise MethodNotApplicable(
+                "GravityCompensation: expected a base that stands, got a trunk whose base floats under gravity, which"
+                " no drive holds; try a chain without gravity, or ObjectTracking"
+            )
         for name in ("squeeze", "joint_damping"):
             object.__setattr__(self, name, checks.number(getattr(self, name), f"gravity compensation: {name}"))
 
@@ -47,12 +52,7 @@ class GravityCompensation(Frozen):
 
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
         """Return the torques (n,) [N m or N]; the memory is not used."""
-        none = np.zeros(self.chain.joint_count)
-        posture = State(state.q, none, state.object_pose)
+        none, posture = np.zeros(self.chain.joint_count), state.at_rest()
         wrenches = commanded_wrenches(self.chain, posture, np.zeros(6), self.squeeze)
         motion = chain_motion(self.chain, posture, none, Inputs().shaped(self.chain))
-        tau = concatenate(
-            drive_torques(arm, none[part], f)
-            for arm, part, f in zip(motion.arms.values(), self.chain.arm_joints, wrenches, strict=True)
-        )
-        return tau - self.joint_damping * state.qd, memory
+        return torques(motion, none, wrenches) - self.joint_damping * state.qd, memory

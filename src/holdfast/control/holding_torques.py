@@ -14,10 +14,11 @@ from holdfast.control.computed_torque import joint_accelerations
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
 from holdfast.dynamics.constraint import length_scale
-from holdfast.dynamics.inverse import inverse_dynamics
+from holdfast.dynamics.inverse import torques
+from holdfast.dynamics.trunk.trunk_inverse import trunk_torques
 from holdfast.errors import StateError
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain, require_own_bases
+from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench
 from holdfast.state import Inputs, State
@@ -26,12 +27,14 @@ POSSIBLE = 1e-8  # of the sizes at hand: what may be left of a balance
 DEPENDENT = 1e-12  # of the largest singular value
 
 
-def balancing_wrenches(motion: ChainMotion, alpha: Array, wished: Array, idle: Array, free: Array) -> Array:
+def balancing_wrenches(
+    motion: ChainMotion, alpha: Array, wished: Array, idle: Array, free: Array, base: Array | None = None
+) -> Array:
     """Return the transmissible wrenches nearest to the wished ones that balance, (arms, 6).
 
     min |lambda - K f_wished| in the metric of the force split (moments over its length), with
     A^T K^T lambda = M(C) (alpha - [0; g]) + b(C) - w, w of springs, and (J^T K^T lambda)_j = -(M qdd + C)_j at
-    undriven joints j.
+    undriven joints j, and so at the six rows of a floating base, which nothing drives.
 
     Args:
         motion: the chain in motion.
@@ -39,6 +42,7 @@ def balancing_wrenches(motion: ChainMotion, alpha: Array, wished: Array, idle: A
         wished: (arms, 6) about the contacts, world axes; of rows of arms that hold.
         idle: places of the undriven joints in the flat arrays.
         free: (idle,) their torques M qdd + C + damping qd + stiffness (q - rest) [N m or N].
+        base: (6,) what a floating base would need without grasp wrenches, about its origin; None without one.
 
     Raises:
         StateError: no wrenches balance.
@@ -48,17 +52,24 @@ def balancing_wrenches(motion: ChainMotion, alpha: Array, wished: Array, idle: A
     length = length_scale([c.offset for c in motion.contacts])
     needed = motion.body.inertia.apply(alpha - pseudo_gravity(chain)) + motion.body.bias - motion.body.wrench
     unit = np.r_[np.full(3, 1 / length), np.ones(3)]  # moments in newtons
-    torque_unit = np.array([1 / length if j.turns else 1.0 for a in chain.arms.values() for j in a.joints])
-    columns, start, root = [np.zeros((6 + len(idle), 0))], [np.zeros(0)], [np.zeros(0)]
+    torque_unit = np.array([1 / length if joint.turns else 1.0 for joint in chain.all_joints])
+    undriven = np.zeros(0) if base is None else unit * base
+    columns, start, root = [np.zeros((6 + len(idle) + len(undriven), 0))], [np.zeros(0)], [np.zeros(0)]
     for i, (name, c) in zip(holding, zip(chain.grasps, motion.contacts, strict=True), strict=True):
-        K, torques = c.K, np.zeros((chain.joint_count, len(c.K)))
-        torques[chain.joints[name]] = (K @ jacobian(chain.arms[name], motion.arms[name].at)).T
+        K, arm = c.K, motion.arms[name]
+        torques, on_base = np.zeros((chain.joint_count, len(K))), np.zeros((6, len(K)))
+        torques[chain.joints[name]] = (K @ jacobian(arm.arm, arm.at)).T
+        if motion.trunk is not None:
+            by_joints, by_base = motion.trunk.jacobian(name, arm.base_to_tip)
+            torques[chain.joints[TRUNK]] = (K @ by_joints).T
+            on_base = (K @ by_base).T if len(undriven) else on_base
         to_C = np.array([shift_wrench(c.offset, row) for row in K]).T
-        columns.append(np.concatenate([unit[:, None] * to_C, (torque_unit[:, None] * torques)[idle]]))
+        of_base = (unit[:, None] * on_base)[: len(undriven)]
+        columns.append(np.concatenate([unit[:, None] * to_C, (torque_unit[:, None] * torques)[idle], of_base]))
         start.append(K @ wished[i])
         root.append(np.array(c.grasp.of_kind.row_scales(length)))
     E, lam, root = np.concatenate(columns, axis=1), np.concatenate(start), np.concatenate(root)
-    e = np.concatenate([unit * needed, -torque_unit[idle] * free])
+    e = np.concatenate([unit * needed, -torque_unit[idle] * free, -undriven])
     if lam.size:
         lam = lam + root * np.linalg.lstsq(E * root, e - E @ lam, rcond=DEPENDENT)[0]
     _require_balance(chain, E @ lam - e, max(1.0, float(np.abs(e).max()), float(np.abs(lam).max(initial=0.0))), idle)
@@ -71,12 +82,13 @@ def balancing_wrenches(motion: ChainMotion, alpha: Array, wished: Array, idle: A
 
 def _require_balance(chain: ClosedChain, left: Array, size: float, idle: Array) -> None:
     """Refuse a load that no transmissible wrenches bear, naming what is left of it [N]."""
-    object_left, joint_left = np.abs(left[:6]).max(), np.abs(left[6:]).max(initial=0.0)
+    object_left, joint_left = np.abs(left[:6]).max(), np.abs(left[6:]).max(initial=0.0)  # a floating base's too
     if max(object_left, joint_left) <= POSSIBLE * size:
         return
     if not chain.grasps:
         raise StateError("holding_torques: no arm holds the object, so nothing bears it; try a chain with grasps")
     drives = f" and leave {len(idle)} joints undriven" if len(idle) else ""
+    drives += " and let the floating base rest" if chain.floats else ""
     raise StateError(
         f"holding_torques: the grasps cannot bear this load{drives}: {max(object_left, joint_left):.3g} N (moments over"
         " the grasps' distance) are left. Try another acceleration, more grasps, or driving more joints"
@@ -96,7 +108,8 @@ def holding_torques(
     tau = M qdd + C + J^T f + damping qd + stiffness (q - rest), with the least qdd that goes with the object's
     acceleration and the f nearest to the chosen one (in the metric of `split`) that satisfies
     A^T f = M(C) (alpha - [0; g]) + b(C). `forward_dynamics` of the result returns alpha, and,
-    where forces are unique, f. Bases are taken to stand still. O(n) + O(l^3).
+    where forces are unique, f. Bases are taken to stand still, and so are a trunk and its floating base: nothing drives
+    that, so that arms in the world must bear it. O(n) + O(l^3).
 
     Args:
         chain: the chain.
@@ -114,16 +127,17 @@ def holding_torques(
             grasps or the driven joints cannot bear, an unknown joint.
     """
     state.fits(chain)
-    require_own_bases(chain, "holding_torques")
     alpha = np.zeros(6) if acceleration is None else checks.numbers(acceleration, (6,), "acceleration", StateError)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
     qdd = joint_accelerations(motion, state.qd, alpha - pseudo_gravity(chain))
     _require_followed(motion, qdd, alpha - pseudo_gravity(chain))
     idle = joint_places(chain, undriven)
-    free = inverse_dynamics(chain, state, qdd, np.zeros((len(chain.arms), 6)))
+    none, base = np.zeros((len(chain.arms), 6)), None
+    if chain.floats:
+        base = trunk_torques(motion, qdd, none, np.zeros(6)).base
     wished = _wished(motion, internal)
-    f = balancing_wrenches(motion, alpha, wished, idle, free[idle])
-    tau = inverse_dynamics(chain, state, qdd, f)
+    f = balancing_wrenches(motion, alpha, wished, idle, torques(motion, qdd, none)[idle], base)
+    tau = torques(motion, qdd, f)
     tau[idle] = 0.0  # to rounding already
     return tau
 
@@ -164,7 +178,7 @@ def _require_followed(motion: ChainMotion, qdd: Array, alpha: Array) -> None:
     for name, c in zip(motion.chain.grasps, motion.contacts, strict=True):
         arm = motion.arms[name]
         tip = shift_twist(c.offset, alpha) + c.a - c.g - arm.bias.tip_acceleration
-        gap = c.transmitted(tip - jacobian(arm.arm, arm.at) @ qdd[motion.chain.joints[name]])
+        gap = c.transmitted(tip - jacobian(arm.arm, arm.at) @ qdd[motion.chain.joints[name]])  # no trunk accelerates
         if float(np.abs(gap).max()) > POSSIBLE * max(1.0, float(np.abs(tip).max())):
             missed.append(f"arm '{name}' misses {np.abs(gap).max():.3g} (m/s^2 or rad/s^2)")
     if missed:

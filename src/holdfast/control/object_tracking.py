@@ -11,7 +11,7 @@ from holdfast.control.grasp_forces import commanded_wrenches
 from holdfast.control.paths import Target
 from holdfast.errors import ModelError
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain, require_own_bases
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, concatenate
@@ -24,7 +24,8 @@ class ObjectTracking(Frozen):
 
     The commanded acceleration is the path's and a correction,
     alpha = alpha_d + damping (V_d - V) + stiffness [log(R_d R^T); p_d - p]; the error then
-    obeys e'' + damping e' + stiffness e = 0. Bases are taken to stand still.
+    obeys e'' + damping e' + stiffness e = 0. Bases are taken to stand still. The joints of a trunk are slowed down
+    only, and its floating base goes where the arms push it.
 
     Attributes:
         chain: the chain as the controller knows it.
@@ -32,7 +33,7 @@ class ObjectTracking(Frozen):
         squeeze: internal force of every arm along its contact normal, into the object [N].
         stiffness: of the pose error [1/s^2].
         damping: of the twist error [1/s]; 2 sqrt(stiffness) is critical.
-        joint_damping: of joint motions that do not move the object [1/s].
+        joint_damping: of joint motions that do not move the object, and of a trunk's [1/s].
     """
 
     chain: ClosedChain
@@ -45,7 +46,6 @@ class ObjectTracking(Frozen):
 
     def __post_init__(self) -> None:
         checks.instance(self.chain, ClosedChain, "object tracking: chain")
-        require_own_bases(self.chain, "ObjectTracking")
         if not callable(self.path):
             got = type(self.path).__name__
             raise ModelError(f"object tracking: path: expected a function of time, got {got}; try RestToRest(...).at")

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.newton_euler import drive_torques
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
-from holdfast.dynamics.trunk.trunk_inverse import trunk_inverse_dynamics
+from holdfast.dynamics.trunk.trunk_inverse import require_undriven, trunk_torques
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -54,13 +54,16 @@ def inverse_dynamics(
         if chain.floats != (base_acceleration is not None):
             wanted = "the acceleration of the floating base" if chain.floats else "none, as no base floats"
             raise StateError(f"base_acceleration: expected {wanted}, got {checks.short(base_acceleration)}")
-        of_base = None
         if base_acceleration is not None:
             of_base = checks.numbers(base_acceleration, (6,), "base_acceleration", StateError)
-        return trunk_inverse_dynamics(motion, qdd, f, of_base)
+            found = trunk_torques(motion, qdd, f, of_base)
+            require_undriven(found)
+            return found.tau
     return torques(motion, qdd, f)
 
 
 def torques(motion: ChainMotion, qdd: Array, f: Array) -> Array:
-    """Return the drives' torques of all arms, (n,); see `inverse_dynamics`."""
+    """Return the drives' torques of trunk and arms, (n,), no base accelerating; see `inverse_dynamics`."""
+    if motion.trunk is not None:
+        return trunk_torques(motion, qdd, f, np.zeros(6) if motion.trunk.floats else None).tau
     return concatenate(each(drive_torques, motion.arms.values(), [qdd[part] for part in motion.chain.arm_joints], f))

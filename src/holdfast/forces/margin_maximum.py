@@ -20,9 +20,11 @@ from holdfast.dynamics.result import ForwardResult, require_result_of
 from holdfast.forces.cone_program import AffineMargin, Largest, largest_within
 from holdfast.forces.margin_interval import affine_margins
 from holdfast.forces.margins import grasp_margins
-from holdfast.model.closed_chain import ClosedChain, require_own_bases
+from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
+
+LOADING = 1e-9  # of wrenches of size 1: less is rounding
 
 
 class LargestMargin(NamedTuple):
@@ -67,13 +69,12 @@ def largest_margin(
         StateError: a result of another chain, or one without forces.
     """
     state.fits(chain)
-    require_own_bases(chain, "largest_margin")
     require_result_of(chain, result)
     now = grasp_margins(chain, state, result.grasp_wrench)
     given = (inputs or Inputs()).shaped(chain)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), given)
-    tau = inverse_dynamics(chain, state, result.qdd, result.grasp_wrench, given)
-    N = internal_wrenches(motion)
+    tau = inverse_dynamics(chain, state, result.qdd, result.grasp_wrench, given, result.base_acceleration)
+    N = undriven(motion, internal_wrenches(motion))
     every = [margin for of_one in affine_margins(motion, result.grasp_wrench, N) for margin in of_one]
     by_joints = joint_loads(motion, N)
     bounds = _effort_bounds(chain, tau, by_joints) if effort_limits else []
@@ -95,18 +96,32 @@ def internal_wrenches(motion: ChainMotion) -> Array:
     return felt.columns[:, felt.rank :]
 
 
+def undriven(motion: ChainMotion, wrenches: Array) -> Array:
+    """Return a basis of those stacked wrenches (6l, k) that do not load a floating base, which nothing drives."""
+    if motion.trunk is None or not motion.trunk.floats or not wrenches.shape[1]:
+        return wrenches
+    loads = np.zeros((6, wrenches.shape[1]))
+    for i, (name, arm) in enumerate(zip(motion.chain.grasps, motion.holding, strict=True)):
+        loads += motion.trunk.jacobian(name, arm.base_to_tip)[1].T @ wrenches[6 * i : 6 * i + 6]
+    _, sizes, Vt = np.linalg.svd(loads)
+    return wrenches @ Vt[int((sizes > LOADING).sum()) :].T
+
+
 def joint_loads(motion: ChainMotion, wrenches: Array) -> Array:
     """Return J^T f of stacked grasp wrenches, (n, k) for (6l, k)."""
     chain = motion.chain
     loads = np.zeros((chain.joint_count, wrenches.shape[1]))
     for i, (name, arm) in enumerate(zip(chain.grasps, motion.holding, strict=True)):
-        loads[chain.joints[name]] = jacobian(arm.arm, arm.at).T @ wrenches[6 * i : 6 * i + 6]
+        f = wrenches[6 * i : 6 * i + 6]
+        loads[chain.joints[name]] = jacobian(arm.arm, arm.at).T @ f
+        if motion.trunk is not None:
+            loads[chain.joints[TRUNK]] += motion.trunk.jacobian(name, arm.base_to_tip)[0].T @ f
     return loads
 
 
 def _effort_bounds(chain: ClosedChain, tau: Array, loads: Array) -> list[AffineMargin]:
     """Return effort limit - |tau + loads z| of every limited joint."""
-    joints = [joint for arm in chain.arms.values() for joint in arm.joints]
+    joints = chain.all_joints
     return [
         AffineMargin(joint.effort_limit, np.zeros(loads.shape[1]), tau[j : j + 1], loads[j : j + 1])
         for j, joint in enumerate(joints)

@@ -7,9 +7,10 @@ import numpy as np
 from holdfast.dynamics.arm.free_dynamics import tip_acceleration
 from holdfast.dynamics.closed.chain_motion import chain_at_rest, chain_motion
 from holdfast.dynamics.result import ForwardResult, require_result_of
+from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import StateError
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain, require_own_bases
+from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench, unrotate
 from holdfast.state import Inputs, State
@@ -52,13 +53,15 @@ def last_joint_wrenches(chain: ClosedChain, state: State, result: ForwardResult,
         StateError: a state or inputs of the wrong shape for the chain, or a result of another chain.
     """
     state.fits(chain)
-    require_own_bases(chain, "last_joint_wrenches")
     require_result_of(chain, result)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), (inputs or Inputs()).shaped(chain))
-    found = []
+    found, trunk, betas = [], motion.trunk, []
+    if trunk is not None:
+        betas = trunk.accelerations(TrunkAcceleration(result.qdd[chain.joints[TRUNK]], result.base_acceleration))
     for (name, arm), f in zip(motion.arms.items(), result.grasp_wrench, strict=True):
         R, tip, link = arm.at.R[-1], arm.arm.tip.p, arm.arm.links[-1]
-        by_joints = tip_acceleration(arm, result.qdd[chain.joints[name]]) - arm.bias.tip_acceleration
+        beta = None if trunk is None else trunk.under(name, betas)
+        by_joints = tip_acceleration(arm, result.qdd[chain.joints[name]], beta) - arm.bias.tip_acceleration
         alpha = shift_twist(-tip, unrotate(R, by_joints))  # of the link's origin; the bias wrench holds the rest
         across_tip = shift_wrench(tip, unrotate(R, f))
         found.append(across_tip + link.spatial_inertia.apply(alpha) + arm.bias.wrenches[-1])
