@@ -42,9 +42,13 @@ STRUCTS = reached(scene.SceneData)
 
 
 def holder(of: str) -> type[msgspec.Struct]:
-    """Return the structure of a table's heading: a `type = "tag"`, else names of keys that hold one and the same."""
+    """Return the structure of a table's heading: a `type = "tag"`, a path, else names of keys that hold the same."""
     if tag := re.fullmatch(r"`type = \"(\w+)\"`", of):
         (found,) = {struct for struct in STRUCTS if struct.__struct_config__.tag == tag[1]}
+        return found
+    if path := re.fullmatch(r"`(\w+)\.(\w+)`", of):
+        (outer,) = structs(typing.get_type_hints(scene.SceneData)[path[1]])
+        (found,) = structs(typing.get_type_hints(outer)[path[2]])
         return found
     names = set(re.findall(r"\w+", " ".join(re.findall(r"`([^`]+)`", of))))
     if not names:

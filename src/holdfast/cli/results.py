@@ -37,8 +37,7 @@ def opened_scene(path: Path, trust_xacro: bool) -> Scenario:
         SceneError, ClosureError: as for `load_scene`.
     """
     scenario = load_scene(path, trust_xacro=trust_xacro)
-    notes = [note for robot in scenario.robots.values() if robot.links is not None for note in robot.links.notes]
-    for note in dict.fromkeys(notes):
+    for note in scenario.notes:
         say(f"note: {note}")
     return scenario
 

@@ -61,7 +61,7 @@ def simulate(
     scenario = opened_scene(scene, trust_xacro)
     if with_plots:
         _require_plots()
-    robots = {name: robot.source for name, robot in scenario.robots.items() if robot.source is not None}
+    robots = scenario.sources
     home = str(scene.parent.resolve()) if robots else ""
     meta = run_meta(scenario.chain, scenario.name, scenario.duration, scenario.step, scene_folder=home)
     if resume:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import Any
 
@@ -13,22 +13,28 @@ import numpy as np
 
 from holdfast.assembly.assemble import assemble
 from holdfast.control.controller import Controller
+from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closing import close
-from holdfast.errors import ClosureError, SceneError
+from holdfast.dynamics.consistency import require_closed
+from holdfast.dynamics.trunk.trunk_motion import standing
+from holdfast.errors import ClosureError, SceneError, StateError
 from holdfast.io import typed
 from holdfast.io.files import LONGEST_NAME, file_path, one_line
 from holdfast.io.typed import Location
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.trunk import Trunk
 from holdfast.robots.urdf.source import Source
 from holdfast.scenario import parts
-from holdfast.scenario.parts import Robot, RobotFiles
-from holdfast.scenario.scene import ReleaseData, SceneData
-from holdfast.scenario.surroundings import pushes, swaying_base
+from holdfast.scenario.poses import pose
+from holdfast.scenario.robots import Robot, RobotFiles, robot
+from holdfast.scenario.scene import ArmData, ReleaseData, SceneData
+from holdfast.scenario.surroundings import SwayingBase, pushes, swaying_base
+from holdfast.scenario.trunks import SceneTrunk, scene_trunk
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.events import Attach, Event, Release, holding_after
 from holdfast.simulation.stops import step_times
-from holdfast.state import State
+from holdfast.state import Inputs, State
 
 LARGEST = 1e9
 LARGEST_FILE = 2 * 2**20  # [bytes]; seconds of reading
@@ -46,11 +52,12 @@ class Scenario:
         name: of the scene.
         text: the scene file's own text.
         chain: arms, object and grasps.
-        state: initial state at rest, every grasp closed.
+        state: initial state, every grasp closed; at rest but for the object and a floating base that move at first.
         controller: torques.
         duration, step: [s].
         robots: what the arms are made from, by name.
         options: the other arguments of `simulate`, by keyword.
+        trunk: what the trunk is made from; None without one.
     """
 
     name: str
@@ -62,6 +69,19 @@ class Scenario:
     step: float
     robots: dict[str, Robot]
     options: dict[str, Any] = field(default_factory=dict)
+    trunk: SceneTrunk | None = None
+
+    @property
+    def sources(self) -> dict[str, Source]:
+        """The URDFs that arms and trunk are out of, by name."""
+        made = {**self.robots, **({} if self.trunk is None else {TRUNK: self.trunk})}
+        return {name: one.source for name, one in made.items() if one.source is not None}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What of these files was read differently from what they state, or not at all."""
+        of_arms = (note for one in self.robots.values() if one.links is not None for note in one.links.notes)
+        return tuple(dict.fromkeys([*(() if self.trunk is None else self.trunk.notes), *of_arms]))
 
 
 def load_scene(
@@ -77,7 +97,7 @@ def load_scene(
         path: the file.
         folder: that relative names of robot files in it start from; None: the one that it is in.
         trust_xacro: whether to expand xacro files that it names, which runs the Python in them.
-        robots: URDFs to take instead of the files that it names, by the arm's name.
+        robots: URDFs to take instead of the files that it names, by the arm's name; "trunk" for the trunk's.
 
     Raises:
         SceneError: unreadable or invalid, with the path of the first fault; a xacro file without `trust_xacro`.
@@ -112,21 +132,22 @@ def build_scene(
         )
     with (at / "simulation").refusals():
         step_times(data.simulation.duration, data.simulation.step)
-    robots = build_robots(data, files or RobotFiles(), at)
-    chain, guess = build_chain(data, robots, at)
+    trunk, robots = build_robots(data, files or RobotFiles(), at)
+    chain, guess = build_chain(data, trunk, robots, at)
     search = any(arm.q is None and arm.name in chain.grasps for arm in data.arms)
     try:
         state = closed(chain, guess, search)
     except ClosureError as cause:
         raise ClosureError((at / "object" / "pose").message(str(cause))) from cause
+    _require_velocities(chain, state, at)
     controller = parts.controller(data.controller, chain, state, at / "controller")
     options = build_options(data, chain, at)
     how = data.simulation
-    return Scenario(name, text, chain, state, controller, how.duration, how.step, robots, options)
+    return Scenario(name, text, chain, state, controller, how.duration, how.step, robots, options, trunk)
 
 
-def build_robots(data: SceneData, files: RobotFiles, at: Location) -> dict[str, Robot]:
-    """Return what the arms are made from, by name.
+def build_robots(data: SceneData, files: RobotFiles, at: Location) -> tuple[SceneTrunk | None, dict[str, Robot]]:
+    """Return what the trunk is made from, None without one, and what the arms are, by name.
 
     Raises:
         SceneError: with the path of the first fault.
@@ -136,17 +157,21 @@ def build_robots(data: SceneData, files: RobotFiles, at: Location) -> dict[str, 
     if len(data.arms) > MOST_ARMS:
         raise (at / "arms").refuse(f"expected at most {MOST_ARMS} arms, got {len(data.arms)}")
     _require_names((arm.name for arm in data.arms), at / "arms", "name")
-    robots, joints = {}, 0
+    trunk = None if data.trunk is None else scene_trunk(data.trunk, data.arms, files, at)
+    robots, joints = {}, 0 if trunk is None else trunk.trunk.joint_count
     for i, arm in enumerate(data.arms):
-        robots[arm.name] = parts.robot(arm, files, at / "arms" / i)
+        out_of_file = None if trunk is None else trunk.arms.get(arm.name)
+        robots[arm.name] = robot(arm, files, at / "arms" / i) if out_of_file is None else out_of_file
         joints += robots[arm.name].arm.joint_count
         if joints > MOST_JOINTS:
             raise (at / "arms" / i).refuse(f"expected at most {MOST_JOINTS} joints in all, got {joints} up to here")
-    return robots
+    return trunk, robots
 
 
 def closed(chain: ClosedChain, guess: State, search: bool) -> State:
     """Return the state with every grasp closed around the object where it is; `search` tries other postures too.
+
+    Object and trunk stay where they are, and as fast.
 
     Raises:
         ClosureError: an arm cannot reach its grasp.
@@ -156,14 +181,28 @@ def closed(chain: ClosedChain, guess: State, search: bool) -> State:
     except ClosureError:
         if not search:
             raise
+    standing_there = standing(chain, guess, Inputs().shaped(chain)).arms
+    arms = dict(zip(chain.names, standing_there, strict=True))
     q = {name: guess.q[chain.joints[name]] for name in chain.names}
-    return assemble(
-        chain.arms, chain.held_object, chain.grasps, object_pose=guess.object_pose, q=q, gravity=chain.gravity
-    ).state
+    found = assemble(arms, chain.held_object, chain.grasps, object_pose=guess.object_pose, q=q, gravity=chain.gravity)
+    first = chain.joint_count - len(found.state.q)
+    return close(chain, replace(guess, q=np.concatenate([guess.q[:first], found.state.q])), hold_object=True)
 
 
-def build_chain(data: SceneData, robots: Mapping[str, Robot], at: Location) -> tuple[ClosedChain, State]:
-    """Return the chain and the state that it is to be closed from, at rest.
+def _require_velocities(chain: ClosedChain, state: State, at: Location) -> None:
+    """Refuse an object or a trunk that moves at first as the arms between them cannot."""
+    try:
+        require_closed(chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain)), state)
+    except StateError as cause:
+        raise (at / "object" / "twist").refuse(
+            f"expected a motion of object and trunk that the arms can follow: {cause}"
+        ) from cause
+
+
+def build_chain(
+    data: SceneData, trunk: SceneTrunk | None, robots: Mapping[str, Robot], at: Location
+) -> tuple[ClosedChain, State]:
+    """Return the chain and the state that it is to be closed from; its joints are at rest.
 
     Raises:
         SceneError: with the path of the first fault.
@@ -176,12 +215,47 @@ def build_chain(data: SceneData, robots: Mapping[str, Robot], at: Location) -> t
             raise (at / "grasps" / i / "arm").refuse(f"no arm '{grasp.arm}'.{checks.did_you_mean(grasp.arm, arms)}")
         grasps[grasp.arm] = parts.grasp(grasp, at / "grasps" / i)
     held = parts.held_object(data.object, at / "object")
-    pose = parts.pose(data.object.pose, at / "object" / "pose")
+    at_first = pose(data.object.pose, at / "object" / "pose")
     springs = [parts.spring(spring, arms, at / "springs" / i) for i, spring in enumerate(data.springs)]
+    below = None if trunk is None else trunk.trunk
+    mounts = build_mounts(data.arms, below, at / "arms")
     with at.refusals():
-        chain = ClosedChain(arms, held, grasps, np.array(data.gravity), springs=springs)
-    q = np.concatenate([robot.q for robot in robots.values()])
-    return chain, State(q, 0 * q, pose.wxyz_xyz)
+        chain = ClosedChain(
+            arms,
+            held,
+            grasps,
+            np.array(data.gravity),
+            below,
+            mounts if trunk is None else {**trunk.mounts, **mounts},
+            springs,
+        )
+    q = np.concatenate([*([] if trunk is None else [trunk.q]), *(robot.q for robot in robots.values())])
+    base = (None, None) if trunk is None else (trunk.base_pose, trunk.base_twist)
+    return chain, State(q, 0 * q, at_first, np.array(data.object.twist), *base)
+
+
+def build_mounts(arms: Sequence[ArmData], trunk: Trunk | None, at: Location) -> dict[str, str | int]:
+    """Return where the arms that say so stand on the trunk, by name.
+
+    Raises:
+        SceneError: a mount without a trunk or on no link of it, or what a mounted arm cannot be told.
+    """
+    mounts = {}
+    for i, arm in enumerate(arms):
+        if trunk is not None and arm.name == TRUNK:
+            raise (at / i / "name").refuse(f"'{TRUNK}' is the trunk's own in flat arrays; try another")
+        if arm.mount is None:
+            continue
+        if trunk is None:
+            raise (at / i / "mount").refuse("expected none, as the scene has no trunk")
+        with (at / i / "mount").refusals():
+            trunk.body(arm.mount, arm.name)
+        if arm.base_motion is not None:
+            raise (at / i / "base_motion").refuse(
+                f"expected none, as the arm stands on the trunk and moves with it; try {TRUNK}.base_motion"
+            )
+        mounts[arm.name] = arm.mount
+    return mounts
 
 
 def build_options(data: SceneData, chain: ClosedChain, at: Location) -> dict[str, Any]:
@@ -192,11 +266,7 @@ def build_options(data: SceneData, chain: ClosedChain, at: Location) -> dict[str
     """
     how = data.simulation
     pushed = pushes(data.wrenches, at / "wrenches")
-    swaying = {
-        arm.name: swaying_base(arm.base_motion, chain.arms[arm.name].base, at / "arms" / i / "base_motion")
-        for i, arm in enumerate(data.arms)
-        if arm.base_motion is not None
-    }
+    swaying = build_base_motion(data, chain, at)
     with (at / "simulation").refusals():
         Tolerance(how.rtol, how.atol)
         if how.largest_drift is not None:
@@ -209,6 +279,23 @@ def build_options(data: SceneData, chain: ClosedChain, at: Location) -> dict[str
         "breakpoints": [*how.breakpoints, *pushed.breakpoints, *(base.smooth_start for base in swaying.values())],
         **{name: getattr(how, name) for name in OPTIONS},
     }
+
+
+def build_base_motion(data: SceneData, chain: ClosedChain, at: Location) -> dict[str, SwayingBase]:
+    """Return the motions of bases in the world, by the arm's name; "trunk" for the trunk's.
+
+    Raises:
+        SceneError: with the path of the first fault.
+    """
+    moving = {
+        arm.name: swaying_base(arm.base_motion, chain.arms[arm.name].base, at / "arms" / i / "base_motion")
+        for i, arm in enumerate(data.arms)
+        if arm.base_motion is not None
+    }
+    if data.trunk is not None and data.trunk.base_motion is not None:
+        assert chain.trunk is not None
+        moving[TRUNK] = swaying_base(data.trunk.base_motion, chain.trunk.base, at / TRUNK / "base_motion")
+    return moving
 
 
 def build_events(data: SceneData, chain: ClosedChain, at: Location) -> list[Event]:

@@ -49,6 +49,33 @@ class BaseMotionData(_Strict):
     smooth_start: float = 0.5
 
 
+class BodyData(_Strict):
+    """A rigid body: mass, and the edges of a solid box about `com` or an inertia about it, in the body's axes."""
+
+    mass: float
+    box: Vector3 | None = None
+    inertia: Matrix3 | None = None
+    com: Vector3 = ZEROS
+    name: str = ""
+
+
+class JointData(PoseData, kw_only=True):
+    """A joint and the link that it moves; the pose is of that link's frame at q = 0, in the axes of the link before."""
+
+    link: BodyData
+    name: str = ""
+    kind: Literal["revolute", "prismatic"] = "revolute"
+    axis: Vector3 = (0.0, 0.0, 1.0)
+    position_limits: tuple[float, float] | None = None
+    rate_limit: float | None = None
+    effort_limit: float | None = None
+    armature: float = 0.0
+    damping: float = 0.0
+    friction: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
+
+
 class UrdfData(_Strict):
     """An arm out of a URDF or xacro file, see `load_urdf`; `file` starts from the scene's folder.
 
@@ -67,31 +94,67 @@ class UrdfData(_Strict):
     rest: dict[str, float] = {}
 
 
-class ArmData(_Strict):
-    """An arm: a built-in robot's name or a URDF, where its base link stands, its tool and where its joints begin.
+class TrunkUrdfData(UrdfData, kw_only=True):
+    """A trunk out of such a file: the joints from `base` to `tip`, or those that arms with `tips` in the file share.
 
-    `tip` is the pose of a massless tool's tip in the robot's own tip frame. `q` is a guess
-    from which the arm is moved to its grasp. Without it that is the robot's home posture, or
-    the middle of its joints' ranges, and others are tried where it does not lead to the grasp.
+    `tips` has the link of each arm's tip by the arm's name; see `load_urdf_trunk`. With `floating` the base is a free
+    body with all that is fixed to it.
+    """
+
+    tips: dict[str, str] = {}
+    floating: bool = False
+
+
+class ArmData(_Strict):
+    """An arm: a built-in robot's name, a URDF, or joints; where it stands, its tool and where its joints begin.
+
+    An arm with a `mount` stands on that link of the trunk, its `base` in the link's axes. One that the trunk's
+    file has a tip of is out of that file. `tip` is the pose of a massless tool's tip in the robot's own tip frame,
+    or in the axes of the last link of `joints`. `q` is a guess from which the arm is moved to its grasp. Without it
+    that is the robot's home posture, or the middle of its joints' ranges, and others are tried where it does not lead
+    to the grasp.
     """
 
     name: str
     robot: str | None = None
     urdf: UrdfData | None = None
-    base: PoseData = msgspec.field(default_factory=PoseData)
+    joints: list[JointData] | None = None
+    mount: str | int | None = None
+    base: PoseData | None = None
     tip: PoseData | None = None
     q: list[float] | None = None
     base_motion: BaseMotionData | None = None
 
 
+class TrunkData(_Strict):
+    """What arms stand on: a built-in robot's name, a URDF, or joints; perhaps on a body that floats.
+
+    `base` is where its base frame is, of a floating base at the start, with a `twist` then. Its joints begin, and the
+    arms are led to the object, at `q`: the robot's home posture, or the middle of the joints' ranges, by default.
+    """
+
+    robot: str | None = None
+    urdf: TrunkUrdfData | None = None
+    joints: list[JointData] | None = None
+    floating: BodyData | None = None
+    base: PoseData = msgspec.field(default_factory=PoseData)
+    twist: Twist | None = None
+    q: list[float] | None = None
+    base_motion: BaseMotionData | None = None
+
+
 class ObjectData(_Strict):
-    """The held object: mass, and the edges of a solid box or an inertia about the mass centre."""
+    """The held object: mass, and the edges of a solid box or an inertia about the mass centre; how it moves at first.
+
+    `twist` is [omega; v of its origin], world axes, at the start.
+    """
 
     mass: float
     box: Vector3 | None = None
     inertia: Matrix3 | None = None
     com: Vector3 = ZEROS
     pose: PoseData = msgspec.field(default_factory=PoseData)
+    twist: Twist = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class ContactData(_Strict):
@@ -224,12 +287,13 @@ class SimulationData(_Strict):
 
 
 class SceneData(_Strict):
-    """A scene: arms, the object they hold, a controller, and how long to simulate."""
+    """A scene: arms, what they stand on, the object they hold, a controller, and how long to simulate."""
 
     arms: list[ArmData]
     object: ObjectData
-    controller: GravityCompensationData | ObjectTrackingData | TorqueScheduleData
     simulation: SimulationData
+    controller: GravityCompensationData | ObjectTrackingData | TorqueScheduleData | None = None
+    trunk: TrunkData | None = None
     grasps: list[GraspData] = []
     events: list[AttachData | ReleaseData] = []
     wrenches: list[WrenchData] = []

@@ -18,7 +18,9 @@ from holdfast.robots.urdf.robot import UrdfLink as UrdfLink
 from holdfast.robots.urdf.robot import UrdfRobot as UrdfRobot
 from holdfast.robots.urdf.robot import urdf_tree as urdf_tree
 from holdfast.robots.urdf.trunk import UrdfTrunk as UrdfTrunk
+from holdfast.robots.urdf.trunk import UrdfTrunkChain as UrdfTrunkChain
 from holdfast.robots.urdf.trunk import load_urdf_trunk as load_urdf_trunk
+from holdfast.robots.urdf.trunk import urdf_trunk as urdf_trunk
 from holdfast.robots.urdf.visuals import Box as Box
 from holdfast.robots.urdf.visuals import Capsule as Capsule
 from holdfast.robots.urdf.visuals import Cylinder as Cylinder

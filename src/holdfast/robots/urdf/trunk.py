@@ -13,13 +13,15 @@ from holdfast.model.arm import Arm
 from holdfast.model.link import Link
 from holdfast.model.trunk import BASE, Trunk
 from holdfast.robots.urdf.bodies import FoldedChain, fold, welded, welded_link
-from holdfast.robots.urdf.chain import UrdfOptions, chain_of, joints_and_links, mount_of, read_within
+from holdfast.robots.urdf.chain import UrdfChain, UrdfOptions, chain_of, joints_and_links, mount_of, read_within
 from holdfast.robots.urdf.document import listed, quoted
 from holdfast.robots.urdf.path import Locks, PassedJoint, checked_locks, known_link, path_between
 from holdfast.robots.urdf.reader import read_urdf
 from holdfast.robots.urdf.refusals import hanging, refuse_loose, refuse_unsupported
 from holdfast.robots.urdf.robot import UrdfRobot
+from holdfast.robots.urdf.source import Source
 from holdfast.spatial.inertia import turned
+from holdfast.spatial.pose import Pose
 from holdfast.spatial.vector import product
 
 Path = list[PassedJoint]
@@ -75,6 +77,24 @@ class UrdfTrunk:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class UrdfTrunkChain:
+    """What `load_urdf_trunk` loads, and what became of the file's links.
+
+    Attributes:
+        found: trunk, arms and mounts.
+        robot: the file's links and joints.
+        bodies: as many mappings from link name to pose as the trunk has links, and one before: of the links on its
+            base, which stands still or floats, in the base's frame, then of those welded into link k in its frame.
+        chains: each arm by name, without the links that it stands on, which are the trunk's.
+    """
+
+    found: UrdfTrunk
+    robot: UrdfRobot
+    bodies: tuple[Mapping[str, Pose], ...]
+    chains: Mapping[str, UrdfChain]
+
+
 def load_urdf_trunk(
     path_or_text: str | PathLike[str],
     tips: Mapping[str, str] | Iterable[str],
@@ -104,6 +124,29 @@ def load_urdf_trunk(
         SceneError: as for `load_urdf_arms`; no joint that moves two arms, on a base that stands still; a trunk
             that branches; an arm without a joint of its own; a mount of a base that floats.
         ModelError, MissingExtra: as for `load_urdf_arms`.
+    """
+    return urdf_trunk(path_or_text, tips, base=base, floating=floating, **options).found
+
+
+def urdf_trunk(
+    path_or_text: str | PathLike[str] | Source,
+    tips: Mapping[str, str] | Iterable[str],
+    *,
+    base: str | None = None,
+    floating: bool = False,
+    **options: Unpack[UrdfOptions],
+) -> UrdfTrunkChain:
+    """Return what `load_urdf_trunk` loads, with what became of every link. O(arms links).
+
+    Args:
+        path_or_text: as for `load_urdf_trunk`.
+        tips: as for `load_urdf_trunk`.
+        base: as for `load_urdf_trunk`.
+        floating: as for `load_urdf_trunk`.
+        **options: as for `load_urdf_trunk`.
+
+    Raises:
+        SceneError, ModelError, MissingExtra: as for `load_urdf_trunk`.
     """
     robot = read_urdf(path_or_text, xacro_args=options.get("xacro_args"), trust_xacro=options.get("trust_xacro", False))
     ends = _ends(robot, tips)
@@ -199,13 +242,13 @@ def _until(path: Path, shared: Path) -> Path:
 
 def _on_trunk(
     locks: Locks, common: FoldedChain, folds: Mapping[str, FoldedChain], shared: Mapping[str, int], options: UrdfOptions
-) -> UrdfTrunk:
+) -> UrdfTrunkChain:
     """Return trunk and arms, which have so many joints of the trunk below them."""
     robot, floats = locks.robot, common.floats
     free = welded_link(robot, common.on_base, "it floats", options.get("physical", True)) if floats else None
     trunk = Trunk(*joints_and_links(robot, common, options), mount_of(options), free)
     locked, notes = read_within(locks, common)
-    arms, mounts = {}, {}
+    chains, mounts = {}, {}
     for name, folded in folds.items():
         k = shared[name]
         if k > 0:
@@ -216,7 +259,9 @@ def _on_trunk(
         else:
             at = trunk.base
         chain = chain_of(locks, folded, at, options)
-        arms[name] = chain.arm
+        chains[name] = replace(chain, bodies=({}, *chain.bodies[1:]))
         locked |= chain.locked
         notes += chain.notes
-    return UrdfTrunk(trunk, arms, mounts, locked, tuple(dict.fromkeys(notes)))
+    arms = {name: chain.arm for name, chain in chains.items()}
+    found = UrdfTrunk(trunk, arms, mounts, locked, tuple(dict.fromkeys(notes)))
+    return UrdfTrunkChain(found, robot, (common.on_base, *(body.links for body in common.bodies)), chains)

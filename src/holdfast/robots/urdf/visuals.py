@@ -8,6 +8,7 @@ from holdfast.robots.urdf import attributes
 from holdfast.robots.urdf.chain import UrdfChain
 from holdfast.robots.urdf.document import Element
 from holdfast.robots.urdf.robot import UrdfRobot
+from holdfast.robots.urdf.trunk import UrdfTrunkChain
 from holdfast.spatial.pose import Pose
 
 Rgba = tuple[float, float, float, float]
@@ -94,8 +95,8 @@ class Visual:
     rgba: Rgba | None
 
 
-def urdf_visuals(chain: UrdfChain) -> tuple[tuple[Visual, ...], ...]:
-    """Return what the base and each link of an arm look like, N + 1 tuples. O(links).
+def urdf_visuals(chain: UrdfChain | UrdfTrunkChain) -> tuple[tuple[Visual, ...], ...]:
+    """Return what the base and each link of an arm, or of a trunk, look like, N + 1 tuples. O(links).
 
     Poses are in the frame of the base, then of arm link k, so a viewer turns link k's
     visuals with it. Links that move on the base by joints of their own are not shown.

@@ -1,0 +1,202 @@
+"""The arms of a scene: built in, out of URDF files, or of joints that the scene gives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from holdfast.assembly.starts import preferred_posture
+from holdfast.errors import HoldfastError
+from holdfast.io.typed import Location
+from holdfast.model import checks
+from holdfast.model.arm import Arm
+from holdfast.model.joint import Joint
+from holdfast.robots import ROBOTS
+from holdfast.robots.urdf import UrdfChain, urdf_chain
+from holdfast.robots.urdf.source import Source, read_source
+from holdfast.scenario.joints import joints_and_links
+from holdfast.scenario.poses import pose
+from holdfast.scenario.scene import ArmData, TrunkData, UrdfData
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+
+ORIGINS = ("robot", "urdf", "joints")
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """An arm of a scene.
+
+    Attributes:
+        arm: the arm, where it stands, with its tool.
+        q: (N,) joint positions to start from [rad or m].
+        source: the URDF that it is out of; None for any other.
+        links: what became of the file's links; None for any other.
+    """
+
+    arm: Arm
+    q: Array
+    source: Source | None = None
+    links: UrdfChain | None = None
+
+
+@dataclass(frozen=True)
+class RobotFiles:
+    """Where a scene's robots come from.
+
+    Attributes:
+        folder: that relative names of files start from.
+        trust_xacro: whether xacro files may be expanded, which runs the Python in them.
+        kept: texts that are taken instead of an arm's file, by the arm's name; "trunk" for the trunk's.
+    """
+
+    folder: Path = Path()
+    trust_xacro: bool = False
+    kept: Mapping[str, Source] = field(default_factory=dict)
+
+    def source(self, data: UrdfData, name: str) -> Source:
+        """Return the URDF of an arm, or of the trunk.
+
+        Raises:
+            SceneError: the file cannot be read, or is xacro that may not or cannot be expanded.
+            MissingExtra: a xacro file without xacrodoc.
+        """
+        return self.kept.get(name) or read_source(self.folder / data.file, data.xacro_args, self.trust_xacro)
+
+
+def robot(data: ArmData, files: RobotFiles, at: Location) -> Robot:
+    """Return an arm where it stands, and the joint positions to start from.
+
+    Args:
+        data: the arm's.
+        files: where its URDF is, if it has one.
+        at: its place in the scene.
+
+    Raises:
+        SceneError: no robot of that name, a URDF or joints that cannot be that arm, or positions of the wrong number.
+        MissingExtra: a xacro file without xacrodoc.
+    """
+    require_one_origin(data, at)
+    base = Pose.identity() if data.base is None else pose(data.base, at / "base")
+    if data.urdf is not None:
+        found = _of_file(data, files, base, at)
+    elif data.joints is not None:
+        found = _of_joints(data, base, at)
+    else:
+        found = _standing(built_in(data.robot, base, at))
+    return finished(found, data, at)
+
+
+def require_one_origin(data: ArmData | TrunkData, at: Location) -> None:
+    """Refuse what is said to be made in no way, or in two; a body that floats needs no joints.
+
+    Raises:
+        SceneError: saying which.
+    """
+    given = [origin for origin in ORIGINS if getattr(data, origin) is not None]
+    floats = isinstance(data, TrunkData) and data.floating is not None
+    if len(given) > 1 or not (given or floats):
+        also = " or floating" if isinstance(data, TrunkData) else ""
+        got = " and ".join(given) or "none of them"
+        raise at.refuse(f"expected one of robot, urdf and joints{also}, got {got}")
+
+
+def finished(found: Robot, data: ArmData, at: Location) -> Robot:
+    """Return an arm with its tool, and with the positions to start from that the scene gives."""
+    if data.tip is not None:
+        arm, links = found.arm, found.links
+        arm = arm.with_tip(arm.tip @ pose(data.tip, at / "tip"))
+        if links is not None:  # the note is about the link's own frame, not the tool's
+            links = replace(links, notes=tuple(note for note in links.notes if note != links.tip_note), tip_note="")
+        found = replace(found, arm=arm, links=links)
+    return replace(found, q=starting_positions(data.q, found.q, found.arm.name, at))
+
+
+def starting_positions(given: list[float] | None, otherwise: Array, what: str, at: Location) -> Array:
+    """Return joint positions to start from, (N,) [rad or m].
+
+    Raises:
+        SceneError: positions of the wrong number.
+    """
+    if given is None:
+        return otherwise
+    if len(given) != len(otherwise):
+        raise (at / "q").refuse(f"expected {len(otherwise)} joint positions for a {what}, got {len(given)}")
+    return np.array(given, dtype=float)
+
+
+def built_in(name: str | None, base: Pose, at: Location) -> Arm:
+    """Return a built-in robot by its name.
+
+    Raises:
+        SceneError: no robot of that name.
+    """
+    if name is None or name not in ROBOTS:
+        raise (at / "robot").refuse(f"no robot '{name}'.{checks.did_you_mean(str(name), ROBOTS)}")
+    return ROBOTS[name](base=base)
+
+
+def chain_of_file(data: UrdfData, source: Source, base: Pose, at: Location) -> UrdfChain:
+    """Return the chain between two links of a file, what the scene says of its drives added.
+
+    Raises:
+        SceneError: what cannot be an arm.
+    """
+    with file_refusals(at):
+        links = urdf_chain(
+            source, base=data.base, tip=data.tip, locked=data.locked, lock_others=data.lock_others, mount=base
+        )
+    (joints,) = with_drives(data, [links.arm.joints], at)
+    return replace(links, arm=replace(links.arm, joints=joints))
+
+
+@contextmanager
+def file_refusals(at: Location) -> Iterator[None]:
+    """Name the place of a robot's file in the scene before what is wrong in the file."""
+    try:
+        yield
+    except HoldfastError as cause:  # it names file and line
+        raise type(cause)((at / "urdf").message(str(cause))) from cause
+
+
+def with_drives(data: UrdfData, chains: Sequence[Sequence[Joint]], at: Location) -> list[list[Joint]]:
+    """Return the joints of chains with what a file has no place for, such as their drives' inertia, by their names.
+
+    Raises:
+        SceneError: a joint that is not there, or an impossible quantity.
+    """
+    found = [list(joints) for joints in chains]
+    names = [joint.name for joints in found for joint in joints]
+    for quantity in ("armature", "stiffness", "rest"):
+        given, place = getattr(data, quantity), at / "urdf" / quantity
+        for name in given:
+            if name not in names:
+                raise place.refuse(f"no moving joint '{name}'.{checks.did_you_mean(name, names)}")
+        for joints in found:
+            for k, joint in enumerate(joints):
+                with (place / joint.name).refusals():
+                    joints[k] = replace(joint, **{quantity: given.get(joint.name, getattr(joint, quantity))})
+    return found
+
+
+def _standing(arm: Arm) -> Robot:
+    return Robot(arm, preferred_posture(arm))
+
+
+def _of_file(data: ArmData, files: RobotFiles, base: Pose, at: Location) -> Robot:
+    assert data.urdf is not None
+    with file_refusals(at):
+        source = files.source(data.urdf, data.name)
+    links = chain_of_file(data.urdf, source, base, at)
+    return Robot(links.arm, preferred_posture(links.arm), source, links)
+
+
+def _of_joints(data: ArmData, base: Pose, at: Location) -> Robot:
+    assert data.joints is not None
+    joints, links = joints_and_links(data.joints, at / "joints")
+    with at.refusals():
+        return _standing(Arm(joints, links, base=base, name=data.name))

@@ -1,0 +1,179 @@
+"""The trunk of a scene, and the arms that come out of its file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from holdfast.assembly.starts import preferred_posture
+from holdfast.io.typed import Location
+from holdfast.model import checks
+from holdfast.model.arm import Arm
+from holdfast.model.closed_chain import TRUNK
+from holdfast.model.trunk import Trunk
+from holdfast.robots.urdf import UrdfChain, UrdfTrunkChain, urdf_trunk
+from holdfast.robots.urdf.source import Source
+from holdfast.scenario.joints import body, joints_and_links
+from holdfast.scenario.poses import pose
+from holdfast.scenario.robots import (
+    ORIGINS,
+    Robot,
+    RobotFiles,
+    built_in,
+    chain_of_file,
+    file_refusals,
+    finished,
+    require_one_origin,
+    starting_positions,
+    with_drives,
+)
+from holdfast.scenario.scene import ArmData, TrunkData
+from holdfast.spatial.frozen import FrozenDict
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+
+OWN_PLACE = ("mount", "base", "base_motion")  # what an arm out of the trunk's file cannot be told
+
+
+@dataclass(frozen=True, eq=False)
+class SceneTrunk:
+    """The trunk of a scene.
+
+    Attributes:
+        trunk: the trunk, where it stands.
+        q: (n_t,) positions of its joints at the start [rad or m].
+        base_pose: of a floating base at the start; None without one.
+        base_twist: (6,) the same.
+        mounts: where the arms out of its file stand on it, by name; those in the world are missing.
+        arms: the arms out of its file, by name.
+        source: the URDF that it is out of; None for any other.
+        links: what became of the file's links; None for any other.
+    """
+
+    trunk: Trunk
+    q: Array
+    base_pose: Pose | None = None
+    base_twist: Array | None = None
+    mounts: Mapping[str, str | int] = field(default_factory=FrozenDict)
+    arms: Mapping[str, Robot] = field(default_factory=FrozenDict)
+    source: Source | None = None
+    links: UrdfTrunkChain | UrdfChain | None = None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What of its file was read differently from what the file states, or not at all."""
+        found = self.links.found if isinstance(self.links, UrdfTrunkChain) else self.links
+        return () if found is None else found.notes
+
+
+def scene_trunk(data: TrunkData, arms: Sequence[ArmData], files: RobotFiles, at: Location) -> SceneTrunk:
+    """Return the trunk where it is at the start.
+
+    Args:
+        data: the trunk's.
+        arms: those of the scene, some of which may come out of the trunk's file.
+        files: where that is, if it has one.
+        at: the place of the scene.
+
+    Raises:
+        SceneError: with the path of the first fault.
+        MissingExtra: a xacro file without xacrodoc.
+    """
+    here = at / TRUNK
+    require_one_origin(data, here)
+    base = pose(data.base, here / "base")
+    floating = None if data.floating is None else body(data.floating, here / "floating")
+    if data.urdf is not None:
+        found = _of_file(data, base, floating is not None, arms, files, at)
+    elif data.joints is not None:
+        parts = joints_and_links(data.joints, here / "joints")
+        with here.refusals():
+            found = _at_rest(Trunk(*parts, base=base))
+    elif data.robot is not None:
+        found = _at_rest(_carrying(built_in(data.robot, base, here)))
+    else:
+        found = _at_rest(Trunk(base=base, floating=floating))
+    if floating is not None:
+        found = replace(found, trunk=replace(found.trunk, floating=floating))
+    found = replace(found, q=starting_positions(data.q, found.q, TRUNK, here))
+    return _where_it_floats(found, data, base, here)
+
+
+def _where_it_floats(found: SceneTrunk, data: TrunkData, base: Pose, at: Location) -> SceneTrunk:
+    """Return the trunk with pose and twist of a floating base; refuse what its base cannot be told."""
+    if found.trunk.floating is None:
+        if data.twist is not None:
+            raise (at / "twist").refuse(
+                "expected none, as the trunk's base stands in the world; try floating, or base_motion"
+            )
+        return found
+    if data.base_motion is not None:
+        raise (at / "base_motion").refuse("expected none, as the trunk's base floats; try twist, how it moves at first")
+    return replace(found, base_pose=base, base_twist=np.zeros(6) if data.twist is None else np.array(data.twist))
+
+
+def _at_rest(trunk: Trunk) -> SceneTrunk:
+    """Return a trunk with the positions that its joints prefer."""
+    return SceneTrunk(trunk, np.zeros(0) if trunk.serial is None else preferred_posture(trunk.serial))
+
+
+def _carrying(arm: Arm) -> Trunk:
+    return Trunk(arm.joints, arm.links, arm.base)
+
+
+def _of_file(
+    data: TrunkData, base: Pose, floats: bool, arms: Sequence[ArmData], files: RobotFiles, at: Location
+) -> SceneTrunk:
+    """Return a trunk out of a URDF file; see `scene_trunk`."""
+    urdf, here = data.urdf, at / TRUNK
+    assert urdf is not None
+    with file_refusals(here):
+        source = files.source(urdf, TRUNK)
+    if not urdf.tips:
+        if urdf.floating:
+            raise (here / "urdf" / "floating").refuse("expected tips of arms with it, got none; try trunk.floating")
+        links = chain_of_file(urdf, source, base, here)
+        return replace(_at_rest(_carrying(links.arm)), source=source, links=links)
+    if urdf.tip is not None:
+        raise (here / "urdf").refuse("expected tip or tips, got both")
+    if floats:
+        raise (here / "floating").refuse("expected none beside tips of a file; try urdf.floating")
+    _require_arms_of_file(urdf.tips, arms, at)
+    with file_refusals(here):
+        links = urdf_trunk(
+            source,
+            urdf.tips,
+            base=urdf.base,
+            floating=urdf.floating,
+            locked=urdf.locked,
+            lock_others=urdf.lock_others,
+            mount=None if urdf.floating else base,
+        )
+    found = links.found
+    names = list(found.arms)
+    own, *others = with_drives(urdf, [found.trunk.joints, *(arm.joints for arm in found.arms.values())], here)
+    trunk = replace(found.trunk, joints=own)
+    robots = {}
+    for name, joints in zip(names, others, strict=True):
+        (i,) = (i for i, arm in enumerate(arms) if arm.name == name)
+        arm = replace(found.arms[name], joints=joints)
+        alone = Robot(arm, preferred_posture(arm), source, links.chains[name])
+        robots[name] = finished(alone, arms[i], at / "arms" / i)
+        if data.base_motion is not None and name not in found.mounts:
+            raise (here / "base_motion").refuse(f"expected none, as arm '{name}' stands on the base that would move")
+    return replace(_at_rest(trunk), mounts=found.mounts, arms=FrozenDict(robots), source=source, links=links)
+
+
+def _require_arms_of_file(tips: Mapping[str, str], arms: Sequence[ArmData], at: Location) -> None:
+    """Refuse tips of no arm of the scene, and arms that are to come out of the trunk's file and from elsewhere."""
+    places = {arm.name: i for i, arm in enumerate(arms)}
+    for name in tips:
+        if name not in places:
+            raise (at / TRUNK / "urdf" / "tips").refuse(f"no arm '{name}'.{checks.did_you_mean(name, places)}")
+        arm = arms[places[name]]
+        for key in (*ORIGINS, *OWN_PLACE):
+            if getattr(arm, key) is not None:
+                where = at / "arms" / places[name] / key
+                raise where.refuse(f"expected none, as the arm is out of the file of the trunk, {TRUNK}.urdf.tips")
