@@ -9,7 +9,7 @@ from holdfast.robots.primitive import COLOURS
 from holdfast.robots.urdf import urdf_chain, urdf_visuals
 from holdfast.robots.urdf.visuals import Box, Sphere, Visual
 from holdfast.robots.urdf.visuals import Mesh as MeshFile
-from holdfast.view.pieces import SHRINK, pieces_of_arm, pieces_of_urdf
+from holdfast.view.pieces import SHRINK, pieces_of, pieces_of_urdf
 from tests.robots.two_armed import TWO_ARMED
 
 CORNER = """solid corner
@@ -28,7 +28,7 @@ AT = Pose.translation(0.1, 0.0, 0.3)
 def test_pieces_of_an_arm():
     """A piece for each solid, where it is, in its colour, at most 2 % smaller than it is."""
     arm = panda()
-    for pieces, solids in zip(pieces_of_arm(arm), looks_of(arm), strict=True):
+    for pieces, solids in zip(pieces_of(looks_of(arm)), looks_of(arm), strict=True):
         for piece, solid in zip(pieces, solids, strict=True):
             assert piece.colour == COLOURS[solid.colour]
             local = np.abs((piece.mesh.vertices - solid.pose.p) @ solid.pose.R).max(axis=0)

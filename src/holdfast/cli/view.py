@@ -87,16 +87,17 @@ def _film_of_scene(scenario: Scenario, source: Path) -> Film:
 
 
 def _looks(scenario: Scenario) -> Looks:
-    """Return the surfaces of arms whose robot files have them; say on stderr whose meshes are not to be had."""
+    """Return the surfaces of arms and trunk whose files have them; say on stderr whose meshes are not to be had."""
     looks = {}
-    for name, robot in scenario.robots.items():
-        if robot.links is None or robot.source is None or robot.source.folder is None:
+    for name, made in scenario.made.items():
+        if made.links is None or made.source is None or made.source.folder is None:
             continue
-        found = pieces_of_urdf(urdf_visuals(robot.links), robot.source.folder)
+        found = pieces_of_urdf(urdf_visuals(made.links), made.source.folder)
         if found.pieces is not None:
             looks[name] = found.pieces
         elif found.missing:
             first, *others = found.missing
             more = f", and {len(others)} more" if others else ""
-            say(f"note: arm '{name}' is drawn with simple solids: {first}{more}")
+            what = name if made is scenario.trunk else f"arm '{name}'"
+            say(f"note: {what} is drawn with simple solids: {first}{more}")
     return looks

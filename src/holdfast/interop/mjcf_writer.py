@@ -21,8 +21,8 @@ from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.spring import WORLD, Spring, SpringEnd
-from holdfast.robots.looks import looks_of
-from holdfast.robots.primitive import COLOURS, Primitive, box
+from holdfast.robots.looks import equal_box, looks_of
+from holdfast.robots.primitive import COLOURS, Primitive
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
@@ -151,7 +151,7 @@ def _add_object(world: Element, chain: ClosedChain, looks: bool) -> None:
     _add(body, "freejoint", name="object")
     _add_inertial(body, held)
     if looks:
-        _add_solids(body, [_equal_box(held)], Pose.identity())
+        _add_solids(body, [equal_box(held, "orange")], Pose.identity())
     for name, grasp in chain.grasps.items():
         _add(body, "site", name=f"object/{name}", **_placed(grasp.frame))
 
@@ -260,15 +260,6 @@ def _placed(pose: Pose) -> dict[str, str]:
 
 def _names(parts: Any, kind: str) -> list[str]:
     return [part.name or f"{kind}{k + 1}" for k, part in enumerate(parts)]
-
-
-def _equal_box(held: HeldObject) -> Primitive:
-    """Return the solid box of uniform density with the object's inertia."""
-    moments, axes = np.linalg.eigh(held.inertia)
-    axes[:, 2] *= np.sign(np.linalg.det(axes))
-    squares = 6.0 / held.mass * (moments.sum() - 2 * moments)
-    edges = np.sqrt(np.maximum(squares, 1e-6))
-    return box(held.com, tuple(edges.tolist()), "orange", axes)
 
 
 def _require_possible(what: str, inertial: Link | HeldObject) -> None:

@@ -150,21 +150,24 @@ class ClosedChain(Frozen):
         """Six velocity rows a grasp; the relative rates W are unknowns among the velocities."""
         return 6 * len(self.grasps)
 
+    @property
+    def joints_of(self) -> Mapping[str, Sequence[Joint]]:
+        """The joints of "trunk", if there is one, and of every arm, by name, in the order of q."""
+        below = {} if self.trunk is None else {TRUNK: self.trunk.joints}
+        return below | {name: arm.joints for name, arm in self.arms.items()}
+
     def joint_names(self) -> list[str]:
         """Return 'arm/joint' names in the order of q."""
-        parts = {} if self.trunk is None else {TRUNK: self.trunk.joints}
-        parts |= {name: arm.joints for name, arm in self.arms.items()}
         return [
             f"{name}/{joint.name or f'joint{k + 1}'}"
-            for name, joints in parts.items()
+            for name, joints in self.joints_of.items()
             for k, joint in enumerate(joints)
         ]
 
     @property
     def all_joints(self) -> list[Joint]:
         """The joints in the order of q."""
-        of_trunk = () if self.trunk is None else self.trunk.joints
-        return [*of_trunk, *(joint for arm in self.arms.values() for joint in arm.joints)]
+        return [joint for joints in self.joints_of.values() for joint in joints]
 
     def with_bases(self, bases: Mapping[str, object]) -> ClosedChain:
         """Return the chain with the named arms mounted elsewhere (Pose or wxyz_xyz)."""

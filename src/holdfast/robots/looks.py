@@ -1,10 +1,16 @@
-"""What an arm looks like: simple solids on its base and on each link."""
+"""What an arm or a trunk looks like: simple solids on its base and on each link."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from holdfast.model.arm import Arm
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.held_object import HeldObject
+from holdfast.model.joint import Joint
+from holdfast.model.link import Link
 from holdfast.robots.primitive import Primitive, box, capsule, cylinder, sphere
 from holdfast.robots.recognise import builtin_of
 from holdfast.spatial.scalar import Array
@@ -12,6 +18,7 @@ from holdfast.spatial.scalar import Array
 THICKNESS = 0.035  # of a rod at the base: radius over the arm's length
 TAPER = 0.6  # of the last rod's radius over the first's
 DRUM = 1.25  # a drum's radius over its rod's
+SMALLEST_EDGE = 1e-3  # of a body's equal box [m]
 
 
 def looks_of(arm: Arm) -> list[list[Primitive]]:
@@ -27,21 +34,70 @@ def looks_of(arm: Arm) -> list[list[Primitive]]:
 
 def arm_length(arm: Arm) -> float:
     """Return the length of the line through all joints to the tip, at q = 0 [m]; 1 m if that is nothing."""
-    length = float(sum(np.linalg.norm(end) for end in _ends(arm)))
-    return length if length > 1e-3 else 1.0
+    return _length([[end] for end in _ends(arm)])
+
+
+def looks_of_trunk(chain: ClosedChain) -> list[list[Primitive]]:
+    """Return the solids that show a chain's trunk: its base's first, then its links' base outward; none without one.
+
+    Drawn as an arm is, with a rod on each link to every arm that stands there; a body that floats is a box of its
+    mass and inertia. Poses are in base or link axes.
+    """
+    trunk = chain.trunk
+    if trunk is None:
+        return []
+    carried: list[list[Array]] = [[] for _ in range(trunk.joint_count + 1)]  # where arms stand, of base and links
+    for name, k in chain.mounted_on.items():
+        carried[k if chain.floats else k + 1].append(chain.arms[name].base.p)
+    starts = [[joint.placement.p] for joint in trunk.joints]
+    ends = [[*own, *points] for own, points in zip([*starts, []], carried, strict=True)]
+    robot = None if trunk.serial is None else builtin_of(trunk.serial)
+    if robot is None:
+        bodies = _of_ends(ends, trunk.joints)
+    else:
+        radius = TAPER * THICKNESS * _length(ends)
+        bodies = [
+            [*solids, *(rod for point in points for rod in _link(point, radius))]
+            for solids, points in zip(robot.looks, carried, strict=True)
+        ]
+    if trunk.floating is not None and trunk.floating.mass > 0:
+        bodies[0].append(equal_box(trunk.floating, "grey"))
+    return bodies
+
+
+def equal_box(body: Link | HeldObject, colour: str) -> Primitive:
+    """Return the solid box of uniform density with a body's mass and inertia: x^2 = 6 (Jyy + Jzz - Jxx) / m."""
+    moments, axes = np.linalg.eigh(body.inertia)
+    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    squares = 6.0 / body.mass * (moments.sum() - 2 * moments)
+    edges = np.sqrt(np.maximum(squares, SMALLEST_EDGE**2))
+    return box(body.com, tuple(edges.tolist()), colour, axes)
 
 
 def _of_kinematics(arm: Arm) -> list[list[Primitive]]:
-    ends = _ends(arm)
-    radii = THICKNESS * arm_length(arm) * np.linspace(1.0, TAPER, len(ends))
-    bodies = [_link(end, float(radius)) for end, radius in zip(ends, radii, strict=True)]
-    for body, joint, radius in zip(bodies[1:], arm.joints, radii, strict=False):
+    bodies = _of_ends([[end] for end in _ends(arm)], arm.joints)
+    bodies[-1].append(sphere(arm.tip.p, 0.8 * TAPER * THICKNESS * arm_length(arm), "dark"))
+    return bodies
+
+
+def _of_ends(ends: Sequence[Sequence[Array]], joints: Sequence[Joint]) -> list[list[Primitive]]:
+    """Return the solids of base and links: rods to all ends in their axes, and drums at their joints."""
+    radii = THICKNESS * _length(ends) * np.linspace(1.0, TAPER, len(ends))
+    bodies = [
+        [rod for end in here for rod in _link(end, float(radius))] for here, radius in zip(ends, radii, strict=True)
+    ]
+    for body, joint, radius in zip(bodies[1:], joints, radii, strict=False):
         length, width = (1.1, DRUM) if joint.turns else (3.0, 0.5)
         half = length * (DRUM * float(radius) * joint.axis)
         body.append(cylinder(-half, half, width * float(radius), "accent"))
     bodies[0].append(box((0.0, 0.0, 0.0), (3 * radii[0], 3 * radii[0], 0.5 * radii[0]), "dark"))
-    bodies[-1].append(sphere(arm.tip.p, 0.8 * float(radii[-1]), "dark"))
     return bodies
+
+
+def _length(ends: Sequence[Sequence[Array]]) -> float:
+    """Return the length of the line through all ends, of several on one body the farthest; 1 m if that is nothing."""
+    length = float(sum(max((np.linalg.norm(end) for end in here), default=0.0) for here in ends))
+    return length if length > 1e-3 else 1.0
 
 
 def _ends(arm: Arm) -> list[Array]:

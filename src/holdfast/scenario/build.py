@@ -72,16 +72,19 @@ class Scenario:
     trunk: SceneTrunk | None = None
 
     @property
+    def made(self) -> dict[str, Robot | SceneTrunk]:
+        """What "trunk", if there is one, and the arms are made from, by name."""
+        return {**({} if self.trunk is None else {TRUNK: self.trunk}), **self.robots}
+
+    @property
     def sources(self) -> dict[str, Source]:
         """The URDFs that arms and trunk are out of, by name."""
-        made = {**self.robots, **({} if self.trunk is None else {TRUNK: self.trunk})}
-        return {name: one.source for name, one in made.items() if one.source is not None}
+        return {name: one.source for name, one in self.made.items() if one.source is not None}
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What of these files was read differently from what they state, or not at all."""
-        of_arms = (note for one in self.robots.values() if one.links is not None for note in one.links.notes)
-        return tuple(dict.fromkeys([*(() if self.trunk is None else self.trunk.notes), *of_arms]))
+        return tuple(dict.fromkeys(note for one in self.made.values() for note in one.notes))
 
 
 def load_scene(

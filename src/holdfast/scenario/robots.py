@@ -43,6 +43,11 @@ class Robot:
     source: Source | None = None
     links: UrdfChain | None = None
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What of its file was read differently from what the file states, or not at all."""
+        return () if self.links is None else self.links.notes
+
 
 @dataclass(frozen=True)
 class RobotFiles:

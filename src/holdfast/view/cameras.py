@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from holdfast.dynamics.arm.posture import posture
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.arm import Arm
+from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.held_object import HeldObject
+from holdfast.model.link import Link
+from holdfast.model.trunk import Trunk
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import cross
@@ -14,7 +18,7 @@ from holdfast.view.markers import box_lines, equivalent_box
 from holdfast.view.scene_writer import FIELD_OF_VIEW, Camera
 
 SEEN_OF = 5  # moments that are to fit into the picture
-MARGIN = 1.1  # picture over what is in it
+MARGIN = 1.16  # picture over what is in it
 
 
 def upward(chain: ClosedChain) -> Array:
@@ -26,11 +30,13 @@ def upward(chain: ClosedChain) -> Array:
 def cameras(film: Film) -> list[Camera]:
     """Return views from which the whole chain is in the picture, and one near the object; the first is the best."""
     up = upward(film.chain)
-    along = _spread(film.chain, up)
+    along = _spread(film.base_pose[0, :, 4:], up)
     front = cross(along, up)  # from the chain towards who looks at it
     chosen = np.unique(np.linspace(0, len(film) - 1, SEEN_OF).astype(int))
     near = np.concatenate([object_outline(film, k) for k in chosen])
     points = np.concatenate([near, *(arms_outline(film, k) for k in chosen)])
+    if film.chain.trunk is not None:
+        points = np.concatenate([points, *(trunk_outline(film.chain.trunk, film, k) for k in chosen)])
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     held = film.object_pose[chosen, 4:].mean(axis=0)
     directions = {
@@ -67,23 +73,42 @@ def arms_outline(film: Film, k: int) -> Array:
     points = []
     for i, (name, arm) in enumerate(film.chain.arms.items()):
         base = Pose.from_wxyz_xyz(film.base_pose[k, i])
-        at = posture(arm.at(base), film.q[k, film.chain.joints[name]])
-        points += [base.p, at.tip.p, *(at.tip.p - reach for reach in at.reach)]
+        points += _serial_outline(arm, base, film.q[k, film.chain.joints[name]])
     return np.array(points)
+
+
+def trunk_outline(trunk: Trunk, film: Film, k: int) -> Array:
+    """Return base and link origins, and the corners of a body that floats, at a moment, (points, 3) world axes [m]."""
+    base = Pose.from_wxyz_xyz(film.trunk_pose[k])
+    points = [base.p]
+    if trunk.floating is not None:
+        points += list(_corners(trunk.floating) @ base.R.T + base.p)
+    if trunk.serial is not None:
+        points += _serial_outline(trunk.serial, base, film.q[k, film.chain.joints[TRUNK]])
+    return np.array(points)
+
+
+def _serial_outline(arm: Arm, base: Pose, q: Array) -> list[Array]:
+    at = posture(arm.at(base), q)
+    return [base.p, at.tip.p, *(at.tip.p - reach for reach in at.reach)]
+
+
+def _corners(body: HeldObject | Link) -> Array:
+    """Return the corners of a body's equivalent box, (24, 3) in the body's axes [m]."""
+    edges, box = equivalent_box(body)
+    return box_lines(edges).reshape(-1, 3) @ box.R.T + box.p
 
 
 def object_outline(film: Film, k: int) -> Array:
     """Return the corners of the object's box, and the contacts, at a moment, (points, 3) world axes [m]."""
-    edges, box = equivalent_box(film.chain.held_object)
-    corners = box_lines(edges).reshape(-1, 3) @ box.R.T + box.p
+    corners = _corners(film.chain.held_object)
     contacts = [grasp.frame.p for grasp in film.chain.grasps.values()]
     frame = Pose.from_wxyz_xyz(film.object_pose[k])
     return np.concatenate([corners, np.reshape(contacts, (-1, 3))]) @ frame.R.T + frame.p
 
 
-def _spread(chain: ClosedChain, up: Array) -> Array:
-    """Return the horizontal direction in which the bases lie side by side, a unit vector (3,)."""
-    bases = np.array([arm.base.p for arm in chain.arms.values()])
+def _spread(bases: Array, up: Array) -> Array:
+    """Return the horizontal direction in which bases (arms, 3) lie side by side, a unit vector (3,)."""
     level = bases - bases.mean(axis=0)
     level = level - np.outer(level @ up, up)
     sizes, directions = np.linalg.eigh(level.T @ level)

@@ -1,6 +1,8 @@
-"""A closed chain in 3D: arms, object, contact frames, friction cones, and arrows for the wrenches."""
+"""A closed chain in 3D: arms, trunk, object, contact frames, friction cones, and arrows for the wrenches."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -8,7 +10,10 @@ from holdfast.dynamics.arm.posture import joint_placement
 from holdfast.dynamics.closed.spring_wrenches import stretches
 from holdfast.errors import ModelError
 from holdfast.model.arm import Arm
-from holdfast.robots.looks import arm_length
+from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.joint import Joint
+from holdfast.model.trunk import Trunk
+from holdfast.robots.looks import arm_length, looks_of, looks_of_trunk
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
@@ -27,11 +32,12 @@ from holdfast.view.markers import (
     struts,
 )
 from holdfast.view.meshes import Mesh
-from holdfast.view.pieces import pieces_of_arm
+from holdfast.view.pieces import Piece, pieces_of
 from holdfast.view.scene_writer import Colour, SceneWriter
 
 OBJECT_GREY, LINE_GREY = (150, 150, 158), (70, 70, 78)
 UP = np.array([0.0, 0.0, 1.0])
+ROOT = f"/{TRUNK}"  # node of a trunk's base
 OBJECT_OPACITY = 0.28
 # in lengths of the longest arm
 SHAFT, BESIDE, AXES, CONE, LINE, COIL = 0.006, 0.03, 0.05, 0.09, 0.0025, 0.012
@@ -53,6 +59,8 @@ class ChainScene:
         chain = film.chain
         self._size = max(arm_length(arm) for arm in chain.arms.values())
         self._joints = {name: self._draw_arm(i, name, arm) for i, (name, arm) in enumerate(chain.arms.items())}
+        if chain.trunk is not None:
+            self._joints[TRUNK] = self._draw_trunk(chain.trunk)
         self._cones = self._draw_object()
         self._draw_ground()
         self._reserves = {name: film.reserve(name) for name in self._cones}
@@ -71,10 +79,11 @@ class ChainScene:
         film, chain = self.film, self.film.chain
         pose = film.object_pose[k]
         with self._writer.at_once():
-            for i, (name, arm) in enumerate(chain.arms.items()):
-                base = film.base_pose[k, i]
-                self._writer.place(f"/arms/{_node(name)}", base[:4], base[4:])
-                for node, joint, q in zip(self._joints[name], arm.joints, film.q[k, chain.joints[name]], strict=True):
+            bases = {_root(name): base for name, base in zip(chain.names, film.base_pose[k], strict=True)}
+            for root, base in {**bases, **({} if chain.trunk is None else {ROOT: film.trunk_pose[k]})}.items():
+                self._writer.place(root, base[:4], base[4:])
+            for name, joints in chain.joints_of.items():
+                for node, joint, q in zip(self._joints[name], joints, film.q[k, chain.joints[name]], strict=True):
                     E, l = joint_placement(joint, q)
                     self._writer.place(node, rotation.to_quaternion(E), l)
             self._writer.place("/object", pose[:4], pose[4:])
@@ -108,30 +117,53 @@ class ChainScene:
 
     def _draw_arm(self, index: int, name: str, arm: Arm) -> list[str]:
         """Draw an arm and return the names of its joints' nodes, base to tip."""
-        node = f"/arms/{_node(name)}"
-        nodes = [node]
-        self._writer.frame(node, arm.base)
-        for k, joint in enumerate(arm.joints):
+        chain, base = self.film.chain, Pose.from_wxyz_xyz(self.film.base_pose[0, index])
+        root, colour = _root(name), arm_colour(index)
+        nodes = self._draw_links(root, base, name, arm.joints, pieces_of(looks_of(arm)), colour)
+        self._writer.mesh(f"{nodes[-1]}/(own)", self._hand(arm), colour)
+        up = base.R.T @ upward(chain)
+        if name in chain.mounts:
+            beside = arm.joints[0].placement.p  # the base of an arm on a trunk may be far away, and that of others too
+        else:
+            beside = np.zeros(3)
+            self._writer.mesh(f"{root}/(own)", foot(self._size, up), colour)
+        self._writer.label(f"{root}/(name)", name, beside - NAME_DEPTH * self._size * up)
+        return nodes
+
+    def _draw_trunk(self, trunk: Trunk) -> list[str]:
+        """Draw the trunk, its base frame with axes, and return the names of its joints' nodes, base outward."""
+        base, colour = Pose.from_wxyz_xyz(self.film.trunk_pose[0]), figure_style.rgb(figure_style.TRUNK_COLOUR)
+        looks = pieces_of(looks_of_trunk(self.film.chain))
+        nodes = self._draw_links(ROOT, base, TRUNK, trunk.joints, looks, colour)
+        size = self._size if trunk.serial is None else max(self._size, arm_length(trunk.serial))
+        # out of the body that floats, which would hide them
+        inside = 0.0 if trunk.floating is None else float(equivalent_box(trunk.floating)[0].max()) / 2
+        self._writer.frame(f"{ROOT}/(axes)", Pose.identity(), inside + 2 * AXES * size)
+        if trunk.floating is None:
+            self._writer.mesh(f"{ROOT}/(own)", foot(size, base.R.T @ upward(self.film.chain)), colour)
+        return nodes
+
+    def _draw_links(
+        self, root: str, base: Pose, name: str, joints: Sequence[Joint], otherwise: list[list[Piece]], colour: Colour
+    ) -> list[str]:
+        """Draw base and links as the film has them, or otherwise; return the names of the joints' nodes, base outward.
+
+        Raises:
+            ModelError: looks that are not as many.
+        """
+        nodes = [root]
+        self._writer.frame(root, base)
+        for k, joint in enumerate(joints):
             nodes.append(f"{nodes[-1]}/{_node(joint.name or f'joint{k + 1}')}")
             self._writer.frame(nodes[-1], Pose.identity())
-        looks = self.film.looks.get(name) or pieces_of_arm(arm)
+        looks = self.film.looks.get(name) or otherwise
         if len(looks) != len(nodes):
             raise ModelError(f"looks of '{name}': expected {len(nodes)} lists, base and links, got {len(looks)}")
         for node, pieces in zip(nodes, looks, strict=True):
-            for j, colour in enumerate(dict.fromkeys(piece.colour for piece in pieces)):
-                whole = meshes.joined(piece.mesh for piece in pieces if piece.colour == colour)
-                self._writer.mesh(f"{node}/({j})", whole, arm_colour(index) if colour is None else colour)
-        for node, mesh in ((nodes[0], self._foot(arm)), (nodes[-1], self._hand(arm))):
-            self._writer.mesh(f"{node}/(own)", mesh, arm_colour(index))
-        below = arm.base.R.T @ (-NAME_DEPTH * self._size * upward(self.film.chain))
-        self._writer.label(f"{nodes[0]}/(name)", name, below)
+            for j, shade in enumerate(dict.fromkeys(piece.colour for piece in pieces)):
+                whole = meshes.joined(piece.mesh for piece in pieces if piece.colour == shade)
+                self._writer.mesh(f"{node}/({j})", whole, colour if shade is None else shade)
         return nodes[1:]
-
-    def _foot(self, arm: Arm) -> Mesh:
-        """Return a flat plate that the base stands on, in base axes."""
-        up = arm.base.R.T @ upward(self.film.chain)
-        plate = Pose(rotation.exp(rotation.align(UP, up)), np.zeros(3))
-        return meshes.cylinder(FOOT_RADIUS * self._size, FOOT_HEIGHT * self._size).at(plate)
 
     def _hand(self, arm: Arm) -> Mesh:
         """Return a thin tool from the last link's origin to a disc at the tip, in the last link's axes."""
@@ -161,9 +193,15 @@ class ChainScene:
         return [name for name, grasp in chain.grasps.items() if grasp.contact is not None]
 
     def _draw_ground(self) -> None:
-        """Draw a grid under the lowest base."""
-        up = upward(self.film.chain)
-        bases = np.array([arm.base.p for arm in self.film.chain.arms.values()])
+        """Draw a grid under the lowest base in the world; none where nothing stands in it, or falls."""
+        film, chain = self.film, self.film.chain
+        up = upward(chain)
+        placed = [p for name, p in zip(chain.names, film.base_pose[0, :, 4:], strict=True) if name not in chain.mounts]
+        if chain.trunk is not None and (not chain.floats or chain.gravity.any()):
+            placed.append(film.trunk_pose[0, 4:])
+        if not placed:
+            return
+        bases = np.array(placed)
         middle = bases.mean(axis=0)
         middle = middle + ((bases @ up).min() - middle @ up) * up
         turn = rotation.exp(rotation.align(UP, up))
@@ -177,6 +215,22 @@ def arm_colour(index: int) -> Colour:
     return figure_style.rgb(figure_style.arm_look(index)[0])
 
 
+def part_colour(chain: ClosedChain, name: str) -> str:
+    """Return the colour '#rrggbb' of an arm, or of "trunk"."""
+    return figure_style.arm_look(chain.names.index(name))[0] if name in chain.arms else figure_style.TRUNK_COLOUR
+
+
+def foot(size: float, normal: Array) -> Mesh:
+    """Return a flat plate that a base stands on.
+
+    Args:
+        size: of the arm [m].
+        normal: (3,) unit vector square to the plate, base axes.
+    """
+    plate = Pose(rotation.exp(rotation.align(UP, normal)), np.zeros(3))
+    return meshes.cylinder(FOOT_RADIUS * size, FOOT_HEIGHT * size).at(plate)
+
+
 def _across(vector: Array, wanted: Array) -> Array:
     """Return the unit vector square to a vector that is nearest to a wanted one."""
     size = float(np.linalg.norm(vector))
@@ -186,6 +240,11 @@ def _across(vector: Array, wanted: Array) -> Array:
         if (length := float(np.linalg.norm(square))) > 0.1:
             return square / length
     return wanted
+
+
+def _root(name: str) -> str:
+    """Return the node of an arm's base."""
+    return f"/arms/{_node(name)}"
 
 
 def _node(name: str) -> str:

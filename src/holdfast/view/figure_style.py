@@ -19,6 +19,7 @@ COMPONENTS = (("x", BLUE, "-"), ("y", VERMILLION, "--"), ("z", GREEN, "-."))
 # arms: vermillion is kept for what slips or exceeds a limit, purple for internal forces
 ARM_COLOURS, ARM_LINES = (BLUE, ORANGE, SKY, GREEN, BLACK), ("-", "--", "-.", ":")
 INTERNAL, DANGER = PURPLE, VERMILLION
+TRUNK_COLOUR = "#707883"  # grey: it belongs to no arm
 
 DPI = 200
 COLUMN = 3.5  # inches: one column of a two-column page

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.posture import Posture, posture
+from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.near_singular import arm_strength
+from holdfast.dynamics.trunk.trunk_motion import standing
 from holdfast.errors import ModelError
 from holdfast.forces.force_split import split
 from holdfast.forces.margins import grasp_margins
@@ -19,6 +21,7 @@ from holdfast.simulation.instant import Instant
 from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
+from holdfast.state import Inputs, State
 from holdfast.view.pieces import Piece
 
 Looks = Mapping[str, Sequence[Sequence[Piece]]]
@@ -36,7 +39,8 @@ class Film:
         title: what it is called.
         t: (moments,) [s].
         q: (moments, n) [rad or m].
-        base_pose: (moments, arms, 7) wxyz_xyz.
+        base_pose: (moments, arms, 7) wxyz_xyz of the arms' bases in the world, those on a trunk too.
+        trunk_pose: (moments, 7) wxyz_xyz of a trunk's base frame in the world; (moments, 0) without one.
         object_pose: (moments, 7) wxyz_xyz.
         tip: (moments, arms, 3) tip points, world axes: where an arm that holds touches the object [m].
         wrench: (moments, arms, 6) of each arm on the object about its tip, world axes [N m, N].
@@ -45,7 +49,7 @@ class Film:
         condition: (moments,) of the grasp constraint.
         strength: (moments, arms) of each arm's weakest tip direction, 0 at a singular posture; 1 without a grasp.
         tau: (moments, n) [N m or N].
-        looks: what an arm is drawn with, if not with simple solids, by its name; see `pieces`.
+        looks: what an arm, or "trunk", is drawn with, if not with simple solids, by its name; see `pieces`.
     """
 
     chain: ClosedChain
@@ -53,6 +57,7 @@ class Film:
     t: Array
     q: Array
     base_pose: Array
+    trunk_pose: Array
     object_pose: Array
     tip: Array
     wrench: Array
@@ -82,8 +87,8 @@ class Film:
         return np.where(self.wrench[:, i].any(axis=1), reserve, 1.0)  # an arm that has let go cannot slip
 
     def torque_use(self, name: str) -> Array | None:
-        """Return the largest |tau| over its limit of an arm's joints, (moments,); None without limits."""
-        limits = np.array([joint.effort_limit for joint in self.chain.arms[name].joints])
+        """Return the largest |tau| over its limit of the joints of an arm, or of "trunk", (moments,); None without."""
+        limits = np.array([joint.effort_limit for joint in self.chain.joints_of[name]])
         return np.abs(self.tau[:, self.chain.joints[name]] / limits).max(axis=1) if np.isfinite(limits).any() else None
 
 
@@ -114,16 +119,12 @@ def film_of_run(
     if len(k) > MOST_MOMENTS:
         raise ModelError(f"rate: expected at most {MOST_MOMENTS} moments, got {len(k)}; try a lower rate")
     world = Environment(chain, base_motion or {})
-    arms = [world.at(float(t))[0].arms for t in run.t[k]]
-    bases = np.array([[arm.base.wxyz_xyz for arm in at.values()] for at in arms])
-    postures = [
-        [posture(arm, run.q[j, chain.joints[name]]) for name, arm in at.items()] for j, at in zip(k, arms, strict=True)
-    ]
-    tips = np.array([[at.tip.p for at in now] for now in postures])
-    strength = np.array([_strengths(chain, pose, at) for pose, at in zip(run.object_pose[k], postures, strict=True)])
+    places = [_placed(*world.at(float(t)), run.state(int(j))) for t, j in zip(run.t[k], k, strict=True)]
+    strength = np.array([at.strength for at in places])
     strength[~run.holding[k]] = 1.0
+    bases, below, tips = (np.array([getattr(at, part) for at in places]) for part in ("bases", "below", "tips"))
     return Film(
-        chain, title, run.t[k], run.q[k], bases, run.object_pose[k], tips, run.grasp_wrench[k],
+        chain, title, run.t[k], run.q[k], bases, below, run.object_pose[k], tips, run.grasp_wrench[k],
         run.internal_wrench[k], run.margin[k], run.condition[k], strength, run.tau[k], looks or {},
     )  # fmt: skip
 
@@ -133,25 +134,44 @@ def film_of_instant(at: Instant, title: str, looks: Looks | None = None) -> Film
     chain, state, found = at.chain, at.state, at.result
     margin = np.full(len(chain.arms), np.inf)
     margin[[chain.names.index(name) for name in chain.grasps]] = grasp_margins(chain, state, found.grasp_wrench)
-    bases = [arm.base.wxyz_xyz for arm in chain.arms.values()]
-    postures = [posture(arm, state.q[chain.joints[name]]) for name, arm in chain.arms.items()]
-    tips = [at.tip.p for at in postures]
+    place = _placed(chain, at.inputs, state)
     internal = split(chain, state, found.grasp_wrench).internal
     moment = (
-        at.t, state.q, bases, state.object_pose, tips, found.grasp_wrench, internal, margin, found.condition,
-        _strengths(chain, state.object_pose, postures), at.tau,
+        at.t, state.q, place.bases, place.below, state.object_pose, place.tips, found.grasp_wrench, internal, margin,
+        found.condition, place.strength, at.tau,
     )  # fmt: skip
     return Film(chain, title, *(np.array([part]) for part in moment), looks=looks or {})
 
 
-def _strengths(chain: ClosedChain, object_pose: Array, postures: list[Posture]) -> list[float]:
-    """Return the strength of each arm's weakest tip direction."""
-    R = rotation.from_quaternion(object_pose[:4])
-    grasps = chain.grasps
-    return [
-        arm_strength(arm, at, grasps[name], R) if name in grasps else 1.0
-        for (name, arm), at in zip(chain.arms.items(), postures, strict=True)
+class _Place(NamedTuple):
+    """Where a chain is at a moment.
+
+    Attributes:
+        bases: (arms, 7) of the arms in the world.
+        below: (7,) of a trunk's base frame; (0,) without one.
+        tips: (arms, 3) [m].
+        strength: (arms,) of each arm's weakest tip direction.
+    """
+
+    bases: list[Array]
+    below: Array
+    tips: list[Array]
+    strength: list[float]
+
+
+def _placed(chain: ClosedChain, inputs: Inputs, state: State) -> _Place:
+    """Return where a chain, its bases where they are then, is in a state."""
+    arms = standing(chain, state, inputs.shaped(chain)).arms
+    postures = [posture(arm, state.q[chain.joints[name]]) for name, arm in zip(chain.names, arms, strict=True)]
+    R = rotation.from_quaternion(state.object_pose[:4])
+    strength = [
+        arm_strength(arm, at, chain.grasps[name], R) if name in chain.grasps else 1.0
+        for name, arm, at in zip(chain.names, arms, postures, strict=True)
     ]
+    below = np.zeros(0) if chain.trunk is None else chain.trunk.base.wxyz_xyz
+    if state.base_pose is not None:
+        below = state.base_pose
+    return _Place([arm.base.wxyz_xyz for arm in arms], below, [at.tip.p for at in postures], strength)
 
 
 def samples_at(t: Array, rate: float) -> Array:

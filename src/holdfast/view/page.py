@@ -14,9 +14,10 @@ from holdfast.dynamics.near_singular import NEAR, NEARING, chain_strength
 from holdfast.errors import ModelError
 from holdfast.io.files import file_path, write_atomically
 from holdfast.spatial.scalar import Array
+from holdfast.view.base_travel import base_travel
 from holdfast.view.cameras import cameras
-from holdfast.view.chain_scene import ChainScene
-from holdfast.view.figure_style import arm_look
+from holdfast.view.chain_scene import ChainScene, part_colour
+from holdfast.view.figure_style import BLACK, TRUNK_COLOUR
 from holdfast.view.film import Film
 from holdfast.view.markers import ArrowScale
 from holdfast.view.scene_writer import SceneWriter, viewer_server
@@ -123,19 +124,26 @@ def plots(film: Film) -> list[dict[str, Any]]:
         np.linalg.norm(part, axis=2) for part in (film.wrench[..., 3:], film.wrench[..., :3], film.internal[..., 3:])
     )
     moment[moment < NOISE * force.max(initial=0.0)] = 0.0
+    colours = {name: part_colour(film.chain, name) for name in film.chain.joints_of}
     held = [(name, names.index(name)) for name in film.holding]
-    forces = [_curve(name, i, force[:, i]) for name, i in held]
-    forces += [_curve(f"{name}, internal", i, squeeze[:, i], dashed=True) for name, i in held]
-    moments = [_curve(name, i, moment[:, i]) for name, i in held]
-    margins = [_curve(name, i, film.margin[:, i]) for name, i in held if np.isfinite(film.margin[:, i]).any()]
-    uses = [(name, i, film.torque_use(name)) for i, name in enumerate(names)]
-    torques = [_curve(name, i, 100 * use) for name, i, use in uses if use is not None]
+    forces = [_curve(name, colours[name], force[:, i]) for name, i in held]
+    forces += [_curve(f"{name}, internal", colours[name], squeeze[:, i], dashed=True) for name, i in held]
+    moments = [_curve(name, colours[name], moment[:, i]) for name, i in held]
+    limited = [(name, i) for name, i in held if np.isfinite(film.margin[:, i]).any()]
+    margins = [_curve(name, colours[name], film.margin[:, i]) for name, i in limited]
+    uses = {name: film.torque_use(name) for name in colours}
+    torques = [_curve(name, colours[name], 100 * use) for name, use in uses.items() if use is not None]
+    travel = base_travel(film.trunk_pose)._asdict() if film.chain.floats else {}
+    away = [
+        _curve(name, TRUNK_COLOUR, np.linalg.norm(way, axis=1), dashed=name == "turn") for name, way in travel.items()
+    ]
     return [
         _plot("force on the object [N]", forces),
         _plot("moment on the object [N m]", moments),
         _plot("margin of the grasp [N], gives way below 0", margins, lines=[0.0]),
         _plot("largest torque [% of its limit]", torques),
-        _plot("condition of the grasps [1]", [_curve("grasps", 4, film.condition)], log=True),
+        _plot("floating base from its start [m, rad]", away),
+        _plot("condition of the grasps [1]", [_curve("grasps", BLACK, film.condition)], log=True),
     ]
 
 
@@ -161,8 +169,8 @@ def _plot(title: str, curves: list[dict[str, Any]], lines: list[float] | None = 
     return {"title": title, "curves": curves, "lines": lines or [], "log": log}
 
 
-def _curve(label: str, arm: int, values: Array, dashed: bool = False) -> dict[str, Any]:
-    return {"label": label, "colour": arm_look(arm)[0], "dashed": dashed, "values": _rounded(values)}
+def _curve(label: str, colour: str, values: Array, dashed: bool = False) -> dict[str, Any]:
+    return {"label": label, "colour": colour, "dashed": dashed, "values": _rounded(values)}
 
 
 def _rounded(values: Array, digits: int = DIGITS) -> list[float | None]:

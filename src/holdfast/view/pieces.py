@@ -9,8 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.model.arm import Arm
-from holdfast.robots.looks import looks_of
 from holdfast.robots.mesh_files.limits import FARTHEST, MeshFault, require_triangles
 from holdfast.robots.mesh_files.read import read_mesh
 from holdfast.robots.primitive import COLOURS, Primitive
@@ -47,12 +45,12 @@ class UrdfPieces(NamedTuple):
     missing: tuple[str, ...]
 
 
-def pieces_of_arm(arm: Arm) -> list[list[Piece]]:
-    """Return what to draw on the base and on each link of an arm, N + 1 lists, base to tip."""
+def pieces_of(looks: Sequence[Sequence[Primitive]]) -> list[list[Piece]]:
+    """Return what to draw on a base and on each link, as many lists as there are of solids."""
     return [
         # solids of one and of neighbouring links share surfaces, which would flicker: no two of these are of one size
         [_of_primitive(solid, 1.0 - SHRINK * ((2 * k + 3 * j) % 7)) for j, solid in enumerate(solids)]
-        for k, solids in enumerate(looks_of(arm))
+        for k, solids in enumerate(looks)
     ]
 
 

@@ -15,6 +15,7 @@ from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial.scalar import Array
 from holdfast.view import figure_style
+from holdfast.view.base_travel import base_travel
 from holdfast.view.figure_style import (
     BLACK,
     BLUE,
@@ -53,6 +54,8 @@ def figures(chain: ClosedChain, run: Trajectory) -> dict[str, Any]:
         found["grasp_wrenches"] = grasp_wrench_figure(chain, run)
     if np.isfinite(run.margin).any():
         found["friction_margins"] = friction_margin_figure(chain, run)
+    if chain.floats:
+        found["base_motion"] = base_motion_figure(run)
     found["joint_torques"] = joint_torque_figure(chain, run)
     if holding > 1:
         found["load_share"] = load_share_figure(chain, run)
@@ -154,7 +157,7 @@ def _title(chain: ClosedChain, arm: int) -> str:
 
 
 def joint_torque_figure(chain: ClosedChain, run: Trajectory) -> Any:
-    """Return a figure of the drives' torques, and of their share of the limits, one column per arm.
+    """Return a figure of the drives' torques, and of their share of the limits, one column per arm and for a trunk.
 
     Of an arm with more than seven joints the seven that come nearest to their limits (or, without
     limits, with the largest torques) are told apart, the others are grey.
@@ -169,8 +172,9 @@ def joint_torque_figure(chain: ClosedChain, run: Trajectory) -> Any:
     Raises:
         MissingExtra: matplotlib is not installed.
     """
-    with _columns(len(chain.names), 3.2, 0.5, (_label(chain), "share of limit [%]")) as (figure, columns):
-        for name, (torque, share) in zip(chain.names, columns, strict=True):
+    driven = [name for name, joints in chain.joints_of.items() if joints]
+    with _columns(len(driven), 3.2, 0.5, (_label(chain), "share of limit [%]")) as (figure, columns):
+        for name, (torque, share) in zip(driven, columns, strict=True):
             torque.set_title(name)
             _draw(chain, run, name, torque, share)
         handles = {line.get_label(): line for panel in figure.axes for line in panel.lines}
@@ -180,13 +184,13 @@ def joint_torque_figure(chain: ClosedChain, run: Trajectory) -> Any:
 
 
 def _draw(chain: ClosedChain, run: Trajectory, name: str, torque: Any, share: Any) -> None:
-    """Draw the torques of one arm into its two panels."""
-    arm, tau = chain.arms[name], run.tau[:, chain.joints[name]]
-    limits = np.array([joint.effort_limit for joint in arm.joints])
+    """Draw the torques of one arm, or of "trunk", into its two panels."""
+    joints, tau = chain.joints_of[name], run.tau[:, chain.joints[name]]
+    limits = np.array([joint.effort_limit for joint in joints])
     limited = np.isfinite(limits)
     use = np.where(limited, 100 * np.abs(tau) / limits, 0.0)
     first = np.argsort(-(use if limited.any() else np.abs(tau)).max(axis=0), kind="stable")[: len(JOINT_LOOKS)]
-    for k, joint in enumerate(arm.joints):
+    for k, joint in enumerate(joints):
         place = sorted(first).index(k) if k in first else None
         colour, line = ("#bbbbbb", "-") if place is None else JOINT_LOOKS[place]
         label = "_" if place is None else joint.name or f"joint{k + 1}"
@@ -199,10 +203,43 @@ def _draw(chain: ClosedChain, run: Trajectory, name: str, torque: Any, share: An
 
 
 def _label(chain: ClosedChain) -> str:
-    turning = {joint.turns for arm in chain.arms.values() for joint in arm.joints}
+    turning = {joint.turns for joint in chain.all_joints}
     if turning == {True, False}:
         return "torque, force\n[N m, N]"
     return "torque [N m]" if True in turning else "force [N]"
+
+
+def base_motion_figure(run: Trajectory) -> Any:
+    """Return a figure of a floating base: how far it has come and turned from where it was first, and how fast it is.
+
+    World axes; the turn is the rotation vector from the first attitude.
+
+    Args:
+        run: a run of a chain whose base floats.
+
+    Returns:
+        A matplotlib Figure.
+
+    Raises:
+        MissingExtra: matplotlib is not installed.
+    """
+    travel = base_travel(run.base_pose)
+    parts = (
+        ("shift [m]", travel.shift),
+        ("turn [rad]", travel.turn),
+        ("velocity [m/s]", run.base_twist[:, 3:]),
+        ("turning [rad/s]", run.base_twist[:, :3]),
+    )
+    with new_figure(COLUMN, 5.6) as figure:
+        panels = figure.subplots(len(parts), 1, sharex=True)
+        for panel, (label, values) in zip(panels, parts, strict=True):
+            for axis, (name, colour, line) in enumerate(COMPONENTS):
+                panel.plot(run.t, values[:, axis], line, color=colour, label=name)
+            panel.set_ylabel(label)
+        panels[-1].set_xlabel("time [s]")
+        figure.legend(handles=panels[0].lines, loc="outside upper center", ncols=3, columnspacing=1.0)
+        figure.align_ylabels()
+    return figure
 
 
 def load_share_figure(chain: ClosedChain, run: Trajectory) -> Any:

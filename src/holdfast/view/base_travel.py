@@ -1,0 +1,28 @@
+"""How far a floating base has come."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.spatial import rotation
+from holdfast.spatial.scalar import Array
+
+
+class BaseTravel(NamedTuple):
+    """The way of a base from where it was first.
+
+    Attributes:
+        shift: (moments, 3) of its origin, world axes [m].
+        turn: (moments, 3) rotation vector from its first attitude, world axes [rad].
+    """
+
+    shift: Array
+    turn: Array
+
+
+def base_travel(poses: Array) -> BaseTravel:
+    """Return how far poses (moments, 7), wxyz_xyz, are from the first."""
+    attitudes = [rotation.from_quaternion(pose[:4]) for pose in poses]
+    return BaseTravel(poses[:, 4:] - poses[0, 4:], np.array([rotation.log(R @ attitudes[0].T) for R in attitudes]))
