@@ -7,12 +7,14 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from holdfast import MissingExtra, ResultError
+from holdfast import Attach, MissingExtra, ResultError, simulate
 from holdfast.io.columns import columns, rows
 from holdfast.io.export import export_csv, export_parquet
+from holdfast.io.result_folder import ResultWriter, run_meta
 from holdfast.io.result_reader import load_result
 from holdfast.simulation.trajectory import UNITS, array_names, stacked
 from tests.io.recorded import filled
+from tests.systems.trunk_runs import still_base
 
 
 @pytest.fixture
@@ -150,3 +152,26 @@ def test_a_long_run_is_not_held_in_memory(tmp_path):
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 1.2 * peaks[0], peaks
+
+
+def test_what_happened_below_a_trunk(tmp_path):
+    """A run on a trunk has columns of its base: the arrays, and the impulse that it takes when an arm grips."""
+    p = still_base(9, 2, floating=False, arms={"arms": 2, "grasps": "rigid", "joints": 7})
+    name = next(iter(p.chain.mounts))
+    chain, grips = p.chain.without_grasp(name), Attach(0.002, name, p.chain.grasps[name], here=True)
+    writer = ResultWriter(tmp_path / "run", run_meta(chain, "gripping", 0.004, 0.002), "")
+    run = simulate(
+        chain, p.state, lambda t, s, m: (p.tau, m), 0.004, 0.002, events=[grips], on_sample=writer.add
+    )  # fmt: skip
+    writer.finish(None)
+    export_csv(load_result(tmp_path / "run"), tmp_path / "run.csv")
+    head, table = read_csv(tmp_path / "run.csv")
+    wrenches = [head.index(f"trunk_base_wrench {part}") for part in ("moment_x [N m]", "force_z [N]")]
+    assert np.array_equal(table[:, wrenches], run.trunk_base_wrench[:, [0, 5]])
+    with (tmp_path / "run_occurrences.csv").open(newline="", encoding="utf-8") as file:
+        (gripped,) = [line for line in csv.DictReader(file) if line["kind"] == "attach"]
+    titles = [title for title in gripped if title.startswith("trunk_base_impulse")]
+    assert titles == [f"trunk_base_impulse {half}_{axis} [{unit}]"
+                      for half, unit in (("angular", "N m s"), ("linear", "N s")) for axis in "xyz"]  # fmt: skip
+    assert tuple(float(gripped[title]) for title in titles) == run.occurrences[0].trunk_base_impulse
+    assert any(run.occurrences[0].trunk_base_impulse)

@@ -126,22 +126,26 @@ TEXTS = ("kind", "name", "text", "quantity")
 NUMBERS = {"t": "s", "lowest": "SI", "lowest_time": "s", "energy_change": "J"}  # lowest is of the quantity's unit
 NUMBERS |= {"rank": NO_UNIT, "generic_rank": NO_UNIT}
 IMPULSES = ("impulses", "base_impulses")
+OF_TRUNK = "trunk_base_impulse"
 
 Cell = str | float | None
 
 
 def occurrence_columns(meta: ResultMeta) -> list[Column]:
-    """Return the columns of `occurrence_row`: numbers, texts, the impulses on and of every arm."""
+    """Return the columns of `occurrence_row`: numbers, texts, the impulses on and of every arm, and below a trunk."""
     impulses = [
         Column(f"{field} {arm} {part.name}", part.unit) for field, arm, part in product(IMPULSES, meta.arms, MOMENTUM)
     ]
-    return [*(Column(*pair) for pair in NUMBERS.items()), *(Column(name, NO_UNIT) for name in TEXTS), *impulses]
+    below = [Column(f"{OF_TRUNK} {part.name}", part.unit) for part in MOMENTUM] if meta.trunk else []
+    numbers, texts = (Column(*pair) for pair in NUMBERS.items()), (Column(name, NO_UNIT) for name in TEXTS)
+    return [*numbers, *texts, *impulses, *below]
 
 
 def occurrence_row(one: Occurrence, meta: ResultMeta) -> list[Cell]:
     """Return an occurrence as a row; None where it has no such entry."""
     row: list[Cell] = [getattr(one, name) for name in (*NUMBERS, *TEXTS)]
-    for field in IMPULSES:
+    widths = dict.fromkeys(IMPULSES, len(meta.arms) * len(MOMENTUM)) | ({OF_TRUNK: len(MOMENTUM)} if meta.trunk else {})
+    for field, width in widths.items():
         given = np.ravel(getattr(one, field)).tolist()
-        row += given or [None] * (len(meta.arms) * len(MOMENTUM))
+        row += given or [None] * width
     return row

@@ -359,6 +359,7 @@ def run_meta(
         model_sha256=fingerprint(chain),
         versions=packages | {"python": platform.python_version(), "processor": platform.machine()},
         arms=list(chain.names),
+        trunk=chain.trunk is not None,
         grasps={name: grasp.kind for name, grasp in chain.grasps.items()},
         joints=chain.joint_names(),
         joint_kinds=[joint.kind for joint in chain.all_joints],

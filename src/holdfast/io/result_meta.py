@@ -61,6 +61,7 @@ class ResultMeta(msgspec.Struct, frozen=True, kw_only=True):
         model_sha256: of all numbers of the chain, see `fingerprint`; files that a scene names have a part in it.
         versions: of everything that has a part in the last bit.
         arms: their names, in the arrays' order.
+        trunk: whether they stand on one.
         grasps: the kind of grasp by arm, at the start.
         joints, joint_kinds: `arm/joint` and revolute or prismatic, in the arrays' order.
         work_terms: the columns of `work`.
@@ -102,6 +103,7 @@ class ResultMeta(msgspec.Struct, frozen=True, kw_only=True):
     complete: bool = False
     stopped: str | None = None
     occurrences: list[Occurrence] = []
+    trunk: bool = False
 
     @property
     def ended(self) -> bool:

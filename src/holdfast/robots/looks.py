@@ -46,20 +46,15 @@ def looks_of_trunk(chain: ClosedChain) -> list[list[Primitive]]:
     trunk = chain.trunk
     if trunk is None:
         return []
-    carried: list[list[Array]] = [[] for _ in range(trunk.joint_count + 1)]  # where arms stand, of base and links
+    carried: list[list[Arm]] = [[] for _ in range(trunk.joint_count + 1)]  # on its base and on its links
     for name, k in chain.mounted_on.items():
-        carried[k if chain.floats else k + 1].append(chain.arms[name].base.p)
+        carried[k if chain.floats else k + 1].append(chain.arms[name])
     starts = [[joint.placement.p] for joint in trunk.joints]
-    ends = [[*own, *points] for own, points in zip([*starts, []], carried, strict=True)]
+    length = _length([*starts, [arm.base.p for arms in carried for arm in arms]])
     robot = None if trunk.serial is None else builtin_of(trunk.serial)
-    if robot is None:
-        bodies = _of_ends(ends, trunk.joints)
-    else:
-        radius = TAPER * THICKNESS * _length(ends)
-        bodies = [
-            [*solids, *(rod for point in points for rod in _link(point, radius))]
-            for solids, points in zip(robot.looks, carried, strict=True)
-        ]
+    bodies = _of_ends([*starts, []], trunk.joints, length) if robot is None else [list(one) for one in robot.looks]
+    for body, arms in zip(bodies, carried, strict=True):
+        body += [rod for arm in arms for rod in _link(arm.base.p, THICKNESS * TAPER * min(length, 2 * arm_length(arm)))]
     if trunk.floating is not None and trunk.floating.mass > 0:
         bodies[0].append(equal_box(trunk.floating, "grey"))
     return bodies
@@ -75,14 +70,20 @@ def equal_box(body: Link | HeldObject, colour: str) -> Primitive:
 
 
 def _of_kinematics(arm: Arm) -> list[list[Primitive]]:
-    bodies = _of_ends([[end] for end in _ends(arm)], arm.joints)
+    bodies = _of_ends([[end] for end in _ends(arm)], arm.joints, arm_length(arm))
     bodies[-1].append(sphere(arm.tip.p, 0.8 * TAPER * THICKNESS * arm_length(arm), "dark"))
     return bodies
 
 
-def _of_ends(ends: Sequence[Sequence[Array]], joints: Sequence[Joint]) -> list[list[Primitive]]:
-    """Return the solids of base and links: rods to all ends in their axes, and drums at their joints."""
-    radii = THICKNESS * _length(ends) * np.linspace(1.0, TAPER, len(ends))
+def _of_ends(ends: Sequence[Sequence[Array]], joints: Sequence[Joint], length: float) -> list[list[Primitive]]:
+    """Return the solids of base and links: rods to all ends in their axes, and drums at their joints.
+
+    Args:
+        ends: of base and links, (3,) each [m].
+        joints: which move the links.
+        length: of the whole, which is as thick accordingly [m].
+    """
+    radii = THICKNESS * length * np.linspace(1.0, TAPER, len(ends))
     bodies = [
         [rod for end in here for rod in _link(end, float(radius))] for here, radius in zip(ends, radii, strict=True)
     ]

@@ -10,6 +10,7 @@ from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.link import Link
 from holdfast.model.trunk import Trunk
+from holdfast.robots.looks import arm_length
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import cross
@@ -18,7 +19,8 @@ from holdfast.view.markers import box_lines, equivalent_box
 from holdfast.view.scene_writer import FIELD_OF_VIEW, Camera
 
 SEEN_OF = 5  # moments that are to fit into the picture
-MARGIN = 1.16  # picture over what is in it
+MARGIN = 1.1  # picture over what is in it
+AROUND = 0.05  # how far links stand out beside the lines through their joints, in lengths of the longest
 
 
 def upward(chain: ClosedChain) -> Array:
@@ -35,8 +37,11 @@ def cameras(film: Film) -> list[Camera]:
     chosen = np.unique(np.linspace(0, len(film) - 1, SEEN_OF).astype(int))
     near = np.concatenate([object_outline(film, k) for k in chosen])
     points = np.concatenate([near, *(arms_outline(film, k) for k in chosen)])
-    if film.chain.trunk is not None:
-        points = np.concatenate([points, *(trunk_outline(film.chain.trunk, film, k) for k in chosen)])
+    trunk, lengths = film.chain.trunk, [arm_length(arm) for arm in film.chain.arms.values()]
+    if trunk is not None:
+        points = np.concatenate([points, *(trunk_outline(trunk, film, k) for k in chosen)])
+        lengths += [] if trunk.serial is None else [arm_length(trunk.serial)]
+    around = AROUND * max(lengths)
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     held = film.object_pose[chosen, 4:].mean(axis=0)
     directions = {
@@ -45,11 +50,11 @@ def cameras(film: Film) -> list[Camera]:
         "side": along + 0.1 * up,
         "top": up + 0.02 * front,
     }
-    views = [_fitted(name, direction, up, points, middle) for name, direction in directions.items()]
-    return [*views, _fitted("object", front + 0.3 * along + 0.5 * up, up, near, held)]
+    views = [_fitted(name, direction, up, points, middle, around) for name, direction in directions.items()]
+    return [*views, _fitted("object", front + 0.3 * along + 0.5 * up, up, near, held, 0.0)]
 
 
-def _fitted(name: str, direction: Array, up: Array, points: Array, target: Array) -> Camera:
+def _fitted(name: str, direction: Array, up: Array, points: Array, target: Array, around: float) -> Camera:
     """Return the view that is just far enough away for all points to be in a square picture.
 
     Args:
@@ -58,12 +63,13 @@ def _fitted(name: str, direction: Array, up: Array, points: Array, target: Array
         up: (3,) upward.
         points: (points, 3) [m].
         target: (3,) what the eye looks at [m].
+        around: how far what is seen stands out beside the points [m].
     """
     back = direction / np.linalg.norm(direction)
     right = cross(up, back)
     right = right / np.linalg.norm(right)
     seen = points - target
-    beside = np.maximum(np.abs(seen @ right), np.abs(seen @ cross(back, right)))
+    beside = np.maximum(np.abs(seen @ right), np.abs(seen @ cross(back, right))) + around
     distance = float((MARGIN * beside / np.tan(FIELD_OF_VIEW / 2) + seen @ back).max())
     return Camera(name, target + distance * back, target)
 

@@ -57,7 +57,9 @@ class ChainScene:
         self.film, self.scale = film, arrow_scale(film)
         self._writer = writer
         chain = film.chain
-        self._size = max(arm_length(arm) for arm in chain.arms.values())
+        self._size = self._widest = max(arm_length(arm) for arm in chain.arms.values())
+        if chain.trunk is not None and chain.trunk.serial is not None:
+            self._widest = max(self._size, arm_length(chain.trunk.serial))
         self._joints = {name: self._draw_arm(i, name, arm) for i, (name, arm) in enumerate(chain.arms.items())}
         if chain.trunk is not None:
             self._joints[TRUNK] = self._draw_trunk(chain.trunk)
@@ -135,12 +137,11 @@ class ChainScene:
         base, colour = Pose.from_wxyz_xyz(self.film.trunk_pose[0]), figure_style.rgb(figure_style.TRUNK_COLOUR)
         looks = pieces_of(looks_of_trunk(self.film.chain))
         nodes = self._draw_links(ROOT, base, TRUNK, trunk.joints, looks, colour)
-        size = self._size if trunk.serial is None else max(self._size, arm_length(trunk.serial))
         # out of the body that floats, which would hide them
         inside = 0.0 if trunk.floating is None else float(equivalent_box(trunk.floating)[0].max()) / 2
-        self._writer.frame(f"{ROOT}/(axes)", Pose.identity(), inside + 2 * AXES * size)
+        self._writer.frame(f"{ROOT}/(axes)", Pose.identity(), inside + 3 * AXES * self._widest)
         if trunk.floating is None:
-            self._writer.mesh(f"{ROOT}/(own)", foot(size, base.R.T @ upward(self.film.chain)), colour)
+            self._writer.mesh(f"{ROOT}/(own)", foot(self._widest, base.R.T @ upward(self.film.chain)), colour)
         return nodes
 
     def _draw_links(
@@ -205,7 +206,7 @@ class ChainScene:
         middle = bases.mean(axis=0)
         middle = middle + ((bases @ up).min() - middle @ up) * up
         turn = rotation.exp(rotation.align(UP, up))
-        span = 2.0 * float(np.linalg.norm(bases - middle, axis=1).max()) + 2.0 * self._size
+        span = 2.0 * float(np.linalg.norm(bases - middle, axis=1).max()) + 2.0 * self._widest
         cell = one_two_five(span / 25)
         self._writer.grid("/ground", Pose(turn, middle), float(np.ceil(span / (10 * cell)) * 10 * cell), cell)
 
