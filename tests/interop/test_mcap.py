@@ -5,10 +5,11 @@ import builtins
 import numpy as np
 import pytest
 
-from holdfast import MissingExtra, Pose, ResultError
+from holdfast import MissingExtra, Pose, ResultError, simulate
 from holdfast.interop import mcap_writer
 from holdfast.interop.mcap_writer import write_mcap
 from holdfast.spatial import rotation
+from tests.systems.trunk_runs import still_base
 from tests.view.runs import lifted
 
 pytest.importorskip("mcap_ros2", reason="needs mcap-ros2-support: pip install 'holdfast[ros]'")
@@ -103,6 +104,36 @@ def test_moving_bases(tmp_path):
     for time, message in tf:
         (base,) = (t for t in message.transforms if t.child_frame_id == "left")
         assert base.transform.translation.z == pytest.approx(0.2e-9 * time)
+
+
+@pytest.mark.parametrize("floating", [False, True])
+def test_trunks(floating, tmp_path):
+    """Frames lead from the world through the trunk to every tip that holds, where the object's contact is."""
+    arms = {"arms": 3, "grasps": "rigid", "joints": 7}
+    p = still_base(4, 2, floating=floating, arms=arms, in_world=0.3)
+    run = simulate(p.chain, p.state, lambda t, s, m: (p.tau, m), 0.01, 0.01, inputs=p.inputs)
+    write_mcap(p.chain, run, tmp_path / "run.mcap")
+    store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+    found = {}
+    with highlevel.AnyReader([tmp_path / "run.mcap"], default_typestore=store) as reader:
+        for connection, _, raw in reader.messages():
+            found.setdefault(connection.topic, []).append(reader.deserialize(raw, connection.msgtype))
+    assert found["/joint_states"][0].name == p.chain.joint_names()
+    assert ("/base_pose" in found) is floating
+    if floating:
+        at = found["/base_pose"][1].pose
+        o = at.orientation
+        assert [o.w, o.x, o.y, o.z, at.position.x] == run.base_pose[1, :5].tolist()
+    for k, message in enumerate(found["/tf"]):
+        frames = {t.child_frame_id: (t.header.frame_id, pose(t.transform)) for t in message.transforms}
+        assert frames["trunk"][0] == "world"
+        for name in p.chain.names:
+            tip, contact = (in_world(frames, frame) for frame in (f"{name}/tip", f"object/{name}"))
+            assert tip.p == pytest.approx(contact.p, abs=1e-9)
+            force = found[f"/{name}/grasp_wrench"][k].wrench.force
+            assert tip.R @ [force.x, force.y, force.z] == pytest.approx(
+                run.grasp_wrench[k, p.chain.names.index(name), 3:]
+            )
 
 
 @pytest.mark.parametrize("kind", ["sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped",

@@ -8,13 +8,15 @@ import pytest
 
 from holdfast import Arm, ClosedChain, HeldObject, Joint, Link, ModelError, Pose, State, StateError, forward_dynamics
 from holdfast.dynamics import project_velocity
+from holdfast.dynamics.contact_places import tip_frames
 from holdfast.dynamics.diagnose import diagnose
-from holdfast.interop.mjcf_writer import to_mjcf
+from holdfast.interop.mjcf_writer import nested_order, to_mjcf
 from holdfast.robots import ROBOTS, stewart_platform, three_finger_hand
 from tests.control.two_pandas import two_pandas
 from tests.robots.arm_dynamics import mass_jacobian_bias
 from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain
+from tests.systems.trunk_runs import still_base
 
 mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo: pip install mujoco-core")
 
@@ -168,3 +170,55 @@ def test_what_mujoco_cannot_have(links, message):
     chain = ClosedChain({"a": Arm([Joint(), Joint()], links)}, HeldObject.box(1, 1, 1, 1), {})
     with pytest.raises(ModelError, match=message):
         to_mjcf(chain)
+
+
+def on_a_trunk(seed, joints, floating, kinds):
+    """Return a random chain on a trunk that MuJoCo can have: no external wrenches, no base motion."""
+    arms = {"arms": 4, "grasps": kinds, "joints": 6}
+    p = still_base(seed, joints, floating=floating, arms=arms, in_world=0.3)
+    return p.chain, p.state, p.tau
+
+
+def answer(chain, state, tau):
+    """Return data and qacc of MuJoCo, and ours in its order: linear halves first, turns in a body's own axes."""
+    model, data = loaded(chain, state)
+    data.ctrl[:] = tau
+    mujoco.mj_forward(model, data)
+    found = forward_dynamics(chain, state, tau, check=False)
+    free = [(state.object_frame, found.object_acceleration)]
+    if chain.floats:
+        free.insert(0, (state.base_frame, found.base_acceleration))
+    ours = [np.r_[a[3:], a[:3] @ frame.R] for frame, a in free]
+    ours.insert(len(free) - 1, np.concatenate([found.qdd[chain.joints[name]] for name in nested_order(chain)]))
+    return data, data.qacc, np.concatenate(ours)
+
+
+@pytest.mark.parametrize(("seed", "joints", "floating"), [(1, 3, False), (2, 3, True), (3, 0, True), (4, 5, True)])
+def test_arms_on_a_trunk(seed, joints, floating):
+    """Trunk, nested arms, those in the world and a floating base: with nothing held, all accelerations to rounding."""
+    chain, state, tau = on_a_trunk(seed, joints, floating, "rigid")
+    free = replace(chain, grasps={})
+    data, theirs, ours = answer(free, state, tau)
+    assert theirs == pytest.approx(ours, abs=1e-9 * np.abs(ours).max())
+    for name, tip in tip_frames(free, state, free.names).items():
+        site = data.site(f"{name}/tip")
+        assert site.xpos == pytest.approx(tip.p, abs=1e-12)
+        assert site.xmat == pytest.approx(tip.R.ravel(), abs=1e-12)
+
+
+@pytest.mark.parametrize("floating", [False, True])
+def test_closed_chains_on_a_trunk(floating):
+    """With an object in their hands they agree to what MuJoCo's hardest equality gives way."""
+    chain, state, tau = on_a_trunk(6, 2, floating, "ball")
+    data, theirs, ours = answer(chain, state, tau)
+    assert np.abs(data.efc_pos).max() <= 1e-12
+    assert np.abs(data.efc_vel).max() <= 1e-12
+    assert 1e-12 < np.abs(theirs - ours).max() / np.abs(ours).max() < SOFTNESS
+
+
+def test_massless_links_of_a_trunk():
+    """Arms stand on bodies, so each needs mass; one without is named."""
+    chain, *_ = on_a_trunk(1, 3, False, "rigid")
+    light = replace(chain.trunk, links=[chain.trunk.links[0], Link(0.0, name="none"), chain.trunk.links[2]])
+    with pytest.raises(ModelError, match="trunk, link 'none': to_mjcf: expected links with mass"):
+        to_mjcf(replace(chain, trunk=light, mounts={}))

@@ -82,6 +82,6 @@ def mjcf(chain: ClosedChain, solver: str, jacobian: str) -> str:
 def inputs(system: System) -> list[tuple[Array, Array, Array]]:
     """Return qpos, qvel and qfrc_applied of every state."""
     return [
-        (*coordinates(State(q, qd, pose, twist)), np.concatenate([tau, np.zeros(6)]))
+        (*coordinates(system.chain, State(q, qd, pose, twist)), np.concatenate([tau, np.zeros(6)]))
         for q, qd, tau, pose, twist in zip(*system.arrays, strict=True)
     ]

@@ -1,6 +1,7 @@
 """To and from other libraries: MuJoCo's MJCF, Pinocchio's orders."""
 
 from .joint_order import angular_first as angular_first
+from .joint_order import free_flyer as free_flyer
 from .joint_order import linear_first as linear_first
 from .joint_order import pinocchio_order as pinocchio_order
 from .mjcf_reader import load_mjcf as load_mjcf

@@ -8,8 +8,10 @@ import numpy as np
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain, require_own_bases
+from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.spatial.scalar import Array
+
+FREE_FLYERS = (TRUNK, "root_joint")
 
 
 def linear_first(spatial: Any, axis: int = -1) -> Array:
@@ -54,6 +56,23 @@ def wxyz(xyzw: Any) -> Array:
     return np.roll(np.asarray(xyzw), 1, -1)
 
 
+def free_flyer(pose: Any, twist: Any) -> tuple[Array, Array]:
+    """Return what Pinocchio has for the free flyer of a body: q (7,), v (6,).
+
+    Its q is [p, quaternion with the scalar last]; its v is [v; omega] of the body's origin in the body's own axes.
+
+    Args:
+        pose: of the body, a Pose or wxyz_xyz.
+        twist: (6,) [omega; v] of its origin, world axes.
+
+    Raises:
+        ModelError: a pose that is none, or a twist of another shape.
+    """
+    at = checks.pose(pose, "free_flyer: pose")
+    omega, v = np.split(checks.numbers(twist, (6,), "free_flyer: twist") @ np.kron(np.eye(2), at.R), 2)
+    return np.concatenate([at.p, xyzw(at.wxyz_xyz[:4])]), np.concatenate([v, omega])
+
+
 class PinocchioOrder(NamedTuple):
     """Where our joints lie in a Pinocchio model's vectors.
 
@@ -63,10 +82,14 @@ class PinocchioOrder(NamedTuple):
     Attributes:
         v: (n,) whole numbers, places in v, tau and the like.
         q: (n,) whole numbers, places in q.
+        base_v: (6,) places in v of the free flyer of a floating base, see `free_flyer`; (0,) without one.
+        base_q: (7,) its places in q; (0,) without one.
     """
 
     v: Array
     q: Array
+    base_v: Array
+    base_q: Array
 
 
 def pinocchio_order(chain: ClosedChain, model: Any) -> PinocchioOrder:
@@ -75,13 +98,13 @@ def pinocchio_order(chain: ClosedChain, model: Any) -> PinocchioOrder:
     Args:
         chain: the chain.
         model: a `pinocchio.Model` with our joints, called "arm/joint", or as in the arm where
-            no other joint has that name; free flyers and other joints may be there besides.
+            no other joint has that name; free flyers and other joints may be there besides. A trunk's are called
+            "trunk/joint", the free flyer of its floating base "trunk" or "root_joint".
 
     Raises:
-        ModelError: a joint that is not there, that has not one velocity, or that turns
-            without limits (Pinocchio gives it a cosine and a sine for q).
+        ModelError: a joint, or a floating base's free flyer, that is not there; a joint that has not one velocity,
+            or that turns without limits (Pinocchio gives it a cosine and a sine for q).
     """
-    require_own_bases(chain, "pinocchio_order")
     known = list(model.names)
     v_places, q_places = [], []
     for full in chain.joint_names():
@@ -99,4 +122,14 @@ def pinocchio_order(chain: ClosedChain, model: Any) -> PinocchioOrder:
         q_places.append(int(model.idx_qs[k]))
     if len(set(v_places)) < len(v_places):
         raise ModelError("pinocchio model: two of our joints are one of its; try calling its joints 'arm/joint'")
-    return PinocchioOrder(np.array(v_places), np.array(q_places))
+    return PinocchioOrder(np.array(v_places), np.array(q_places), *_base_places(chain, model))
+
+
+def _base_places(chain: ClosedChain, model: Any) -> tuple[Array, Array]:
+    """Return where a floating base's free flyer lies in v and q."""
+    if not chain.floats:
+        return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
+    for k, name in enumerate(model.names):
+        if name in FREE_FLYERS and (model.nvs[k], model.nqs[k]) == (6, 7):
+            return model.idx_vs[k] + np.arange(6), model.idx_qs[k] + np.arange(7)
+    raise ModelError(f"pinocchio model: expected a free flyer called {' or '.join(map(repr, FREE_FLYERS))}, got none")

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from os import PathLike
 from typing import IO, Any
 
-from holdfast.dynamics.arm.posture import Posture, joint_placement, posture
+from holdfast.dynamics.arm.posture import joint_placement
+from holdfast.dynamics.contact_places import tip_frames
 from holdfast.errors import MissingExtra
 from holdfast.io.files import file_path, write_atomically
-from holdfast.model.arm import Arm
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.joint import Joint
+from holdfast.model.link import Link
 from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial import rotation
@@ -56,7 +58,10 @@ def write_mcap(
     | `/object_pose` | PoseStamped | the object's frame in `world` |
     | `/ARM/grasp_wrench` | WrenchStamped | of the arm on the object, about the tip's origin, in `ARM/tip` axes |
     | `/ARM/internal_wrench` | WrenchStamped | the part of it that moves nothing |
+    | `/base_pose` | PoseStamped | the frame of a trunk's floating base in `world`, if there is one |
     | `/tf` | TFMessage | `world` > `ARM` > `ARM/link1` ... > `ARM/tip`; `world` > `object` > `object/ARM` (contact) |
+
+    A trunk's frames are `world` > `trunk` > `trunk/link1` ...; an arm on it hangs on the link that it stands on.
 
     Times are the run's, from 0 on, to the nanosecond. In names of topics, what ROS does not
     allow there becomes '_'. Numbers are bit for bit those of the run.
@@ -105,33 +110,43 @@ def _messages(chain: ClosedChain, run: Trajectory, k: int, time: int) -> Iterato
     names = chain.joint_names()
     yield "/joint_states", JOINT_STATE, _joint_state(time, names, run.q[k], run.qd[k], run.tau[k])
     yield "/object_pose", POSE, _pose(time, "world", run.object_pose[k])
+    if chain.floats:
+        yield "/base_pose", POSE, _pose(time, "world", run.base_pose[k])
     transforms = [_transform(time, "world", "object", Pose.from_wxyz_xyz(run.object_pose[k]))]
     for name, grasp in chain.grasps.items():
         transforms.append(_transform(time, "object", f"object/{name}", grasp.frame))
+    state, bodies = run.state(k), trunk_frames(chain)
+    if chain.trunk is not None:
+        base = chain.trunk.base if state.base_frame is None else state.base_frame
+        moved = _frames(TRUNK, chain.trunk.joints, chain.trunk.links, state.q[chain.joints[TRUNK]])
+        transforms += [_transform(time, *frames) for frames in (("world", TRUNK, base), *moved)]
+    tips = tip_frames(chain, state, chain.names)
     for i, (name, arm) in enumerate(chain.arms.items()):
-        q = run.q[k, chain.joints[name]]
-        at = posture(arm, q)
         for what, wrenches in (("grasp_wrench", run.grasp_wrench), ("internal_wrench", run.internal_wrench)):
             topic = f"/{re.sub(r'[^A-Za-z0-9_]', '_', name)}/{what}"
-            yield topic, WRENCH, _wrench(time, f"{name}/tip", _in_tip_axes(at, wrenches[k, i]))
-        transforms += [_transform(time, *frames) for frames in _frames(name, arm, q)]
+            yield topic, WRENCH, _wrench(time, f"{name}/tip", unrotate(tips[name].R, wrenches[k, i]))
+        below = bodies[chain.mounted_on[name]] if name in chain.mounts else "world"
+        moved = list(_frames(name, arm.joints, arm.links, state.q[chain.joints[name]]))
+        placed = [(below, name, arm.base), *moved, (moved[-1][1], f"{name}/tip", arm.tip)]
+        transforms += [_transform(time, *frames) for frames in placed]
     yield "/tf", TRANSFORMS, {"transforms": transforms}
 
 
-def _frames(name: str, arm: Arm, q: Array) -> Iterator[tuple[str, str, Pose]]:
-    """Yield parent, child and the child's pose in the parent, from the base to the tip."""
-    yield "world", name, arm.base
+def trunk_frames(chain: ClosedChain) -> list[str]:
+    """Return the frame of each of a trunk's bodies, base outward: "trunk" of one that floats, then "trunk/..."."""
+    if chain.trunk is None:
+        return []
+    links = [f"{TRUNK}/{link.name or f'link{i + 1}'}" for i, link in enumerate(chain.trunk.links)]
+    return [*([TRUNK] if chain.floats else []), *links]
+
+
+def _frames(name: str, joints: Sequence[Joint], links: Sequence[Link], q: Array) -> Iterator[tuple[str, str, Pose]]:
+    """Yield parent, child and the child's pose in the parent, from the base to the last link."""
     parent = name
-    for i, (joint, link) in enumerate(zip(arm.joints, arm.links, strict=True)):
+    for i, (joint, link) in enumerate(zip(joints, links, strict=True)):
         child = f"{name}/{link.name or f'link{i + 1}'}"
         yield parent, child, Pose(*joint_placement(joint, q[i]))
         parent = child
-    yield parent, f"{name}/tip", arm.tip
-
-
-def _in_tip_axes(at: Posture, moment_force: Array) -> Array:
-    """Return a world-axes wrench about the tip's origin in tip axes."""
-    return unrotate(at.tip.R, moment_force)
 
 
 def definition(message: str) -> str:

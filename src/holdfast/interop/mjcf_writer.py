@@ -7,6 +7,7 @@ moment about the normal is lost). MuJoCo's equalities are soft; they are written
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
@@ -16,12 +17,12 @@ import numpy as np
 from holdfast.errors import ModelError
 from holdfast.model.arm import Arm
 from holdfast.model.checks import INERTIA_TOLERANCE
-from holdfast.model.closed_chain import ClosedChain, require_own_bases
+from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.model.spring import WORLD, Spring, SpringEnd
-from holdfast.robots.looks import equal_box, looks_of
+from holdfast.robots.looks import equal_box, looks_of, looks_of_trunk
 from holdfast.robots.primitive import COLOURS, Primitive
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
@@ -39,7 +40,9 @@ def to_mjcf(chain: ClosedChain, state: State | None = None, *, looks: bool = Tru
 
     Body "left" is where the arm of that name stands; its links and joints are
     "left/link1", "left/joint1" by their own names, its tip the site "left/tip"; the object is
-    the free body "object" with a site "object/left" at the contact of each arm. A spring between bodies
+    the free body "object" with a site "object/left" at the contact of each arm. A trunk is the body "trunk", which has
+    a free joint of that name if its base floats, with "trunk/link1", "trunk/joint1" inside; arms that stand on one of
+    its bodies are inside that. A spring between bodies
     is a tendon "spring1", counted from 1, between sites "spring1/a" and "spring1/b". Inertias are
     exact; damping, springs, armature, Coulomb friction, position and effort limits go along, rate
     limits have no place. A motor on every joint takes its torque. A massless link shares the next
@@ -59,15 +62,14 @@ def to_mjcf(chain: ClosedChain, state: State | None = None, *, looks: bool = Tru
             mass distribution has; a massless last link; a spring on a massless link; two bodies of one name.
         StateError: a state of another chain.
     """
-    require_own_bases(chain, "to_mjcf")
     root = document(chain, looks=looks)
     drives = _add(root, "actuator")
-    for joint in root.iter("joint"):
-        _add(drives, "motor", name=joint.get("name", ""), joint=joint.get("name", ""))
+    for name in chain.joint_names():  # in our order, whatever MuJoCo makes of the bodies'
+        _add(drives, "motor", name=name, joint=name)
     if state is not None:
         state.fits(chain)
         key = _add(_add(root, "keyframe"), "key", name="state")
-        qpos, qvel = coordinates(state)
+        qpos, qvel = coordinates(chain, state)
         key.set("qpos", digits(qpos))
         key.set("qvel", digits(qvel))
     ElementTree.indent(root)
@@ -87,8 +89,10 @@ def document(chain: ClosedChain, *, looks: bool) -> Element:
         default = _add(root, "default")
         _add(default, "geom", contype="0", conaffinity="0", group="2")
     world = _add(root, "worldbody")
+    below = _add_trunk(world, chain, looks)
     for name, arm in chain.arms.items():
-        _add_arm(world, name, arm, looks)
+        stands_on = below[chain.mounted_on[name]] if name in chain.mounts else world
+        _add_arm(stands_on, name, arm, looks)
     _add_object(world, chain, looks)
     equality = _add(root, "equality")
     for name in chain.grasps:
@@ -99,14 +103,34 @@ def document(chain: ClosedChain, *, looks: bool) -> Element:
     return root
 
 
-def coordinates(state: State) -> tuple[Array, Array]:
-    """Return MuJoCo's qpos (n + 7,) and qvel (n + 6,).
+def coordinates(chain: ClosedChain, state: State) -> tuple[Array, Array]:
+    """Return MuJoCo's qpos (n + 7,) and qvel (n + 6,), 7 and 6 more of a floating base.
 
-    A free body's velocity is linear in world axes, then angular in its own.
+    They are in the order of the bodies in the file: a floating base, the joints in `nested_order`, the object. A free
+    body's velocity is linear in world axes, then angular in its own.
     """
-    pose, twist = state.object_pose, state.object_twist
-    qpos = np.concatenate([state.q, pose[4:], pose[:4]])
-    return qpos, np.concatenate([state.qd, twist[3:], twist[:3] @ state.object_frame.R])
+    parts = [chain.joints[name] for name in nested_order(chain)]
+    positions, rates = [state.q[part] for part in parts], [state.qd[part] for part in parts]
+    held, base = _free(state.object_pose, state.object_twist), ([], [])
+    if state.base_pose is not None and state.base_twist is not None:
+        base = _free(state.base_pose, state.base_twist)
+    return np.concatenate([base[0], *positions, held[0]]), np.concatenate([base[1], *rates, held[1]])
+
+
+def _free(wxyz_xyz: Array, twist: Array) -> tuple[Array, Array]:
+    """Return coordinates (7,) and velocities (6,) of a free body."""
+    R = rotation.from_quaternion(wxyz_xyz[:4])
+    return np.concatenate([wxyz_xyz[4:], wxyz_xyz[:4]]), np.concatenate([twist[3:], twist[:3] @ R])
+
+
+def nested_order(chain: ClosedChain) -> list[str]:
+    """Return "trunk" and the arms as MuJoCo counts their joints: depth first.
+
+    Arms on a trunk come after all of its joints, those on its outermost body first; then those in the world.
+    """
+    below = [] if chain.trunk is None else [TRUNK]
+    mounted = sorted(chain.mounted_on, key=lambda name: -chain.mounted_on[name])
+    return [*below, *mounted, *(name for name in chain.arms if name not in chain.mounts)]
 
 
 def digits(numbers: Any) -> str:
@@ -114,22 +138,52 @@ def digits(numbers: Any) -> str:
     return " ".join(repr(float(x)) for x in numbers)
 
 
-def _add_arm(world: Element, name: str, arm: Arm, looks: bool) -> None:
+def _add_trunk(world: Element, chain: ClosedChain, looks: bool) -> list[Element]:
+    """Append the trunk and return the element of each of its bodies, base outward; none without one."""
+    trunk = chain.trunk
+    if trunk is None:
+        return []
+    solids = looks_of_trunk(chain) if looks else [[] for _ in range(trunk.joint_count + 1)]
+    body = _add(world, "body", name=TRUNK, **({} if chain.floats else _placed(trunk.base)))
+    found = []
+    if trunk.floating is not None:
+        _require_possible(f"{TRUNK}: floating base", trunk.floating)
+        _add(body, "freejoint", name=TRUNK)
+        _add_inertial(body, trunk.floating)
+        found.append(body)
+    _add_solids(body, solids[0], Pose.identity())
+    if massless := [k for k, link in enumerate(trunk.links) if link.mass == 0]:
+        name = _names(trunk.links, "link")[massless[0]]
+        raise ModelError(
+            f"{TRUNK}, link '{name}': to_mjcf: expected links with mass, got a massless one; try giving it some"
+        )
+    return found + _add_links(body, TRUNK, f"{TRUNK}", trunk.joints, trunk.links, solids[1:])
+
+
+def _add_arm(holder: Element, name: str, arm: Arm, looks: bool) -> None:
     """Append the base and, each inside the one before, the links of an arm."""
     solids = looks_of(arm) if looks else [[] for _ in range(arm.joint_count + 1)]
-    body = _add(world, "body", name=name, **_placed(arm.base))
+    body = _add(holder, "body", name=name, **_placed(arm.base))
     _add_solids(body, solids[0], Pose.identity())
+    *_, last = _add_links(body, name, f"arm '{name}'", arm.joints, arm.links, solids[1:])
+    _add(last, "site", name=f"{name}/tip", **_placed(arm.tip))
+
+
+def _add_links(
+    body: Element, name: str, what: str, joints: Sequence[Joint], links: Sequence[Link], solids: list[list[Primitive]]
+) -> list[Element]:
+    """Append links to a base, each inside the one before, and return the elements of those with mass."""
+    made = []
     waiting: list[tuple[str, Joint, Pose, list[Primitive]]] = []  # joints of massless links, and where their frames are
-    at, joint_names, link_names = Pose.identity(), _names(arm.joints, "joint"), _names(arm.links, "link")
-    for joint_name, link_name, joint, link, shapes in zip(
-        joint_names, link_names, arm.joints, arm.links, solids[1:], strict=True
-    ):
+    at, joint_names, link_names = Pose.identity(), _names(joints, "joint"), _names(links, "link")
+    for joint_name, link_name, joint, link, shapes in zip(joint_names, link_names, joints, links, solids, strict=True):
         at = at @ joint.placement
         waiting.append((f"{name}/{joint_name}", joint, at, shapes))
         if link.mass == 0:
             continue
-        _require_possible(f"arm '{name}', link '{link_name}'", link)
+        _require_possible(f"{what}, link '{link_name}'", link)
         body = _add(body, "body", name=f"{name}/{link_name}", **_placed(at))
+        made.append(body)
         _add_inertial(body, link)
         inverse = at.inverse()
         for full_name, moved, frame, shapes_there in waiting:
@@ -137,10 +191,8 @@ def _add_arm(world: Element, name: str, arm: Arm, looks: bool) -> None:
             _add_solids(body, shapes_there, inverse @ frame)
         waiting, at = [], Pose.identity()
     if waiting:
-        raise ModelError(
-            f"arm '{name}': to_mjcf: expected a last link with mass, got a massless one; try giving it some"
-        )
-    _add(body, "site", name=f"{name}/tip", **_placed(arm.tip))
+        raise ModelError(f"{what}: to_mjcf: expected a last link with mass, got a massless one; try giving it some")
+    return made
 
 
 def _add_object(world: Element, chain: ClosedChain, looks: bool) -> None:
