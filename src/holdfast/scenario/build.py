@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import Any
@@ -26,6 +25,7 @@ from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.trunk import Trunk
 from holdfast.robots.urdf.source import Source
 from holdfast.scenario import parts
+from holdfast.scenario.names import require_names
 from holdfast.scenario.poses import pose
 from holdfast.scenario.robots import Robot, RobotFiles, robot
 from holdfast.scenario.scene import ArmData, ReleaseData, SceneData
@@ -41,7 +41,6 @@ LARGEST_FILE = 2 * 2**20  # [bytes]; seconds of reading
 DEEPEST = 20  # levels; a scene needs seven
 MOST_ARMS, MOST_JOINTS = 64, 1000
 OPTIONS = ("on_slip", "on_limit", "on_singular", "scheme", "rtol", "atol", "largest_drift")  # passed on to `simulate`
-ARM_NAME = re.compile(r"\w[\w.-]{0,63}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +158,7 @@ def build_robots(data: SceneData, files: RobotFiles, at: Location) -> tuple[Scen
         raise (at / "arms").refuse("expected at least one arm, got none")
     if len(data.arms) > MOST_ARMS:
         raise (at / "arms").refuse(f"expected at most {MOST_ARMS} arms, got {len(data.arms)}")
-    _require_names((arm.name for arm in data.arms), at / "arms", "name")
+    require_names((arm.name for arm in data.arms), at / "arms", "name")
     trunk = None if data.trunk is None else scene_trunk(data.trunk, data.arms, files, at)
     robots, joints = {}, 0 if trunk is None else trunk.trunk.joint_count
     for i, arm in enumerate(data.arms):
@@ -210,7 +209,7 @@ def build_chain(
     Raises:
         SceneError: with the path of the first fault.
     """
-    _require_names((grasp.arm for grasp in data.grasps), at / "grasps", "arm")
+    require_names((grasp.arm for grasp in data.grasps), at / "grasps", "arm")
     arms = {name: robot.arm for name, robot in robots.items()}
     grasps = {}
     for i, grasp in enumerate(data.grasps):
@@ -344,16 +343,3 @@ def require_sensible(raw: Any, at: Location, levels: int = DEEPEST) -> None:
     if isinstance(raw, list):
         for i, value in enumerate(raw):
             require_sensible(value, at / i, levels - 1)
-
-
-def _require_names(names: Iterable[str], at: Location, key: str) -> None:
-    """Refuse names that repeat, or that would not fit on a line or in a path 'arm/joint'."""
-    first: dict[str, int] = {}
-    for i, name in enumerate(names):
-        if not ARM_NAME.fullmatch(name):
-            raise (at / i / key).refuse(
-                f"expected letters, digits, '_', '-' and '.', at most 64, got '{one_line(name, 60)}'"
-            )
-        if name in first:
-            raise (at / i / key).refuse(f"'{name}' stands already at {(at / first[name] / key).path}")
-        first[name] = i

@@ -11,6 +11,7 @@ from holdfast.io.typed import Location
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import UNBOUNDED, Joint
 from holdfast.model.link import Link
+from holdfast.scenario.names import require_names
 from holdfast.scenario.poses import pose
 from holdfast.scenario.scene import BodyData, JointData, ObjectData
 from holdfast.spatial.scalar import Array
@@ -30,6 +31,8 @@ def joints_and_links(data: Sequence[JointData], at: Location) -> tuple[list[Join
     """
     if not data:
         raise at.refuse("expected at least one joint, got none")
+    require_names((one.name for one in data), at, "name", optional=True)
+    require_names((one.link.name for one in data), at, "link", "name", optional=True)
     joints = [_joint(one, at / k) for k, one in enumerate(data)]
     return joints, [body(one.link, at / k / "link") for k, one in enumerate(data)]
 

@@ -85,6 +85,8 @@ def scene_trunk(data: TrunkData, arms: Sequence[ArmData], files: RobotFiles, at:
     require_one_origin(data, here)
     base = pose(data.base, here / "base")
     floating = None if data.floating is None else body(data.floating, here / "floating")
+    if floating is not None and floating.mass == 0.0:
+        raise (here / "floating" / "mass").refuse("expected > 0, as nothing else holds it, got 0")
     if data.urdf is not None:
         found = _of_file(data, base, floating is not None, arms, files, at)
     elif data.joints is not None:
