@@ -22,7 +22,7 @@ def at_rest(seed, floating, **options):
 
 @pytest.mark.parametrize(("seed", "floating"), [(0, False), (1, False), (3, True)])
 def test_held(seed, floating):
-    """Under holding torques nothing accelerates; the trunk's drives, and arms in the world below a floating base, bear."""
+    """Under holding torques nothing accelerates; the trunk's drives bear, or arms in the world if its base floats."""
     p = at_rest(seed, floating)
     if floating:  # two arms in the world bear the base
         assert len(p.chain.mounts) < len(p.chain.arms)
@@ -60,7 +60,7 @@ def test_tracking(floating):
     gravity = {"gravity": (0.0, 0.0, 0.0)} if floating else {}
     p = at_rest(5, floating, **gravity)
     frame = p.state.object_frame
-    path = RestToRest(frame, hf.Pose(frame.R, frame.p + [0.01, 0.02, 0.0]), 0.2).at
+    path = RestToRest(frame, [0.01, 0.02, 0.0], [0.0, 0.0, 0.05], duration=0.2).at
     law = ObjectTracking(p.chain, path, squeeze=5.0)
     run = hf.simulate(p.chain, p.state, law, 0.2, 4e-3)
     assert run.stopped is None
