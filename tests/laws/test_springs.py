@@ -225,8 +225,7 @@ def test_mujoco():
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_forward(model, data)
-    n, still = chain.joint_count, np.zeros((len(chain.arms), 6))
-    springs = stretches(chain, state, still)
+    n, springs = chain.joint_count, stretches(chain, state, hf.Inputs().shaped(chain))
     assert data.ten_length == pytest.approx([s.length for s in springs], rel=1e-12)
     assert data.ten_velocity == pytest.approx([s.rate for s in springs], abs=1e-12)
     # a spring's share of the joints' torques: what inverse dynamics asks for less without it

@@ -231,8 +231,8 @@ REFUSED = [
     ("box = [0.3, 0.5, 0.1],", "box = [0.3, 0.5, 0.1], twist = [9e8, 0, 0, 0, 0, 0, 0],", "$.object.twist: Expected"),
     ("[[grasps]]", 'springs = [{ a = { body = "world" }, b = { body = "object" }, stiffness = 1 }]\n[[grasps]]',
      "unknown field `springs`"),
-    ("gravity =", 'springs = [{ a = { body = "world" }, b = { body = "object" }, stiffness = 1 }]\ngravity =',
-     "$.springs: expected none in a chain with a trunk"),
+    ("gravity =", 'springs = [{ a = { body = "trunk", link = 9 }, b = { body = "object" }, stiffness = 1 }]\ngravity =',
+     "$.springs[0]: spring: point on 'trunk': expected a link of the trunk"),
 ]  # fmt: skip
 
 

@@ -175,8 +175,7 @@ def rotor_energy(chain: ClosedChain, state: State) -> Scalar:
 
 def spring_energy(chain: ClosedChain, state: State) -> Scalar:
     """Return what the springs between bodies store [J]."""
-    still = np.zeros((len(chain.arms), 6))
-    return sum(map(Stretch.energy, stretches(chain, state, still), chain.springs))
+    return sum(map(Stretch.energy, stretches(chain, state, Inputs().shaped(chain)), chain.springs))
 
 
 def centre_of_mass(chain: ClosedChain, state: State) -> Array:
@@ -293,7 +292,7 @@ def power_of(
     damping = concatenate(arm.damping for arm in chain.arms.values())
     if chain.trunk is not None:
         damping = concatenate([[joint.damping for joint in chain.trunk.joints], damping])
-    lost = sum(map(Stretch.loss, stretches(chain, state, inputs.base_twists), chain.springs))
+    lost = sum(map(Stretch.loss, stretches(chain, state, inputs), chain.springs))
     external, base = inputs.object_wrench @ state.object_twist, base_wrench.ravel() @ inputs.base_twists.ravel()
     moving = [] if inputs.link_wrenches is None else [*inputs.link_wrenches]
     if inputs.trunk_link_wrenches is not None:

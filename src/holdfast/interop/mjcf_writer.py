@@ -248,6 +248,9 @@ def _add_spring(root: Element, world: Element, chain: ClosedChain, name: str, sp
 
 def _body_of(chain: ClosedChain, name: str, end: SpringEnd) -> str:
     """Return the name of the body that a spring ends on; nothing for the world."""
+    if end.on_trunk and chain.trunk is not None:
+        k = chain.trunk.body(end.link, name) - (1 if chain.floats else 0)
+        return TRUNK if k < 0 else f"{TRUNK}/{_names(chain.trunk.links, 'link')[k]}"
     if not end.on_arm:
         return "" if end.body == WORLD else end.body
     links = chain.arms[end.body].links

@@ -68,10 +68,8 @@ class ClosedChain(Frozen):
         put(self, "gravity", checks.numbers(self.gravity, (3,), "chain: gravity"))
         if not isinstance(self.springs, Sequence) or not all(isinstance(spring, Spring) for spring in self.springs):
             raise ModelError(f"chain: springs: expected a list of Spring, got {checks.short(self.springs)}")
-        put(self, "springs", tuple(spring.found(self.arms) for spring in self.springs))
-        if self.springs and self.trunk is not None:
-            raise ModelError("chain: springs: expected none in a chain with a trunk, where they are not covered yet")
         self._check_trunk()
+        put(self, "springs", tuple(spring.found(self.arms, self.trunk) for spring in self.springs))
         put(self, "mounts", FrozenDict({name: self.mounts[name] for name in self.arms if name in self.mounts}))
 
     def _check_trunk(self) -> None:
@@ -89,7 +87,7 @@ class ClosedChain(Frozen):
         for name, mount in self.mounts.items():
             if name not in self.arms:
                 raise ModelError(f"mount of '{name}': no such arm.{checks.did_you_mean(name, self.arms)}")
-            self.trunk.body(mount, name)
+            self.trunk.body(mount, f"mount of '{name}'")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -112,7 +110,9 @@ class ClosedChain(Frozen):
     @frozen_property
     def mounted_on(self) -> Mapping[str, int]:
         """By name of a mounted arm, the place of its body in `Trunk.bodies`."""
-        return {} if self.trunk is None else {name: self.trunk.body(at, name) for name, at in self.mounts.items()}
+        if self.trunk is None:
+            return {}
+        return {name: self.trunk.body(at, f"mount of '{name}'") for name, at in self.mounts.items()}
 
     @property
     def floats(self) -> bool:
@@ -209,6 +209,6 @@ def require_own_bases(chain: ClosedChain, what: str) -> None:
     """
     if chain.trunk is not None:
         raise MethodNotApplicable(
-            f"{what}: expected arms on bases of their own, got a chain with a trunk, which is not covered yet;"
-            " forward and inverse dynamics, close, project, diagnose, attach, energies and momentum do"
+            f"{what}: expected arms on bases of their own, got a chain with a trunk, which is not covered yet; the"
+            " reference's dynamics, simulate, rollouts, controllers and compiled forward dynamics are"
         )

@@ -9,6 +9,8 @@ from typing import Any
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
+from holdfast.model.trunk import NAME as TRUNK
+from holdfast.model.trunk import Trunk
 from holdfast.spatial.converted import ArrayField, Converted
 from holdfast.spatial.frozen import Frozen
 
@@ -20,9 +22,10 @@ class SpringEnd(Frozen):
     """A point of a body that a spring ends at.
 
     Attributes:
-        body: "world", "object", or an arm's name beside one of its links.
+        body: "world", "object", or an arm's name, or "trunk", beside one of its links.
         point: (3,) from the body's origin, in its axes: of the world, the object frame, or the link's frame [m].
-        link: of an arm: its name, or its number from 0 at the base; None: world or object.
+        link: of an arm or trunk: its name, or its number from 0 at the base; "base": a trunk's floating body; None:
+            world or object.
     """
 
     body: str
@@ -46,20 +49,28 @@ class SpringEnd(Frozen):
     @property
     def on_arm(self) -> bool:
         """Whether it is on a link of an arm."""
-        return self.link is not None
+        return self.link is not None and not self.on_trunk
+
+    @property
+    def on_trunk(self) -> bool:
+        """Whether it is on a body of a trunk."""
+        return self.body == TRUNK
 
     def link_number(self) -> int:
         """Return the link's number, of an end on an arm of a chain."""
         assert isinstance(self.link, int)
         return self.link
 
-    def found(self, arms: Mapping[str, Arm]) -> SpringEnd:
-        """Return the same end, its link by number.
+    def found(self, arms: Mapping[str, Arm], trunk: Trunk | None = None) -> SpringEnd:
+        """Return the same end, the link of an arm by number; a trunk's stays as it is.
 
         Raises:
             ModelError: no such arm, or no such link.
         """
         if self.link is None:
+            return self
+        if self.on_trunk and trunk is not None:
+            trunk.body(self.link, f"spring: point on '{TRUNK}'")
             return self
         if self.body not in arms:
             raise ModelError(f"spring: no arm '{self.body}'.{checks.did_you_mean(self.body, arms)}")
@@ -85,8 +96,9 @@ class Spring(Frozen):
     direction; another has no direction while its ends coincide, and no force then.
 
     Attributes:
-        a, b: its ends: ("world", point), ("object", point) or (arm, link, point), the link by name
-            or by its number from 0 at the base; points in the axes of what they are on [m].
+        a, b: its ends: ("world", point), ("object", point), (arm, link, point) or ("trunk", link, point), the link by
+            name or by its number from 0 at the base, "base" for a floating one; points in the axes of what they are
+            on [m].
         stiffness: k >= 0 [N/m].
         length: natural length L >= 0 [m].
         damping: c >= 0 [N s/m].
@@ -110,13 +122,13 @@ class Spring(Frozen):
         """Both ends."""
         return self.a, self.b
 
-    def found(self, arms: Mapping[str, Arm]) -> Spring:
-        """Return the same spring, the links it is on by number.
+    def found(self, arms: Mapping[str, Arm], trunk: Trunk | None = None) -> Spring:
+        """Return the same spring, the links of arms it is on by number.
 
         Raises:
             ModelError: no such arm, or no such link.
         """
-        return replace(self, a=self.a.found(arms), b=self.b.found(arms))
+        return replace(self, a=self.a.found(arms, trunk), b=self.b.found(arms, trunk))
 
 
 def _end(given: Any, side: str) -> SpringEnd:

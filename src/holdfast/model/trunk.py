@@ -75,12 +75,12 @@ class Trunk(Frozen):
         """Its degrees of freedom: six of a floating base, and one a joint."""
         return self.joint_count + (6 if self.floating is not None else 0)
 
-    def body(self, mount: Any, arm: str) -> int:
+    def body(self, mount: Any, what: str) -> int:
         """Return the place of a body in `bodies` that `mount` names: a link's name or index, or "base".
 
         Args:
             mount: as given in `ClosedChain.mounts`.
-            arm: whose mount it is, for messages.
+            what: is mounted there, for messages.
 
         Raises:
             ModelError: naming what there is.
@@ -96,6 +96,6 @@ class Trunk(Frozen):
         known = [*([BASE] if before else []), *filter(None, names)]
         listed = ", ".join(map(repr, known)) or "none with a name"
         raise ModelError(
-            f"mount of '{arm}': expected a link of the trunk, by its name ({listed}) or by its index"
+            f"{what}: expected a link of the trunk, by its name ({listed}) or by its index"
             f" 0 .. {len(self.links) - 1}, got {checks.short(mount)}"
         )

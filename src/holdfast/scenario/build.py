@@ -218,8 +218,8 @@ def build_chain(
         grasps[grasp.arm] = parts.grasp(grasp, at / "grasps" / i)
     held = parts.held_object(data.object, at / "object")
     at_first = pose(data.object.pose, at / "object" / "pose")
-    springs = [parts.spring(spring, arms, at / "springs" / i) for i, spring in enumerate(data.springs)]
     below = None if trunk is None else trunk.trunk
+    springs = [parts.spring(spring, arms, below, at / "springs" / i) for i, spring in enumerate(data.springs)]
     mounts = build_mounts(data.arms, below, at / "arms")
     with at.refusals():
         chain = ClosedChain(

@@ -18,6 +18,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Friction, Grasp, WrenchLimits
 from holdfast.model.held_object import HeldObject
 from holdfast.model.spring import Spring, SpringEnd
+from holdfast.model.trunk import Trunk
 from holdfast.scenario.joints import inertia
 from holdfast.scenario.poses import pose
 from holdfast.scenario.scene import (
@@ -50,11 +51,11 @@ def grasp(data: GraspData, at: Location) -> Grasp:
         return Grasp(data.kind, frame, contact, limits, data.pitch, motion)
 
 
-def spring(data: SpringData, arms: Mapping[str, Arm], at: Location) -> Spring:
+def spring(data: SpringData, arms: Mapping[str, Arm], trunk: Trunk | None, at: Location) -> Spring:
     """Return a spring, its ends' links found."""
     with at.refusals():
         a, b = (SpringEnd(end.body, end.point, end.link) for end in (data.a, data.b))
-        return Spring(a, b, data.stiffness, data.length, data.damping).found(arms)
+        return Spring(a, b, data.stiffness, data.length, data.damping).found(arms, trunk)
 
 
 def held_object(data: ObjectData, at: Location) -> HeldObject:

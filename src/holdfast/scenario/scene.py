@@ -201,7 +201,7 @@ class ReleaseData(_Strict, tag_field="type", tag="release"):
 
 
 class SpringEndData(_Strict):
-    """An end of a spring: on "world", "object" or an arm's link, in their axes [m]."""
+    """An end of a spring: on "world", "object", or a link of an arm or of "trunk", in their axes [m]."""
 
     body: str
     point: Vector3 = ZEROS

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from holdfast.robots.looks import arm_length, looks_of, looks_of_trunk
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
-from holdfast.state import State
+from holdfast.state import Inputs, State
 from holdfast.view import figure_style, meshes
 from holdfast.view.cameras import cameras, upward
 from holdfast.view.film import Film
@@ -101,8 +102,13 @@ class ChainScene:
         film, chain = self.film, self.film.chain
         if not chain.springs:
             return []
-        moved = chain.with_bases(dict(zip(chain.names, film.base_pose[k], strict=True)))
-        state, still = State(film.q[k], 0.0 * film.q[k], film.object_pose[k]), np.zeros((len(chain.arms), 6))
+        bases = dict(zip(chain.names, film.base_pose[k], strict=True))
+        moved = chain.with_bases({name: pose for name, pose in bases.items() if name not in chain.mounts})
+        below = film.trunk_pose[k]
+        if moved.trunk is not None and not chain.floats:
+            moved = replace(moved, trunk=replace(moved.trunk, base=below))
+        state = State(film.q[k], 0.0 * film.q[k], film.object_pose[k], base_pose=below if chain.floats else None)
+        still = Inputs().shaped(moved)
         return [coil(s.a.position, s.b.position, COIL * self._size) for s in stretches(moved, state, still)]
 
     def _point(self, name: str, k: int) -> None:

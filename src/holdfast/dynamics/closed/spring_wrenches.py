@@ -13,9 +13,11 @@ import numpy as np
 
 from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.arm.velocity import link_twists
+from holdfast.dynamics.trunk.trunk_motion import standing
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.spring import OBJECT, Spring, SpringEnd
+from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each, sqrt, where
 from holdfast.spatial.vector import cross
 from holdfast.state import Inputs, State
@@ -65,7 +67,7 @@ class Stretch(NamedTuple):
 
 
 def with_springs(chain: ClosedChain, state: State, inputs: Inputs) -> Inputs:
-    """Return the inputs with what the chain's springs add to the wrenches on object and links. O(springs) + O(n).
+    """Return the inputs with what the chain's springs add to the wrenches on the bodies. O(springs) + O(n).
 
     Args:
         chain: the chain.
@@ -74,42 +76,62 @@ def with_springs(chain: ClosedChain, state: State, inputs: Inputs) -> Inputs:
     """
     if not chain.springs:
         return inputs
-    assert inputs.base_twists is not None and inputs.object_wrench is not None
-    of_object, of_links = inputs.object_wrench, inputs.link_wrenches
-    rows = [np.zeros(6)] * chain.joint_count if of_links is None else list(of_links)
-    for spring, found in zip(chain.springs, stretches(chain, state, inputs.base_twists), strict=True):
+    assert inputs.object_wrench is not None
+    of_object, of_links, of_trunk = inputs.object_wrench, inputs.link_wrenches, inputs.trunk_link_wrenches
+    first = 0 if chain.trunk is None else chain.trunk.joint_count
+    rows = [np.zeros(6)] * (chain.joint_count - first) if of_links is None else list(of_links)
+    bodies = [np.zeros(6)] * (0 if chain.trunk is None else len(chain.trunk.bodies))
+    bodies = bodies if of_trunk is None else list(of_trunk)
+    for spring, found in zip(chain.springs, stretches(chain, state, inputs), strict=True):
         pull = found.pull(spring)
         for at, end, force in ((spring.a, found.a, pull), (spring.b, found.b, -pull)):
             wrench = concatenate([cross(end.lever, force), force])
             if at.on_arm:
-                row = chain.joints[at.body].start + at.link_number()
+                row = chain.joints[at.body].start - first + at.link_number()
                 rows[row] = rows[row] + wrench
+            elif at.on_trunk:
+                k = _place(chain, at)
+                bodies[k] = bodies[k] + wrench
             elif at.body == OBJECT:
                 of_object = of_object + wrench
-    return replace(inputs, object_wrench=of_object, link_wrenches=array(rows))
+    on_trunk = {"trunk_link_wrenches": array(bodies)} if bodies else {}
+    return replace(inputs, object_wrench=of_object, link_wrenches=array(rows), **on_trunk)
 
 
-def stretches(chain: ClosedChain, state: State, base_twists: Array) -> list[Stretch]:
+def stretches(chain: ClosedChain, state: State, inputs: Inputs) -> list[Stretch]:
     """Return every spring at one instant. O(springs) + O(n).
 
     Args:
         chain: the chain.
         state: positions and velocities.
-        base_twists: (arms, 6) of the base origins, world axes.
+        inputs: shaped inputs; base motion enters.
     """
-    ends = [end for spring in chain.springs for end in spring.ends]
+    if not chain.springs:
+        return []
+    at, ends = standing(chain, state, inputs), [end for spring in chain.springs for end in spring.ends]
     on_arm = {name: [end for end in ends if end.on_arm and end.body == name] for name in chain.arms}
     names = [name for name, attached in on_arm.items() if attached]
     found = each(
         ends_on_arm,
-        [chain.arms[name] for name in names],
+        [at.arms[chain.names.index(name)] for name in names],
         [state.q[chain.joints[name]] for name in names],
         [state.qd[chain.joints[name]] for name in names],
-        [base_twists[chain.names.index(name)] for name in names],
+        [at.base_twists[chain.names.index(name)] for name in names],
         [tuple(on_arm[name]) for name in names],
     )
     placed = {name: iter(of_arm) for name, of_arm in zip(names, found, strict=True)}
-    every = iter([next(placed[end.body]) if end.on_arm else _off_arms(end, state) for end in ends])
+
+    def of(end: SpringEnd) -> End:
+        if end.on_arm:
+            return next(placed[end.body])
+        if end.on_trunk:
+            body = at.trunk[_place(chain, end)]
+            return _on_body(end.point, body.frame, body.twist)
+        if end.body == OBJECT:
+            return _on_body(end.point, state.object_frame, state.object_twist)
+        return End(end.point, end.point, np.zeros(3))
+
+    every = iter([of(end) for end in ends])
     return [stretch(a, b) for a, b in zip(every, every, strict=True)]
 
 
@@ -126,12 +148,15 @@ def ends_on_arm(arm: Arm, q: Array, qd: Array, base_twist: Array, attached: Sequ
     return found
 
 
-def _off_arms(end: SpringEnd, state: State) -> End:
-    """Return an end on the object or in the world."""
-    if end.body != OBJECT:
-        return End(end.point, end.point, np.zeros(3))
-    frame, twist = state.object_frame, state.object_twist
-    lever = frame.R @ end.point
+def _place(chain: ClosedChain, end: SpringEnd) -> int:
+    """Return the place of a trunk's body in `Trunk.bodies`."""
+    assert chain.trunk is not None
+    return chain.trunk.body(end.link, "spring")
+
+
+def _on_body(point: Array, frame: Pose, twist: Array) -> End:
+    """Return an end on a body whose origin has a twist (6,), world axes."""
+    lever = frame.R @ point
     return End(lever, frame.p + lever, twist[3:] + cross(twist[:3], lever))
 
 
