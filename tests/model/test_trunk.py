@@ -53,7 +53,7 @@ def test_layout():
         (lambda: chain(None, {"left": 0}), "expected a trunk to mount 'left' on"),
         (lambda: chain(ARM), "trunk: expected a Trunk or None, got Arm"),
         (
-            lambda: replace(chain(), springs=[hf.Spring(("world", [0, 0, 0]), ("trunk", "hip", [0, 0, 0]), 1.0)]),
+            lambda: replace(chain(), springs=[hf.Spring(("world", [0, 0, 0]), ("trunk", "nowhere", [0, 0, 0]), 1.0)]),
             "spring: point on 'trunk': expected a link of the trunk",
         ),
         (lambda: chain(mounts=[1]), "expected mounts as a mapping"),

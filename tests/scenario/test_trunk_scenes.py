@@ -232,7 +232,7 @@ REFUSED = [
     ("[[grasps]]", 'springs = [{ a = { body = "world" }, b = { body = "object" }, stiffness = 1 }]\n[[grasps]]',
      "unknown field `springs`"),
     ("gravity =", 'springs = [{ a = { body = "trunk", link = 9 }, b = { body = "object" }, stiffness = 1 }]\ngravity =',
-     "$.springs[0]: spring: point on 'trunk': expected a link of the trunk"),
+     "$.springs[0]: point on 'trunk': expected a link of the trunk"),
 ]  # fmt: skip
 
 
