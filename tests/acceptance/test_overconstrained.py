@@ -9,6 +9,7 @@ from tests.simulation.test_overconstrained import MODELS, energy_error, free
 from tests.systems.bricard import bricard, line_symmetric
 
 pytestmark = pytest.mark.long
+AWAY = 200.0  # condition, up to which no step of 1.5 ms is taken in parts
 
 
 @pytest.mark.parametrize(("rtol", "bound"), [(1e-12, 1e-11), (1e-13, 1e-12)])
@@ -25,8 +26,8 @@ def test_bricard(turns, rtol, bound):
 def test_line_symmetric_loops(chunk):
     """Fourth order and closure, 40 random loops a chunk; where the constraint is nearly singular it is said.
 
-    Steps of 6 ms are taken in parts where they are too long for the motion (`adaptive_parts`), and are then better than
-    the fourth order of shorter ones makes them.
+    Steps that are too long for the motion are taken in parts (`adaptive_parts`), and are then better than the fourth
+    order of shorter ones makes them; so the order is that of loops that stay away from singular postures.
     """
     compared, orders, steps = 0, [], (6e-3, 1.5e-3, 0.75e-3)
     for seed in range(40 * chunk, 40 * chunk + 40):
@@ -36,13 +37,14 @@ def test_line_symmetric_loops(chunk):
             continue
         long, short, shorter = (energy_error(run) for run in runs)
         # so small an error of the energy changes its sign on the way: its largest value has no order yet
-        if shorter > 1e-11:
+        if shorter > 1e-11 and runs[-1].condition.max() < AWAY:
             orders.append(np.log2(short / shorter))
             assert orders[-1] > 3.5, seed
         assert long <= max(2.0 * short * (steps[0] / steps[1]) ** 4, 1e-9), seed
         compared += 1
     assert compared >= 35
-    print(f"{compared} of 40 loops, {len(orders)} orders {min(orders):.2f} .. {max(orders):.2f}")
+    least, most = min(orders, default=np.nan), max(orders, default=np.nan)
+    print(f"{compared} of 40 loops, {len(orders)} orders {least:.2f} .. {most:.2f}")
 
 
 @pytest.mark.parametrize("chunk", range(10))

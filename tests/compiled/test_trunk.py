@@ -1,12 +1,18 @@
 """Machine code of forward dynamics with a trunk: the reference's answers, batches, bound calls, refusals."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import holdfast as hf
+from holdfast.compiled.not_compiled import NotCompiledError
 from holdfast.dynamics import Status
+from holdfast.dynamics.arm.jacobian import jacobian
+from holdfast.dynamics.closed.chain_motion import chain_motion
 from tests.systems.problems import relative_gap
 from tests.systems.trunk_problems import cases, random_on_trunk
+from tests.systems.trunk_runs import still_base
 
 EXACT = 1e-11
 ANSWERS = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench", "trunk_base_wrench")
@@ -92,3 +98,52 @@ def test_refused():
         fast.forward_dynamics(*arguments, **parameters | {"floating_pose": np.ones(7)})
     with pytest.raises(hf.StateError, match="moves with the trunk"):
         fast.forward_dynamics(*arguments, **parameters, base_twist=np.ones((2, 6)))
+
+
+@pytest.mark.parametrize("floating", [False, True])
+def test_other_functions(floating):
+    """Energies, momentum, mass centre, frames, Jacobians, mobility, closure and projection are the reference's."""
+    p = still_base(3, 2, floating=floating, arms={"arms": 2, "joints": 7, "grasps": ("rigid", "ball")}, in_world=0.4)
+    chain, s, compiled = p.chain, p.state, hf.compile(p.chain)
+    pose = {"floating_pose": s.base_pose} if floating else {}
+    moving = pose | ({"floating_twist": s.base_twist} if floating else {})
+    state = (s.q, s.qd, s.object_pose, s.object_twist)
+    expected = {
+        "kinetic_energy": hf.dynamics.kinetic_energy(chain, s),
+        "potential_energy": hf.dynamics.potential_energy(chain, s),
+        "momentum": hf.dynamics.momentum(chain, s),
+        "centre_of_mass": hf.dynamics.centre_of_mass(chain, s),
+        "object_mobility": hf.dynamics.object_mobility(chain, s),
+    }
+    found = {
+        "kinetic_energy": compiled.kinetic_energy(*state, **moving),
+        "potential_energy": compiled.potential_energy(s.q, s.object_pose, **pose),
+        "momentum": compiled.momentum(*state, **moving),
+        "centre_of_mass": compiled.centre_of_mass(s.q, s.object_pose, **pose),
+        "object_mobility": compiled.object_mobility(s.q, s.object_pose, **pose),
+    }
+    for name, x in expected.items():
+        assert np.allclose(found[name], x, rtol=1e-11, atol=1e-11 * np.abs(x).max()), name
+    motion = chain_motion(chain, s, p.tau, hf.Inputs().shaped(chain))
+    tips, jacobians = compiled.tip_poses(s.q, **pose), compiled.jacobian(s.q, **pose)
+    for name, arm in motion.arms.items():
+        assert np.allclose(tips[name].p, arm.at.tip.p, atol=1e-12)
+        assert np.allclose(jacobians[name], jacobian(arm.arm, arm.at), atol=1e-11)
+    off = dataclasses.replace(s, q=s.q + 1e-5)
+    closed = compiled.project(off.q, *state[1:], **moving)
+    there, _ = hf.project(chain, off)
+    assert np.allclose(closed["q"], there.q, atol=1e-12)
+    assert np.allclose(closed["object_twist"], there.object_twist, atol=1e-10)
+    if floating:
+        assert np.allclose(closed["floating_pose"], there.base_pose, atol=1e-12)
+        with pytest.raises(hf.StateError, match="floating_twist: expected that of the trunk's floating base"):
+            compiled.momentum(*state, **pose)
+        with pytest.raises(NotCompiledError, match="whose base floats"):
+            compiled.inverse_dynamics(s.q, s.qd, 0 * s.q, np.zeros((2, 6)))
+    else:
+        found = p.solved()
+        tau = compiled.inverse_dynamics(s.q, s.qd, found.qdd, found.grasp_wrench)
+        expected = hf.inverse_dynamics(chain, s, found.qdd, found.grasp_wrench)
+        assert np.allclose(tau, expected, rtol=1e-11, atol=1e-9)
+        many = compiled.momentum(*(np.array([x, x]) for x in state))
+        assert np.allclose(many, [hf.dynamics.momentum(chain, s)] * 2, rtol=1e-11, atol=1e-11)

@@ -108,7 +108,6 @@ def test_fingerprints_of_chains_without_a_trunk_stay():
 
 WITH_TRUNK = cases()["torso1_rigid_7_7"]
 NOT_YET = {
-    "compile: mass_matrix": lambda c: hf.compile(c.chain).mass_matrix(c.state.q),
     "assembly_report": lambda c: hf.assembly.assembly_report(c.chain, c.state),
 }
 

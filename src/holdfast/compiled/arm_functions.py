@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from holdfast.compiled.externals import LINKS, STATE, externals, shapes, starts
+from holdfast.compiled.externals import (
+    FLOATING,
+    LINKS,
+    STATE,
+    TRUNK_BASE_MOTION,
+    externals,
+    shapes,
+    starts,
+    state_fields,
+)
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiled.traced_chain import Given, traced, traced_chain, traced_inputs, traced_state
 from holdfast.compiler.program import Shape
@@ -24,12 +33,12 @@ from holdfast.dynamics.inverse import torques
 from holdfast.dynamics.kinematics import link_frames
 from holdfast.dynamics.object_level import object_mobility
 from holdfast.dynamics.projection import after_step
+from holdfast.dynamics.trunk.trunk_motion import standing
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp_kinds import GraspKind
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, concatenate, each
-from holdfast.state import Inputs
 
 Found = Mapping[str, Any]
 
@@ -50,6 +59,7 @@ class Computation:
         by_grasp: whether it is of the arms that hold, each kind in its way.
         by_links: whether the links' inertias matter.
         acting: whether wrenches on the links do.
+        closes: whether it returns a state, its arrays named with `CLOSED`.
     """
 
     inputs: tuple[str, ...]
@@ -60,6 +70,7 @@ class Computation:
     by_grasp: bool = False
     by_links: bool = True
     acting: bool = False
+    closes: bool = False
 
     def structure(self, chain: ClosedChain, options: Options) -> Structure:
         """Return the chain as this computation sees it; options that do not matter are left out."""
@@ -69,13 +80,27 @@ class Computation:
     def externals(self, structure: Structure) -> dict[str, External]:
         """Return the arrays it takes and returns."""
         chain, options = structure.chain, structure.options
-        inputs = (*self.inputs, "link_wrench") if options.link_wrenches else self.inputs
-        parameters = (*self.parameters, *LINKS) if options.link_inertia else self.parameters
+        inputs, parameters = list(self.inputs), list(self.parameters)
+        if options.link_wrenches:
+            inputs += ["link_wrench", *(["trunk_link_wrench"] if chain.trunk is not None else ())]
+        parameters += LINKS if options.link_inertia else ()
+        inputs += self.of_base(chain)
+        if chain.trunk is not None and self.parameters:
+            parameters += [name for name in ("base_R", "base_p") if name not in parameters]
+            parameters += TRUNK_BASE_MOTION if "base_twist" in parameters and not chain.floats else ()
         known = shapes(chain)
         outputs: dict[str, Shape] = {name: (self.starts(chain, name)[-1],) for name in self.results}
+        for name in state_fields(chain) if self.closes else ():
+            outputs[f"{CLOSED}{name}"] = known[name]
         for name, shape in self.whole.items():
-            outputs[name] = known[name.removeprefix(CLOSED)] if shape is None else shape
+            outputs[name] = known[name] if shape is None else shape
         return externals(inputs, parameters, outputs, known | outputs)
+
+    def of_base(self, chain: ClosedChain) -> list[str]:
+        """Return the arrays of a trunk's floating base that are inputs: its pose, and its twist where rates are."""
+        if not chain.floats or not self.parameters:
+            return []
+        return list(FLOATING) if {"qd", "object_twist"} & {*self.inputs} else [FLOATING[0]]
 
     def starts(self, chain: ClosedChain, result: str) -> list[int]:
         """Return where each arm's part of a result begins, and where the last one ends."""
@@ -90,20 +115,22 @@ class Computation:
 
 def _torques(chain: ClosedChain, x: Given) -> Found:
     state = traced_state(chain, x)
-    motion = chain_motion(chain, state, state.q, traced_inputs(chain, x))  # any torques: they do not matter
+    motion = chain_motion(chain, state, np.zeros(chain.joint_count), traced_inputs(chain, x))
     return {"tau": torques(motion, x["qdd"], x["grasp_wrench"])}
 
 
 def _mass_matrices(chain: ClosedChain, x: Given) -> Found:
-    return {"mass_matrix": _by_arm(lambda arm, q: mass_matrix(arm, posture(arm, q))[0].ravel(), chain, x)}
+    arms = chain.arms.values()  # wherever they stand
+    return {"mass_matrix": _by_arm(lambda arm, q: mass_matrix(arm, posture(arm, q))[0].ravel(), chain, x, arms)}
 
 
 def _jacobians(chain: ClosedChain, x: Given) -> Found:
     return {"jacobian": _by_arm(lambda arm, q: jacobian(arm, posture(arm, q)).ravel(), chain, x)}
 
 
-def _by_arm(f: Callable[[Arm, Array], Array], chain: ClosedChain, x: Given) -> Array:
-    return concatenate(each(f, chain.arms.values(), [x["q"][part] for part in chain.arm_joints]))
+def _by_arm(f: Callable[[Arm, Array], Array], chain: ClosedChain, x: Given, arms: Iterable[Arm] | None = None) -> Array:
+    arms = standing(chain, traced_state(chain, x), traced_inputs(chain, x)).arms if arms is None else arms
+    return concatenate(each(f, arms, [x["q"][part] for part in chain.arm_joints]))
 
 
 def _closure(chain: ClosedChain, x: Given) -> Found:
@@ -122,7 +149,7 @@ def _closure(chain: ClosedChain, x: Given) -> Found:
 
 
 def _kinetic_energy(chain: ClosedChain, x: Given) -> Found:
-    return {"energy": total_kinetic_energy(chain, traced_state(chain, x), Inputs(base_twists=x["base_twist"]))}
+    return {"energy": total_kinetic_energy(chain, traced_state(chain, x), traced_inputs(chain, x))}
 
 
 def _potential_energy(chain: ClosedChain, x: Given) -> Found:
@@ -130,7 +157,7 @@ def _potential_energy(chain: ClosedChain, x: Given) -> Found:
 
 
 def _momentum(chain: ClosedChain, x: Given) -> Found:
-    return {"momentum": total_momentum(chain, traced_state(chain, x), Inputs(base_twists=x["base_twist"]), x["about"])}
+    return {"momentum": total_momentum(chain, traced_state(chain, x), traced_inputs(chain, x), x["about"])}
 
 
 def _centre_of_mass(chain: ClosedChain, x: Given) -> Found:
@@ -155,7 +182,7 @@ def _frame(pose: Pose) -> Array:
 
 def _project(chain: ClosedChain, x: Given) -> Found:
     found = after_step(chain, traced_state(chain, x), traced_inputs(chain, x))
-    return {f"{CLOSED}{name}": getattr(found, name) for name in STATE}
+    return {f"{CLOSED}{name}": getattr(found, field) for name, field in state_fields(chain).items()}
 
 
 COMPUTATIONS: dict[str, Computation] = {
@@ -163,7 +190,7 @@ COMPUTATIONS: dict[str, Computation] = {
         ("q", "qd", "qdd", "grasp_wrench"),
         ("gravity", "base_R", "base_twist", "base_acceleration"),
         _torques,
-        {"tau": lambda N, _: N},
+        whole={"tau": None},
         acting=True,
     ),
     "mass_matrix": Computation(("q",), (), _mass_matrices, {"mass_matrix": lambda N, _: N * N}),
@@ -219,7 +246,7 @@ COMPUTATIONS: dict[str, Computation] = {
         STATE,
         (*_OBJECT, "base_R", "base_p", "base_twist", "grasp_R", "grasp_p"),
         _project,
-        whole={f"{CLOSED}{name}": None for name in STATE},
+        closes=True,
         by_grasp=True,
     ),
 }

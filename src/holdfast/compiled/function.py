@@ -41,7 +41,7 @@ class CompiledFunction:
         structure = computation.structure(chain, options)
         self.externals = computation.externals(structure)
         self._kernel = kernel(name, structure, self.externals, lambda: computation.schedule(structure))
-        self._inputs = computation.inputs
+        self._inputs, self._of_base = computation.inputs, computation.of_base(chain)
         own = parameters_of(chain, None)
         self._own = {
             name: own[name] for name, e in self.externals.items() if e.role != "output" and name not in self._inputs
@@ -74,8 +74,12 @@ class CompiledFunction:
             name: arrays.floats(name, x, self.externals[name].shape)
             for name, x in zip(self._inputs, given, strict=True)
         }
+        for name in self._of_base:
+            if name not in parameters:
+                raise StateError(f"{name}: expected that of the trunk's floating base, got none; its state is an input")
         changed = parse_parameters(parameters, self.externals, self._chain) if parameters else {}
         changed = {name: arrays.floats(name, x, self.externals[name].shape) for name, x in changed.items()}
+        inputs |= {name: changed.pop(name) for name in self._of_base}
         batch = arrays.batch_of(inputs | changed, self.externals)
         if batch is not None:
             return self._many(inputs, changed, batch, threads)

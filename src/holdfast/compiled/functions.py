@@ -14,7 +14,7 @@ from holdfast.compiled.not_compiled import NotCompiledError, missing
 from holdfast.compiled.structure import Options
 from holdfast.dynamics.consistency import GraspResidual
 from holdfast.errors import StateError
-from holdfast.model.closed_chain import ClosedChain, require_own_bases
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 
 
@@ -38,7 +38,8 @@ class ChainFunctions:
     angles beyond 1e5 rad and an object's quaternion that is not of unit length are a `StateError`
     for one system; in a batch all results of that system alone are not-a-number. Parameters must
     be finite everywhere; with an object_mass goes an object_inertia, or "scale" for it: the chain's
-    own, in proportion to the mass.
+    own, in proportion to the mass. What depends on where a trunk's floating base is takes its floating_pose (7,), and
+    floating_twist (6,) beside rates, by name; trunk_base_twist (6,) of a trunk in the world goes with base_twist.
 
     Attributes:
         chain: the chain.
@@ -68,8 +69,14 @@ class ChainFunctions:
 
         Raises:
             StateError: wrong shapes or numbers, or a wrench on an arm that holds nothing.
-            NotCompiledError: the chain has springs between bodies, whose forces these arguments do not tell.
+            NotCompiledError: the chain has springs between bodies, whose forces these arguments do not tell, or a
+                floating base.
         """
+        if self.chain.floats:
+            raise NotCompiledError(
+                "compile: 'inverse_dynamics' of a chain whose base floats runs as reference only, which tells whether"
+                " the base, that has no drive, could accelerate so; holdfast.inverse_dynamics computes it"
+            )
         if self.chain.springs:
             raise NotCompiledError(
                 "compile: 'inverse_dynamics' of a chain with springs between bodies runs as reference only, since they"
@@ -297,7 +304,7 @@ class ChainFunctions:
                 base_pose (arms, 7), base_twist (arms, 6), grasp_pose (grasps, 7), and the links' if asked for.
 
         Returns:
-            q, qd, object_pose and object_twist by these names.
+            q, qd, object_pose and object_twist by these names; floating_pose and floating_twist where a base floats.
 
         Raises:
             StateError: wrong shapes or numbers.
@@ -311,7 +318,6 @@ class ChainFunctions:
 
     def _function(self, name: str) -> CompiledFunction:
         """Return a computation, compiled when first asked for."""
-        require_own_bases(self.chain, f"compile: {name}")
         made: dict[str, CompiledFunction] = self.__dict__.setdefault("_functions", {})
         if name not in made:
             made[name] = CompiledFunction(name, self.chain, self.options)
