@@ -84,12 +84,12 @@ def link_frames(arm: dict, numbers: Arithmetic) -> list[MovingFrame]:
     q, qd = numbers.array(arm["q"]), numbers.array(arm["qd"])
     frames = []
     for joint, angle, rate in zip(arm["joints"], q, qd, strict=True):
-        parent = _child_frame(parent, joint, angle, rate, numbers)
+        parent = child_frame(parent, joint, angle, rate, numbers)
         frames.append(parent)
     return frames
 
 
-def _child_frame(parent: MovingFrame, joint: dict, q, qd, numbers: Arithmetic) -> MovingFrame:
+def child_frame(parent: MovingFrame, joint: dict, q, qd, numbers: Arithmetic) -> MovingFrame:
     """Return the frame of the link behind one joint at position q and rate qd."""
     R = parent.R @ numbers.array(joint["R0"])
     local_axis = numbers.array(joint["axis"])

@@ -131,6 +131,19 @@ def moved(moment: np.ndarray, force: np.ndarray, lever: np.ndarray) -> np.ndarra
 def object_equation(body: dict, gravity: np.ndarray, numbers: Arithmetic) -> BodyEquation:
     """Return the contact-free equation of the held object about its origin C."""
     R, C, omega, v = (numbers.array(body[key]) for key in ("R", "p", "omega", "v"))
+    return body_equation(body, MovingFrame(R, C, omega, v, 0 * omega, 0 * v), gravity, numbers)
+
+
+def body_equation(body: dict, frame: MovingFrame, gravity: np.ndarray, numbers: Arithmetic) -> BodyEquation:
+    """Return the equation of a free body about the origin of its frame.
+
+    Args:
+        body: its mass, com, inertia, and the external wrench on it if there is one.
+        frame: where it is and how it moves.
+        gravity: (3,) [m/s^2].
+        numbers: arithmetic.
+    """
+    R, omega = frame.R, frame.omega
     inertia = R @ numbers.array(body["inertia"]) @ R.T
     mass = numbers.array(body["mass"])[()]
     lever = R @ numbers.array(body["com"])
@@ -141,4 +154,4 @@ def object_equation(body: dict, gravity: np.ndarray, numbers: Arithmetic) -> Bod
     force = mass * (centripetal(omega, lever) - gravity)
     bias = moved(cross(omega, inertia @ omega), force, lever)
     bias = bias - numbers.array(body.get("wrench", np.zeros(6)))
-    return BodyEquation(M, bias, R, omega, v, C)
+    return BodyEquation(M, bias, R, omega, frame.v, frame.origin)
