@@ -9,12 +9,15 @@ import pytest
 
 import holdfast as hf
 from holdfast.robots import load_urdf_trunk
+from holdfast.robots.urdf import UrdfTrunk
 from tests.acceptance.test_real_robots import FOLDER
 
 pytest.importorskip("pinocchio", reason="needs Pinocchio: pip install pin")
+from tests.robots.pinocchio_closed import closed_gaps
 from tests.robots.pinocchio_trunk import gaps
 
 TOLERANCE = 1e-10
+STATES = 10
 
 # file, its tips, and the joints that the arms share; Baxter's torso does not move, and its arms share none
 ROBOTS = [
@@ -41,6 +44,12 @@ ROBOTS = [
     ("simple_humanoid", ("l_wrist", "r_wrist"), ("WAIST_P", "WAIST_R", "CHEST")),
 ]
 IMPOSSIBLE = {"tiago_dual": "base_antenna_left_link"}  # a link of the base with a moment below 0
+ON_A_TRUNK = [
+    pytest.param(file, links, floating, id=f"{file}-{'floating' if floating else 'standing'}")
+    for file, links, shared in ROBOTS
+    for floating in (False, True)
+    if (file not in IMPOSSIBLE if floating else shared)
+]
 
 pytestmark = [
     pytest.mark.long,
@@ -68,23 +77,36 @@ def test_a_hand_on_an_arm():
     assert max(differs) <= TOLERANCE
 
 
+def loaded(file: str, links: tuple[str, str], *, floating: bool) -> tuple[UrdfTrunk, dict[str, str]]:
+    """Return a robot that stands or floats, all but its arms held, and the links of its tips."""
+    tips = dict(zip(("left", "right"), links, strict=True))
+    return load_urdf_trunk(real(file), tips, floating=floating, lock_others=True, physical=False), tips
+
+
 @pytest.mark.parametrize("floating", [False, True], ids=["standing", "floating"])
 @pytest.mark.parametrize(("file", "links", "shared"), ROBOTS, ids=[robot[0] for robot in ROBOTS])
 def test_arms_on_their_trunk(file, links, shared, floating):
     """Frames, masses, and dynamics with a tray in both hands, the trunk's joints and a floating base included."""
-    path = real(file)
-    tips = dict(zip(("left", "right"), links, strict=True))
-    options = {"floating": floating, "lock_others": True, "physical": False}
     if floating and file in IMPOSSIBLE:
         with pytest.raises(hf.SceneError, match=f"{IMPOSSIBLE[file]}.*expected principal moments >= 0"):
-            load_urdf_trunk(path, tips, **options)
+            loaded(file, links, floating=floating)
         return
     if not floating and not shared:
         with pytest.raises(hf.SceneError, match="expected a joint that moves two of the arms, got none"):
-            load_urdf_trunk(path, tips, **options)
+            loaded(file, links, floating=floating)
         return
-    found = load_urdf_trunk(path, tips, **options)
+    found, tips = loaded(file, links, floating=floating)
     assert tuple(joint.name for joint in found.trunk.joints) == shared
-    differs = gaps(path.read_text(encoding="utf-8"), found, tips)
+    differs = gaps(real(file).read_text(encoding="utf-8"), found, tips)
     print(f"{file:30s} {'floating' if floating else 'standing'} " + "  ".join(f"{gap:.1e}" for gap in differs))
     assert max(differs) <= TOLERANCE
+
+
+@pytest.mark.parametrize(("file", "links", "floating"), ON_A_TRUNK)
+def test_closed_through_a_tray(file, links, floating):
+    """Trunk, base, arms, tray and hands' wrenches in random closed states are those of `constraintDynamics`."""
+    found, tips = loaded(file, links, floating=floating)
+    xml = real(file).read_text(encoding="utf-8")
+    worst = [max(gap) for gap in zip(*(closed_gaps(xml, found, tips, seed) for seed in range(STATES)), strict=True)]
+    print(f"{file:30s} {'floating' if floating else 'standing'} " + "  ".join(f"{gap:.1e}" for gap in worst))
+    assert max(worst) <= TOLERANCE

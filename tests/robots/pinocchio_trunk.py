@@ -46,8 +46,8 @@ class Gaps(NamedTuple):
 class Tree:
     """Pinocchio's model of a robot whose other joints are held, at one state."""
 
-    def __init__(self, xml: str, found: UrdfTrunk) -> None:
-        random = np.random.default_rng(1)
+    def __init__(self, xml: str, found: UrdfTrunk, seed: int = 1) -> None:
+        random = np.random.default_rng(seed)
         self.floats = found.trunk.floating is not None
         self.joints = [*found.trunk.joints, *(joint for arm in found.arms.values() for joint in arm.joints)]
         models = Models(xml)
@@ -77,6 +77,12 @@ class Tree:
             v[:6] = np.r_[self.base.R.T @ base_twist[3:], self.base.R.T @ base_twist[:3]]
         return v
 
+    def drive(self, tau: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        """Return the model's generalised forces: torques less what dampers take; none at a free flyer."""
+        drive = np.zeros(self.model.nv)
+        drive[self.order] = tau - np.array([joint.damping for joint in self.joints]) * qd
+        return drive
+
     def rates_of_rates(self, v: np.ndarray, qdd: np.ndarray, base_acceleration: np.ndarray | None) -> np.ndarray:
         """Return the model's acceleration; a free flyer's turns with it."""
         a = self.rates(qdd, base_acceleration)
@@ -88,6 +94,18 @@ class Tree:
 def gaps(xml: str, found: UrdfTrunk, tips: dict[str, str], tray: hf.HeldObject = TRAY, kind: str = "rigid") -> Gaps:
     """Return the gaps of a robot with a tray in its hands, at a random state; all grasps rigid, or all balls."""
     random, tree = np.random.default_rng(0), Tree(xml, found)
+    chain, state = holding(tree, found, tips, tray, kind, random)
+    tau = random.normal(size=len(tree.q))
+    result = hf.forward_dynamics(chain, state, tau)
+    return Gaps(
+        _frames(tree, chain, state, tips), _mass(tree, found), *_dynamics(tree, chain, state, tau, result, tips)
+    )
+
+
+def holding(
+    tree: Tree, found: UrdfTrunk, tips: dict[str, str], tray: hf.HeldObject, kind: str, random: np.random.Generator
+) -> tuple[hf.ClosedChain, hf.State]:
+    """Return the robot with a tray in its hands where Pinocchio says that they are, in motion; all grasps of a kind."""
     tray_at = hf.Pose(
         rotation.exp(random.normal(size=3)), np.mean([tree.pose(link).p for link in tips.values()], axis=0)
     )
@@ -95,12 +113,7 @@ def gaps(xml: str, found: UrdfTrunk, tips: dict[str, str], tray: hf.HeldObject =
     chain = hf.ClosedChain(found.arms, tray, grasps, GRAVITY, found.trunk, found.mounts)
     base = {"base_pose": tree.base, "base_twist": random.normal(size=6)} if tree.floats else {}
     moving = hf.State(tree.q, random.normal(size=len(tree.q)), tray_at, random.normal(size=6), **base)
-    state = hf.dynamics.project_velocity(chain, moving)
-    tau = random.normal(size=len(tree.q))
-    result = hf.forward_dynamics(chain, state, tau)
-    return Gaps(
-        _frames(tree, chain, state, tips), _mass(tree, found), *_dynamics(tree, chain, state, tau, result, tips)
-    )
+    return chain, hf.dynamics.project_velocity(chain, moving)
 
 
 def _frames(tree: Tree, chain: hf.ClosedChain, state: hf.State, tips: dict[str, str]) -> float:
@@ -126,8 +139,7 @@ def _dynamics(
 ) -> tuple[float, float, float, float]:
     """Return the gaps of accelerations, torques, hands and tray."""
     model, data = tree.model, tree.data
-    v, drive = tree.rates(state.qd, state.base_twist), np.zeros(model.nv)
-    drive[tree.order] = tau - np.array([joint.damping for joint in tree.joints]) * state.qd
+    v, drive = tree.rates(state.qd, state.base_twist), tree.drive(tau, state.qd)
     pushes, C = [pin.Force.Zero() for _ in model.joints], state.object_pose[4:]
     on_tray = np.zeros(6)
     for name, link in tips.items():
