@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast import Arm, ClosedChain, Grasp, HeldObject, Inputs, Joint, Link, Pose, State
+from holdfast import Arm, ClosedChain, Grasp, HeldObject, Inputs, Joint, Link, Pose, State, Trunk
 from holdfast.compiler.arithmetic import OPERATIONS
 from holdfast.compiler.graph import Graph
 from holdfast.compiler.node import Node
@@ -26,6 +26,7 @@ from holdfast.compiler.trace import as_node, program_of
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.methods import METHODS
+from holdfast.model.trunk import BASE
 from holdfast.robots import HOME, ROBOTS
 from holdfast.spatial import rotation
 
@@ -105,8 +106,27 @@ def generic_arm(seed: int, joint_count: int) -> Arm:
     return Arm(joints, links, tip, base)
 
 
-def generic_chain(arm_count: int, joint_count: int, kind: str) -> ClosedChain:
-    """Return a chain of such arms; it need not close, only be counted."""
+def generic_trunk(joint_count: int, *, floating: bool) -> Trunk:
+    """Return a trunk of such joints; its base, or what floats in its place, is the same for every length."""
+    below = generic_arm(97, 1)
+    if floating and not joint_count:
+        return Trunk(floating=below.links[0])
+    serial = generic_arm(98, joint_count)
+    return Trunk(serial.joints, serial.links, below.base, below.links[0] if floating else None)
+
+
+def generic_chain(
+    arm_count: int, joint_count: int, kind: str, trunk: Trunk | None = None, in_world: int = 0
+) -> ClosedChain:
+    """Return a chain of such arms; it need not close, only be counted.
+
+    Args:
+        arm_count: arms.
+        joint_count: joints of each.
+        kind: of every grasp.
+        trunk: on whose last body the arms stand, or None.
+        in_world: how many of them stand in the world for all that.
+    """
     random = np.random.default_rng(99)
     arms = {f"arm{i}": generic_arm(i, joint_count) for i in range(arm_count)}
     grasps = {
@@ -114,7 +134,11 @@ def generic_chain(arm_count: int, joint_count: int, kind: str) -> ClosedChain:
         for name in arms
     }
     root = np.random.default_rng(7).uniform(0.1, 0.5, (3, 3)) + np.eye(3)
-    return ClosedChain(arms, HeldObject(3.0, root @ root.T, np.array([0.1, 0.2, 0.3]), physical=False), grasps)
+    held = HeldObject(3.0, root @ root.T, np.array([0.1, 0.2, 0.3]), physical=False)
+    if trunk is None:
+        return ClosedChain(arms, held, grasps)
+    last = trunk.joint_count - 1 if trunk.joint_count else BASE
+    return ClosedChain(arms, held, grasps, trunk=trunk, mounts=dict.fromkeys([*arms][in_world:], last))
 
 
 def two_pandas() -> ClosedChain:
@@ -129,23 +153,40 @@ def operations(chain: ClosedChain, method: str, route: str = "recursive") -> tup
     graph = CountingGraph()
     random = np.random.default_rng(3)
     n = chain.joint_count
-    quaternion = rotation.quaternion_exp(random.uniform(0.3, 1.0, 3))
+
+    def pose() -> np.ndarray:
+        return graph.array(np.r_[rotation.quaternion_exp(random.uniform(0.3, 1.0, 3)), random.uniform(0.3, 1.0, 3)])
+
     state = State(
         graph.array(random.uniform(0.3, 1.0, n)),
         graph.array(random.uniform(0.3, 1.0, n)),
-        graph.array(np.r_[quaternion, random.uniform(0.3, 1.0, 3)]),
+        pose(),
         graph.array(random.uniform(0.3, 1.0, 6)),
+        *([pose(), graph.array(random.uniform(0.3, 1.0, 6))] if chain.floats else []),
     )
     motion = chain_motion(chain, state, graph.array(random.uniform(0.3, 1.0, n)), Inputs().shaped(chain))
     before = graph.branches
     solution = sequential(motion, route) if method == "sequential" else METHODS[method].solve(motion)  # type: ignore[arg-type]
     outputs = [*solution.qdd, *solution.wrenches, solution.object_acceleration, *(solution.base_wrenches or [])]
+    if solution.trunk is not None:
+        outputs += [solution.trunk.qdd, np.zeros(0) if solution.trunk.base is None else solution.trunk.base]
     return graph.count(np.concatenate(outputs)), graph.branches - before
 
 
 def total(arm_count: int, joint_count: int, method: str, kind: str = "rigid", route: str = "recursive") -> int:
     """Return the total count on generic arms."""
     return operations(generic_chain(arm_count, joint_count, kind), method, route)[0]["total"]
+
+
+def on_trunk(
+    arm_count: int, joint_count: int, trunk_joints: int, kind: str, *, floating: bool = False, in_world: int = 1
+) -> int:
+    """Return the total count of `sequential` on generic arms on the last body of a generic trunk, one in the world.
+
+    That arm comes last, when all joints of the trunk have been crossed.
+    """
+    trunk = generic_trunk(trunk_joints, floating=floating)
+    return operations(generic_chain(arm_count, joint_count, kind, trunk, in_world), "sequential")[0]["total"]
 
 
 def departures(sizes: list[int], counts: list[int]) -> int:
@@ -184,6 +225,30 @@ def report() -> str:
             f"* {kind}: 2 arms, N = 4, 11 .. 60: {by_joints[0]:,} .. {by_joints[-1]:,}, departure from a straight line"
             f" {departures(list(joints), by_joints)}; N = 5, l = 3 .. 40: {by_arms[0]:,} .. {by_arms[-1]:,}, departure"
             f" {departures(list(arms), by_arms)}"
+        )
+    lines += [
+        "",
+        "## `sequential` on a trunk: linear in its joints too",
+        "",
+        "Three arms of 6 joints unless said, two on the trunk's last body and one in the world. Grasps that do not",
+        "hold rigidly keep the mobility in 6 to 12 factors, one more with every joint crossed, so lengths seven apart",
+        "are compared.",
+        "",
+    ]
+    for kind in GRASP_KINDS:
+        for floating, lengths in ((False, range(7, 29, 7)), (True, range(2, 24, 7))):
+            counts = [on_trunk(3, 6, m, kind, floating=floating) for m in lengths]
+            below = "floating base and" if floating else "trunk of"
+            lines.append(
+                f"* {kind}, {below} {lengths[0]}, {lengths[1]} .. {lengths[-1]}"
+                f" joints: {counts[0]:,} .. {counts[-1]:,}, departure {departures(list(lengths), counts)}"
+            )
+        arms, joints = range(3, 13), range(7, 29, 3)
+        by_arms, by_joints = [on_trunk(l, 5, 7, kind) for l in arms], [on_trunk(3, N, 7, kind) for N in joints]
+        lines.append(
+            f"* {kind}, trunk of 7 joints: N = 5, l = 3 .. 12: {by_arms[0]:,} .. {by_arms[-1]:,}, departure"
+            f" {departures(list(arms), by_arms)}; N = 7, 10 .. 28: {by_joints[0]:,} .. {by_joints[-1]:,}, departure"
+            f" {departures(list(joints), by_joints)}"
         )
     third = np.diff([total(l, 6, "rccfd2") for l in range(3, 9)], 3)
     lines += [

@@ -1,0 +1,35 @@
+"""`sequential` with a trunk is linear in arms, in their joints and in the trunk's, to the last operation."""
+
+import numpy as np
+import pytest
+from benchmarks.operation_counts import on_trunk
+
+KINDS = ("rigid", "ball")  # the mobility as a matrix, and in factors
+
+
+@pytest.mark.parametrize(("kind", "floating", "fewest"), [("rigid", False, 7), ("ball", True, 4)])
+def test_linear_in_arms_and_their_joints(kind, floating, fewest):
+    """Second differences are 0: of arms from two on the trunk on, of joints from where the recursion has them all."""
+    by_arms = [on_trunk(l, 4, 7, kind, floating=floating) for l in (3, 4, 5, 6)]
+    by_joints = [on_trunk(2, fewest + k, 7, kind, floating=floating) for k in range(4)]
+    assert np.diff(by_arms, 2).tolist() == [0, 0]
+    assert np.diff(by_joints, 2).tolist() == [0, 0]
+
+
+@pytest.mark.parametrize(("floating", "least"), [(False, 7), (True, 2)], ids=["standing", "floating"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_linear_in_the_trunk(kind, floating, least):
+    """From seven joints, or two on a floating base: what seven more of them cost is always the same.
+
+    Factors of the mobility are compressed with every seventh joint, so single joints do not cost the same.
+    """
+    for first in (least, least + 3):
+        counts = [on_trunk(2, 4, first + 7 * k, kind, floating=floating) for k in range(3)]
+        assert np.diff(counts, 2).tolist() == [0]
+
+
+@pytest.mark.parametrize("floating", [False, True], ids=["standing", "floating"])
+def test_every_joint_costs_the_same_below_all_arms(floating):
+    """Where all arms stand on the last body, second differences are 0 from three joints on."""
+    counts = [on_trunk(2, 4, m, "ball", floating=floating, in_world=0) for m in (3, 4, 5, 6, 7, 8)]
+    assert np.diff(counts, 2).tolist() == [0, 0, 0, 0]
