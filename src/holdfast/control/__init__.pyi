@@ -1,5 +1,6 @@
 """Controllers: functions (t, state, memory) -> (torques, memory)."""
 
+from .clipped import clipped as clipped
 from .gravity_compensation import GravityCompensation as GravityCompensation
 from .object_tracking import ObjectTracking as ObjectTracking
 from .paths import RestToRest as RestToRest

@@ -104,7 +104,7 @@ def giving_way(grasp: Grasp, wrench: Array) -> str:
 
 
 OnSlip = Literal["stop", "record", "release"]
-OnLimit = Literal["record", "stop"]
+OnLimit = Literal["record", "stop", "clip"]
 OnSingular = Literal["stop", "continue"]
 
 
@@ -115,7 +115,8 @@ class Policy:
     Attributes:
         on_slip: about a grasp that cannot hold: "stop" the run there; "record" it and go on as if it
             held; "release" it: the grasp opens and the arm goes on free.
-        on_limit: about a joint beyond a limit: "record" or "stop".
+        on_limit: about a joint beyond a limit: "record" or "stop"; "clip": torques are clipped to effort limits, where
+            their margins are 0, and the others recorded.
         on_singular: about a posture where the constraint loses rank: "stop" the run before it, or "continue" through
             it where only one motion with continuous velocities leads on.
     """

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from holdfast.control.clipped import clipped
 from holdfast.control.controller import ControlLaw, Controller, require_controller
 from holdfast.dynamics.near_singular import NEAR, nearly_lost
 from holdfast.errors import HoldfastError, StateError
@@ -78,7 +79,8 @@ def simulate(
         breakpoints: times at which torques or inputs jump or change their course; steps end there.
         on_slip: what is done about a grasp that cannot hold: "stop", "record" (and go on as if it held), or
             "release" (it opens; velocities go on).
-        on_limit: what is done about a joint beyond a limit: "record" or "stop".
+        on_limit: what is done about a joint beyond a limit: "record" or "stop"; "clip": torques beyond an effort limit
+            are clipped to it (its margin is 0 then), and the other limits recorded.
         on_singular: what is done about a singular posture on the way: "stop" before it, or "continue" through it
             where only one motion with continuous velocities leads on; steps then end beside it.
         scheme: "rk4", "midpoint" or "dop853" (adaptive, order 8).
@@ -115,6 +117,8 @@ def simulate(
     policy, tolerance = Policy(on_slip, on_limit, on_singular), Tolerance(rtol, atol)
     make = make_stepper or partial(stepper_for, steps=len(grid) - 1)
     limit = None if largest_drift is None else checks.number(largest_drift, "simulation: largest_drift", above=0.0)
+    if policy.on_limit == "clip":
+        controller = clipped(controller, chain)
     settings = RunSettings(environment, controller, make, named, tolerance, limit, policy, ordered, ends)
 
     samples: list[Trajectory] = []

@@ -1,0 +1,92 @@
+"""Torques that go no further than the drives do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from holdfast.control.controller import ControlLaw, Controller, Torque, torques_and_memory
+from holdfast.errors import StateError
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.scalar import Array, Scalar, array, maximum, minimum
+from holdfast.state import State
+
+
+def clipped(controller: Controller | ControlLaw, chain: ClosedChain) -> Controller | ControlLaw:
+    """Return the controller with its torques clipped to the joints' effort limits, |tau| <= effort_limit.
+
+    A law stays a law, and a controller that is traceable stays so. Torques have corners where clipping begins and ends:
+    steps that contain one are of lower order.
+
+    Args:
+        controller: any.
+        chain: whose joints it drives.
+    """
+    limits = np.array([joint.effort_limit for joint in chain.all_joints])
+    if not isinstance(controller, ControlLaw):
+        return Clipped(controller, limits)
+    key = f"{controller.key}, clipped to {limits.tolist()}" if controller.key else ""
+    return replace(controller, torque=ClippedTorque(controller.torque, limits), key=key)
+
+
+@dataclass(frozen=True, eq=False)
+class Clipped(Frozen):
+    """A controller whose torques are clipped.
+
+    Attributes:
+        controller: asked for them.
+        limits: (n,) largest |tau| [N m or N]; infinite where there is none.
+    """
+
+    controller: Controller
+    limits: Array
+
+    @property
+    def traceable(self) -> bool:
+        """Whether it becomes machine code."""
+        return bool(getattr(self.controller, "traceable", False))
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """When its torques jump [s], as far as is known beforehand."""
+        return tuple(getattr(self.controller, "breakpoints", ()))
+
+    def for_chain(self, chain: ClosedChain) -> Controller:
+        """Return the controller of a chain whose grasps have changed."""
+        for_chain = getattr(self.controller, "for_chain", None)
+        return self if for_chain is None else Clipped(for_chain(chain), self.limits)
+
+    def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
+        """Return the torques (n,) [N m or N] and the memory."""
+        tau, kept = torques_and_memory(self.controller(t, state, memory))
+        return within(tau, self.limits), kept
+
+
+@dataclass(frozen=True, eq=False)
+class ClippedTorque(Frozen):
+    """The torques of a law, clipped; attributes as for `Clipped`."""
+
+    torque: Torque
+    limits: Array
+
+    def __call__(self, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, ArrayLike]:
+        """Return the torques (n,) and the memory."""
+        tau, kept = self.torque(t, state, memory, given)
+        return within(tau, self.limits), kept
+
+
+def within(tau: Any, limits: Array) -> Array:
+    """Return torques clipped to their limits, (n,)."""
+    given = tau if isinstance(tau, np.ndarray) and tau.dtype == object else np.asarray(tau)
+    if given.dtype != object:
+        given = checks.numbers(given, limits.shape, "controller: torques", StateError)
+    return array(
+        [x if math.isinf(most) else maximum(-most, minimum(most, x)) for x, most in zip(given, limits, strict=True)]
+    )
