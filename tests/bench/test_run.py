@@ -6,16 +6,19 @@ import sys
 import pytest
 
 from holdfast.bench import acceptance, peers, tables
+from holdfast.bench.entries import ACCURATE
 from holdfast.bench.run import run
 from tests.bench.tiny import TINY, tiny_document
 
 SCHEMA = {
-    "document": "format mode accuracy rounds machine peers systems batches rollouts growth compile bars",
+    "document": "format mode accuracy rounds machine peers systems batches rollouts trunks growth compile bars",
     "machine": "processor cores lanes features system python versions",
     "system": "name arms joints states operations entries skipped",
     "entry": "name library note floor microseconds lower_quartile upper_quartile error wrench_error accurate ratios",
     "batch": "size microseconds lower_quartile upper_quartile error ratios",
     "stepping": "name library note microseconds lower_quartile upper_quartile steps_per_second gap ratios",
+    "trunk": "name operations call bound batch peers",
+    "on a trunk": "name library note microseconds lower_quartile upper_quartile error wrench_error ratios",
     "growth": "larger smaller ratio",
     "compile": "system cold cached",
     "bar": "what sense goal value met note",
@@ -32,6 +35,8 @@ def test_schema():
         "entry": [entry for record in document["systems"] for entry in record["entries"]],
         "batch": document["batches"]["sizes"],
         "stepping": document["rollouts"]["entries"],
+        "trunk": document["trunks"],
+        "on a trunk": [row for r in document["trunks"] for row in (r["call"], r["bound"], r["batch"], *r["peers"])],
         "growth": document["growth"],
         "compile": document["compile"],
         "bar": document["bars"],
@@ -57,6 +62,16 @@ def test_ours_is_accurate():
     assert all(row["error"] <= 1e-9 for row in document["batches"]["sizes"])
     agreement = document["bars"][-1]
     assert agreement["met"] is True
+
+
+def test_trunks():
+    """On three joints and on a floating base: Pinocchio's answers, one call or many; beside ours without a trunk."""
+    for record in tiny_document()["trunks"]:
+        (peer,) = record["peers"]
+        assert peer["name"] == "constraintDynamics, free" and peer["ratios"].keys() == {"call", "bound", "batch"}
+        for ours in (record["call"], record["bound"], record["batch"]):
+            assert ours["error"] <= ACCURATE and ours["wrench_error"] <= ACCURATE
+            assert ours["ratios"].keys() == {"2 x 7"}
 
 
 def test_rollouts():

@@ -8,9 +8,20 @@ from holdfast.bench.clock import Effort
 from holdfast.bench.entries import Answers, Candidate, Entry
 from holdfast.bench.measure import reference
 from holdfast.bench.run import Plan, run
+from holdfast.bench.trunk_systems import TRUNKS
 
 EFFORT = Effort(turn=1e-4, rounds=3)
-TINY = Plan("tiny", ((2, 7), (3, 6)), (1, 5), (((3, 6), (2, 7)),), ((2, 7),), 1, EFFORT, rollout_sizes=(4,))
+TINY = Plan(
+    "tiny",
+    ((2, 7), (3, 6)),
+    (1, 5),
+    (((3, 6), (2, 7)),),
+    ((2, 7),),
+    1,
+    EFFORT,
+    rollout_sizes=(4,),
+    trunks=tuple(TRUNKS),
+)
 
 
 @functools.cache

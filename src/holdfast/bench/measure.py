@@ -71,8 +71,8 @@ def measure_system(
 def reference(system: System) -> Answers:
     """Return the answers of this library's equations as they run on NumPy, without machine code."""
     found = []
-    for q, qd, tau, pose, twist in zip(*system.arrays, strict=True):
-        found.append(forward_dynamics(system.chain, State(q, qd, pose, twist), tau))
+    for q, qd, tau, pose, twist, *base in zip(*system.arrays, *system.base_arrays, strict=True):
+        found.append(forward_dynamics(system.chain, State(q, qd, pose, twist, *base), tau))
     return answers_of(found)
 
 

@@ -22,7 +22,9 @@ import numpy as np
 from holdfast.bench.entries import ACCURATE, Answers, Candidate, Entry, relative_error
 from holdfast.bench.systems import System
 from holdfast.model.arm import Arm
+from holdfast.model.trunk import Trunk
 from holdfast.spatial import rotation
+from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
 LIBRARY = "pinocchio"
@@ -174,7 +176,9 @@ class PinocchioModel:
         self.system, self.form = system, form
         chain = system.chain
         self.model = pin.Model()
-        last = {name: add_arm(self.model, arm, name) for name, arm in chain.arms.items()}
+        bodies = add_trunk(self.model, chain.trunk)
+        on = {name: bodies[k] for name, k in chain.mounted_on.items()}
+        last = {name: add_arm(self.model, arm, name, on.get(name, 0)) for name, arm in chain.arms.items()}
         tips = {name: se3(arm.tip) for name, arm in chain.arms.items()}
         frames = {name: se3(grasp.frame) for name, grasp in chain.grasps.items()}
         holder = next(iter(chain.arms))
@@ -185,8 +189,9 @@ class PinocchioModel:
             body, origin = last[holder], tips[holder] * frames[holder].inverse()
         held = chain.held_object
         self.model.appendBodyToJoint(body, pin.Inertia(held.mass, np.array(held.com), np.array(held.inertia)), origin)
-        drives = [arm.armature for arm in chain.arms.values()]
-        self.model.armature = np.concatenate(drives if form == "tree" else [*drives, np.zeros(6)])
+        free = np.zeros(6)
+        drives = [*([free] if chain.floats else []), np.array([joint.armature for joint in chain.all_joints])]
+        self.model.armature = np.concatenate(drives if form == "tree" else [*drives, free])
         self.model.gravity.linear = np.array(chain.gravity)
         self.welds = pin.StdVec_RigidConstraintModel()
         self.welded = [name for name in chain.grasps if form == "free" or name != holder]
@@ -197,16 +202,13 @@ class PinocchioModel:
 
     def _inputs(self, k: int) -> tuple[Array, Array, Array]:
         s = self.system
-        if self.form == "tree":
-            return s.q[k].copy(), s.qd[k].copy(), s.tau[k].copy()
-        (w, x, y, z), p = s.object_pose[k, :4], s.object_pose[k, 4:]
-        R = _rotation(s, k)
-        own = np.concatenate([R.T @ s.object_twist[k, 3:], R.T @ s.object_twist[k, :3]])
-        return (
-            np.concatenate([s.q[k], p, [x, y, z, w]]),
-            np.concatenate([s.qd[k], own]),
-            np.concatenate([s.tau[k], np.zeros(6)]),
-        )
+        parts = [(s.q[k], s.qd[k], s.tau[k])]
+        if s.base_pose is not None and s.base_twist is not None:
+            parts.insert(0, free_body(s.base_pose[k], s.base_twist[k]))
+        if self.form == "free":
+            parts.append(free_body(s.object_pose[k], s.object_twist[k]))
+        q, v, tau = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+        return q, v, tau
 
     def weld_data(self) -> Any:
         """Return fresh data of the welds."""
@@ -228,9 +230,10 @@ class PinocchioModel:
 
     def answers(self, evaluate: Any, weld_data: Any = None) -> Answers:
         """Return what `evaluate(q, v, tau)` answers at every state."""
-        n, qdd, wrenches = self.system.chain.joint_count, [], []
+        chain, qdd, wrenches = self.system.chain, [], []
+        first = 6 if chain.floats else 0
         for k, given in enumerate(self.inputs):
-            qdd.append(np.array(evaluate(*given)[:n]))
+            qdd.append(np.array(evaluate(*given)[first : first + chain.joint_count]))
             if weld_data is not None:
                 wrenches.append(self.wrenches(weld_data, k))
         return Answers(np.array(qdd), np.array(wrenches) if wrenches else None)
@@ -242,12 +245,34 @@ def se3(pose: Any) -> Any:
     return pin.SE3(np.array(pose.R), np.array(pose.p))
 
 
-def add_arm(model: Any, arm: Arm, name: str) -> int:
-    """Append an arm at the world and return the number of its last joint."""
+def free_body(pose: Array, twist: Array) -> tuple[Array, Array, Array]:
+    """Return q, v and generalised forces of a free flyer, [linear; angular] in its own axes, that nothing drives."""
+    (w, x, y, z), p, R = pose[:4], pose[4:], rotation.from_quaternion(pose[:4])
+    return np.concatenate([p, [x, y, z, w]]), np.concatenate([R.T @ twist[3:], R.T @ twist[:3]]), np.zeros(6)
+
+
+def add_trunk(model: Any, trunk: Trunk | None) -> list[int]:
+    """Append a trunk and return the number of the joint that moves each of its bodies."""
+    pin: Any = import_module("pinocchio")
+    bodies = []
+    if trunk is not None and trunk.floating is not None:
+        free, body = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base"), trunk.floating
+        model.appendBodyToJoint(
+            free, pin.Inertia(body.mass, np.array(body.com), np.array(body.inertia)), se3(Pose.identity())
+        )
+        bodies.append(free)
+    if trunk is not None and trunk.serial is not None:
+        serial = trunk.serial if trunk.floating is None else trunk.serial.at(Pose.identity())
+        last = add_arm(model, serial, "trunk", bodies[0] if bodies else 0)
+        bodies += range(last - trunk.joint_count + 1, last + 1)
+    return bodies
+
+
+def add_arm(model: Any, arm: Arm, name: str, parent: int = 0) -> int:
+    """Append an arm at the world, or at the body that a joint moves, and return the number of its last joint."""
     pin: Any = import_module("pinocchio")
     # joints about a coordinate axis have cheaper models of their own
     aligned = dict(zip("xyz", (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ), strict=True))
-    parent = 0
     for k, (joint, link) in enumerate(zip(arm.joints, arm.links, strict=True)):
         placement = se3(joint.placement) if k else se3(arm.base) * se3(joint.placement)
         along = [axis for axis, unit in zip("xyz", np.eye(3), strict=True) if np.array_equal(joint.axis, unit)]

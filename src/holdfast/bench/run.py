@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 import holdfast
-from holdfast.bench import acceptance, entries, machine, peers
+from holdfast.bench import acceptance, entries, machine, peers, trunk_entries
 from holdfast.bench.clock import Effort, summary, timed
 from holdfast.bench.compile_times import compile_times
 from holdfast.bench.entries import ACCURATE, LIBRARY, relative_error
 from holdfast.bench.measure import measure_system, reference
 from holdfast.bench.rollout_entries import MUJOCO, SCHEMES, STEP, STEPS, mj_step, rollout
 from holdfast.bench.systems import System, make_system
+from holdfast.bench.trunk_systems import FLOATING, TORSO
 
 Size = tuple[int, int]  # arms, joints of each
 
@@ -35,6 +36,7 @@ class Plan:
         compile_runs: fresh processes for each.
         effort: of every timing.
         rollout_sizes: systems of `batch_of` that one call steps.
+        trunks: names of systems with a trunk.
     """
 
     mode: str
@@ -46,10 +48,19 @@ class Plan:
     effort: Effort
     batch_of: Size = (2, 7)
     rollout_sizes: tuple[int, ...] = ()
+    trunks: tuple[str, ...] = ()
 
 
 QUICK = Plan(
-    "quick", ((2, 7), (4, 7), (2, 24)), (512,), (), ((2, 7),), 1, Effort(turn=0.02, rounds=5), rollout_sizes=(512,)
+    "quick",
+    ((2, 7), (4, 7), (2, 24)),
+    (512,),
+    (),
+    ((2, 7),),
+    1,
+    Effort(turn=0.02, rounds=5),
+    rollout_sizes=(512,),
+    trunks=(TORSO, FLOATING),
 )
 FULL = Plan(
     "full",
@@ -63,6 +74,7 @@ FULL = Plan(
     3,
     Effort(turn=0.03, rounds=15),
     rollout_sizes=(8, 64, 512, 4096),
+    trunks=(TORSO, FLOATING),
 )
 
 
@@ -92,6 +104,7 @@ def run(plan: Plan, report: Report = lambda _doing, _part: None) -> dict[str, An
         *((f"{name_of(size)} joints", work.compare, (size,)) for size in plan.systems),
         ("batches", work.batches, ()),
         ("rollouts", work.rollouts, ()),
+        *((name, work.trunk, (name,)) for name in plan.trunks),
         *((f"growth to {name_of(larger)}", work.growth, (larger, smaller)) for larger, smaller in plan.growth),
         *((f"compiling {name_of(size)}", work.compiling, (size,)) for size in plan.compiled),
     ]
@@ -122,6 +135,7 @@ class Work:
             "systems": [],
             "batches": {"system": name_of(plan.batch_of), "sizes": []},
             "rollouts": {"system": name_of(plan.batch_of), "step": STEP, "steps": STEPS, "entries": []},
+            "trunks": [],
             "growth": [],
             "compile": [],
         }
@@ -182,6 +196,12 @@ class Work:
                 "ratios": {ways[j].entry.name: float(np.median(seconds[:, k] / seconds[:, j])) for j in ours},
             }
             self.document["rollouts"]["entries"].append(row)
+
+    def trunk(self, name: str) -> None:
+        """Compare ours and Pinocchio on a trunk, beside ours without one."""
+        here = "version" in self.document["peers"]["pinocchio"]
+        plain = self.system(self.plan.batch_of)
+        self.document["trunks"].append(trunk_entries.compare(name, plain, self.plan.effort, pinocchio=here))
 
     def growth(self, larger: Size, smaller: Size) -> None:
         """Time a larger system over a smaller one."""

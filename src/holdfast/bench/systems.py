@@ -44,6 +44,8 @@ class System:
         tau: (states, n) torques [N m].
         object_pose: (states, 7) wxyz_xyz.
         object_twist: (states, 6) [omega; v], world axes.
+        base_pose: (states, 7) of a floating base; None without one.
+        base_twist: (states, 6) of that base.
     """
 
     name: str
@@ -53,11 +55,18 @@ class System:
     tau: Array
     object_pose: Array
     object_twist: Array
+    base_pose: Array | None = None
+    base_twist: Array | None = None
 
     @property
     def arrays(self) -> tuple[Array, Array, Array, Array, Array]:
         """The arguments of forward dynamics, states along the first axis."""
         return self.q, self.qd, self.tau, self.object_pose, self.object_twist
+
+    @property
+    def base_arrays(self) -> tuple[Array, ...]:
+        """Pose and twist of a floating base, states along the first axis; nothing without one."""
+        return tuple(x for x in (self.base_pose, self.base_twist) if x is not None)
 
     @property
     def states(self) -> int:

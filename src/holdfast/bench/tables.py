@@ -136,6 +136,22 @@ def rollouts(document: Document) -> Table:
     return Table(f"Steps of {found['system']} in time", header, rows, notes)
 
 
+def trunks(document: Document) -> Table:
+    """Return chains with a trunk: ours over ours without it, and Pinocchio over ours."""
+    rows = []
+    for record in document["trunks"]:
+        own = (record["call"], record["bound"], record["batch"])
+        ours = [f"{number(one['microseconds'])} ({number(one['ratios']['2 x 7'])})" for one in own]
+        theirs = [[peer["name"], *map(number, peer["ratios"].values())] for peer in record["peers"]]
+        rows += [[record["name"], *ours, *cells] for cells in theirs or [[MISSING] * 4]]
+    header = ["system", "us: checked call", "bound call", "in a batch", "Pinocchio", "/ checked", "/ bound", "/ batch"]
+    notes = [
+        "Two Pandas and their box; in brackets over the same without a trunk. Batches are one call on one thread, per"
+        " state. Ratios are from the same rounds."
+    ]
+    return Table("Arms on a trunk", header, rows, notes)
+
+
 def compiling(document: Document) -> Table:
     """Return seconds from `compile` to the first answer in a new process, and operations."""
     operations = {record["name"]: record["operations"] for record in document["systems"]}
@@ -204,4 +220,4 @@ def _by_system(
 
 
 # in the order of the page
-ALL = (ratios, times, errors, settings, batches, rollouts, growth, compiling, acceptance_checks)
+ALL = (ratios, times, errors, settings, batches, rollouts, trunks, growth, compiling, acceptance_checks)
