@@ -148,21 +148,26 @@ def two_pandas() -> ClosedChain:
     return ClosedChain(arms, HeldObject.box(3.0, 0.4, 0.3, 0.2), {n: Grasp("rigid", f) for n, f in side.items()})
 
 
+def floating_base(graph: CountingGraph) -> list[np.ndarray]:
+    """Return pose and twist of a floating base, run-time inputs."""
+    random = np.random.default_rng(4)
+    quaternion = rotation.quaternion_exp(random.uniform(0.3, 1.0, 3))
+    pose, twist = np.r_[quaternion, random.uniform(0.3, 1.0, 3)], random.uniform(0.3, 1.0, 6)
+    return [graph.array(pose), graph.array(twist)]
+
+
 def operations(chain: ClosedChain, method: str, route: str = "recursive") -> tuple[Counter[str], int]:
     """Return the counts of one method on a chain, and how often it branched on a value."""
     graph = CountingGraph()
     random = np.random.default_rng(3)
     n = chain.joint_count
-
-    def pose() -> np.ndarray:
-        return graph.array(np.r_[rotation.quaternion_exp(random.uniform(0.3, 1.0, 3)), random.uniform(0.3, 1.0, 3)])
-
+    quaternion = rotation.quaternion_exp(random.uniform(0.3, 1.0, 3))
     state = State(
         graph.array(random.uniform(0.3, 1.0, n)),
         graph.array(random.uniform(0.3, 1.0, n)),
-        pose(),
+        graph.array(np.r_[quaternion, random.uniform(0.3, 1.0, 3)]),
         graph.array(random.uniform(0.3, 1.0, 6)),
-        *([pose(), graph.array(random.uniform(0.3, 1.0, 6))] if chain.floats else []),
+        *(floating_base(graph) if chain.floats else []),
     )
     motion = chain_motion(chain, state, graph.array(random.uniform(0.3, 1.0, n)), Inputs().shaped(chain))
     before = graph.branches
