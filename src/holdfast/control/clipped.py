@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.control.controller import ControlLaw, Controller, Torque, torques_and_memory
+from holdfast.control.controller import ControlLaw, Controller, Torque, require_controller, torques_and_memory
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -28,7 +28,11 @@ def clipped(controller: Controller | ControlLaw, chain: ClosedChain) -> Controll
     Args:
         controller: any.
         chain: whose joints it drives.
+
+    Raises:
+        ModelError: the controller is no function.
     """
+    require_controller(controller)
     limits = np.array([joint.effort_limit for joint in chain.all_joints])
     if not isinstance(controller, ControlLaw):
         return Clipped(controller, limits)
