@@ -212,11 +212,10 @@ class CompiledChain(ChainFunctions):
             return result
         inputs = zip(_INPUTS, (q, qd, tau, object_pose, object_twist), strict=True)
         found = {name: arrays.floats(name, x, self._externals[name].shape) for name, x in inputs}
-        lacking = [name for name in FLOATING if self.chain.floats and name not in parameters]
-        if lacking:
-            raise StateError(
-                f"{lacking[0]}: expected that of the trunk's floating base, got none; its state is an input"
-            )
+        for name in FLOATING if self.chain.floats else ():
+            if name not in parameters:
+                raise StateError(f"{name}: expected that of the trunk's floating base, got none; its state is an input")
+            found[name] = arrays.floats(name, parameters.pop(name), self._externals[name].shape)
         if parameters:
             found |= parse_parameters(parameters, self._externals, self.chain)
         batch = arrays.batch_of(found, self._externals)
@@ -231,12 +230,12 @@ class CompiledChain(ChainFunctions):
             if result.array("status").any():
                 statuses.settle(self, self._own | found | _origins(parameters), result)
             return result
-        if parameters:
+        if any(self._externals[name].role == "parameter" for name in found):
             sound = self._apart(found, result)
         else:
             # all addresses, and that of working memory
             whole = np.append(table[:, 0], self._bound.table[-1])
-            if out is not None:
+            if out is not None and len(found) == len(_INPUTS):
                 self._builtin.expect(out, out.memory, whole[len(_INPUTS) :].tolist())
             sound = self._run(whole.ctypes.data) == 0
         if not sound:
