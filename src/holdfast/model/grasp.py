@@ -137,6 +137,12 @@ class Grasp(Frozen):
                 verb = "needs" if name == self.of_kind.size else "has no"
                 raise ModelError(f"grasp: a {self.kind} contact {verb} {name}")
 
+    def standing_at(self, frame: Pose) -> Grasp:
+        """Return the same grasp at a frame that is known to be sound, for algorithms; nothing is checked or copied."""
+        grasp = object.__new__(Grasp)
+        grasp.__dict__.update(vars(self), frame=frame)
+        return grasp
+
     @frozen_property
     def of_kind(self) -> GraspKind:
         """The row of its kind, with its pitch or its motion."""

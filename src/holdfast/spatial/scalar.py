@@ -105,6 +105,9 @@ def where(condition: Scalar, a: Scalar, b: Scalar) -> Scalar:
     """Return `a` if the condition holds, else `b`; both are evaluated beforehand."""
     if isinstance(a, _ARRAYS) or isinstance(b, _ARRAYS) or isinstance(condition, _ARRAYS):
         return _entrywise(where, condition, a, b)
+    for x in (a, b):
+        if hasattr(x, "chosen"):  # within a derivative
+            return x.chosen(condition, a, b)
     return condition.where(a, b) if hasattr(condition, "where") else (a if condition else b)
 
 
@@ -112,7 +115,7 @@ def select(condition: Scalar, a: Array, b: Array) -> Array:
     """Return the array `a` if one condition holds, else `b`."""
     if not hasattr(condition, "where"):
         return a if condition else b
-    return np.reshape([condition.where(x, y) for x, y in zip(a.flat, b.flat, strict=True)], a.shape)
+    return np.reshape([where(condition, x, y) for x, y in zip(a.flat, b.flat, strict=True)], a.shape)
 
 
 def maximum(a: Scalar, b: Scalar) -> Scalar:

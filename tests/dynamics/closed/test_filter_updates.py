@@ -68,7 +68,7 @@ def test_independent_rows(seed, rank):
     """sum c c^T / d is C^T R^-1 C: the rows carry the same information, null pivots last."""
     _, _, m, size, _ = drawn(seed, 5, rank)
     scale = m.pivot_sizes(size)
-    d, rows = independent_rows(m, scale, m.typical_pivots(size))
+    d, rows, _ = independent_rows(m, scale, m.typical_pivots(size))
     assert int((np.array(d) > 1e-12).sum()) == (rank or 5)
     assert all(x == 0.0 for x in d[rank or 5 :])
     np.testing.assert_allclose(sorted(rows[:, 7]), sorted(scale), rtol=1e-15)

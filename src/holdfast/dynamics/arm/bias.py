@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.joint_map import project
+from holdfast.dynamics.arm.joint_map import expand, project
 from holdfast.dynamics.arm.posture import Posture
 from holdfast.model.arm import Arm
 from holdfast.spatial.scalar import Array, array, concatenate
@@ -37,21 +37,31 @@ class Bias(NamedTuple):
 
 
 def bias_accelerations(
-    arm: Arm, at: Posture, twists: tuple[Array, ...], qd: Array, base_twist: Array, base_acceleration: Array
+    arm: Arm,
+    at: Posture,
+    twists: tuple[Array, ...],
+    qd: Array,
+    base_twist: Array,
+    base_acceleration: Array,
+    qdd: Array | None = None,
 ) -> Iterator[tuple[Array, Array]]:
     """Yield zeta(k) = phi^T(k+1, k) zeta(k+1) + a(k) and its K = omega_dot~ + w~ w~, link axes, base to tip.
+
+    With joint accelerations qdd (N,) it is the links' whole acceleration.
 
     a(k) = [w' x h qd; w' x (w' x l) + 2 w' x s qd] for a motion subspace [h; s], w' the parent's
     angular velocity (docs/theory/arm.md); with the parent's K the linear part carried over is v_dot + K l.
     """
     zeta = unrotate(arm.base.R, base_acceleration)
     K = acceleration_gradient(zeta[:3], base_twist[:3] @ arm.base.R)
-    for joint, E, l, V, rate in zip(arm.joints, at.E, at.l, twists, qd, strict=True):
+    for k, (joint, E, l, V, rate) in enumerate(zip(arm.joints, at.E, at.l, twists, qd, strict=True)):
         carried = concatenate([zeta[:3], zeta[3:] + K @ l])
         h, s = joint.motion_subspace
         turning = np.zeros(3) if h is None else cross(V[:3], rate * h)  # w x h qd = w' x h qd
         sliding = np.zeros(3) if s is None else 2.0 * cross(V[:3], rate * s)
         zeta = unrotate(E, carried) + concatenate([turning, sliding])
+        if qdd is not None:
+            zeta = zeta + expand(joint, qdd[k])
         K = acceleration_gradient(zeta[:3], V[:3])
         yield zeta, K
 

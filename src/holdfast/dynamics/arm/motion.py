@@ -82,6 +82,20 @@ def resting(arm: Arm, at: Posture, *, mounted: bool = False) -> ArmMotion:
     return ArmMotion(arm, at, none, Bias((none,) * n, none), np.zeros(n), np.zeros(n), mounted)
 
 
+def driven(motion: ArmMotion, torque: Array, base_acceleration: Array) -> ArmMotion:
+    """Return the same posture at rest, without gravity, with these torques while its base accelerates.
+
+    Args:
+        motion: the arm.
+        torque: (N,).
+        base_acceleration: (6,) of the base origin, world axes.
+    """
+    arm, at, none, still = motion.arm, motion.at, np.zeros(6), np.zeros(motion.arm.joint_count)
+    twists = (none,) * arm.joint_count
+    b = bias_sweep.bias(arm, at, twists, still, none, base_acceleration)
+    return ArmMotion(arm, at, none, b, still, torque, motion.mounted)
+
+
 def at_rest(motion: ArmMotion) -> ArmMotion:
     """Return the same posture without torque, motion, gravity or external wrenches."""
     return resting(motion.arm, motion.at, mounted=motion.mounted)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from holdfast.dynamics.arm.motion import ArmInputs, ArmMotion, arm_motion, resting
 from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.closed.contact import Contact, contact
+from holdfast.dynamics.closed.object_filter import Again
 from holdfast.dynamics.closed.object_motion import ObjectMotion, object_motion
 from holdfast.dynamics.closed.spring_wrenches import with_springs
+from holdfast.dynamics.closed.tip_response import TipResponse
+from holdfast.dynamics.closed.virtual_power import ArmCase, ObjectCase
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration, TrunkMotion, trunk_at_rest, trunk_motion
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
@@ -32,6 +36,8 @@ class ChainMotion:
         generic_rank: of the constraint away from singular configurations, where as many rows are to be held
             (`held_rows`); None: each row's pivot decides.
         trunk: what arms stand on, in motion; None without one.
+        cases: what every arm's equations depend on, by name; none at rest.
+        object_case: what the object's depend on; None at rest.
     """
 
     chain: ClosedChain
@@ -40,6 +46,8 @@ class ChainMotion:
     body: ObjectMotion
     generic_rank: Scalar = None
     trunk: TrunkMotion | None = None
+    cases: Mapping[str, ArmCase] = field(default_factory=dict)
+    object_case: ObjectCase | None = None
 
     @property
     def lone_on_trunk(self) -> list[str]:
@@ -68,6 +76,8 @@ class Solution:
         held: which components of the grasps are held, where they are chosen; see `held_rows`.
         trunk: how the trunk accelerates; None without one.
         trunk_pivots: (n_t,) articulated inertias about its joints.
+        tips: per arm, its answer at its tip, where the algorithm goes by them.
+        again: the same of the object's filter; see `ObjectSolution`.
     """
 
     qdd: list[Array]
@@ -81,6 +91,8 @@ class Solution:
     held: Array | None = None
     trunk: TrunkAcceleration | None = None
     trunk_pivots: Array | None = None
+    tips: list[TipResponse] = field(default_factory=list)
+    again: Again | None = None
 
 
 def pseudo_gravity(chain: ClosedChain) -> Array:
@@ -116,25 +128,23 @@ def chain_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -
         of_joints = state.q[part], state.qd[part], tau[part]
         given.append(ArmInputs(on, *of_joints, twist, acceleration, links, mount is not None))
     found = each(
-        lambda of_arm, grasp: arm_and_grasp(of_arm, grasp, frame, state.object_twist),
+        lambda of_arm, grasp: arm_and_grasp(ArmCase(of_arm, grasp, frame, state.object_twist)),
         given,
         [chain.grasps.get(name) for name in chain.arms],
     )
     body = object_motion(chain.held_object, frame, state.object_twist, inputs.object_wrench)
-    return _together(chain, found, body, trunk)
+    motion = _together(chain, [(arm, held) for arm, held, _ in found], body, trunk)
+    cases = {name: case for name, (_, _, case) in zip(chain.arms, found, strict=True)}
+    of_object = ObjectCase(chain.held_object, frame, state.object_twist, inputs.object_wrench)
+    return replace(motion, cases=cases, object_case=of_object)
 
 
-def arm_and_grasp(given: ArmInputs, grasp: Grasp | None, frame: Pose, twist: Array) -> tuple[ArmMotion, Contact | None]:
-    """Return an arm in motion, and its grasp if it has one.
-
-    Args:
-        given: what the arm is given.
-        grasp: its grasp.
-        frame: pose of the object in the world.
-        twist: (6,) of C, world axes.
-    """
-    motion = arm_motion(given)
-    return motion, None if grasp is None else contact(grasp, frame, twist, motion.at.tip, motion.tip_twist)
+def arm_and_grasp(case: ArmCase) -> tuple[ArmMotion, Contact | None, ArmCase]:
+    """Return an arm in motion, its grasp if it has one, and what both were given."""
+    motion = arm_motion(case.given)
+    if case.grasp is None:
+        return motion, None, case
+    return motion, contact(case.grasp, case.frame, case.twist, motion.at.tip, motion.tip_twist), case
 
 
 def chain_at_rest(chain: ClosedChain, state: State) -> ChainMotion:

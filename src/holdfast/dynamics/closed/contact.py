@@ -70,6 +70,12 @@ class Contact:
         kept = array([x if i in self.rows else 0.0 for i, x in enumerate(kind.along(unrotate(self.R, f)))])
         return rotate(self.R, kind.back(kept))
 
+    def without_rates(self, rates: Array) -> Array:
+        """Return f with H f = rates and nothing transmitted, (6,) about the contact, world axes."""
+        if self.s is None:
+            return concatenate([self.h @ rates, np.zeros(3)])
+        return rotate(self.R, rates @ self.grasp.of_kind.rate_map)
+
     def about(self, centre: Array, centripetal: Array) -> Contact:
         """Return the contact as seen from another point of the object than C.
 

@@ -73,6 +73,9 @@ class Measurement(NamedTuple):
         return array([turning if angular else along for angular in self.angular])
 
 
+BackSubstitution = Callable[..., Array]  # s (6,), beta (6,) or None -> an arm's wrench at G, (6,)
+
+
 class Update(NamedTuple):
     """What is left of one arm for the way back.
 
@@ -84,13 +87,15 @@ class Update(NamedTuple):
         independent: (rows,) 1 for the rows that are kept, where the contact says which are held.
         on_trunk: (6, 7) [wrench | inertia] that the grasp adds to the trunk's body: E^T S^-1 (r - C x), of a
             mounted arm.
+        again: other x and r -> x after the arm, and the way back, by the factors at hand.
     """
 
-    back_substitute: Callable[..., Array]
+    back_substitute: BackSubstitution
     kept: Scalar
     weakest: Scalar
     independent: Array | None = None
     on_trunk: Array | None = None
+    again: Callable[[Array, Array], tuple[Array, BackSubstitution]] | None = None
 
 
 def of_beta(columns: Array, beta: Array | None) -> Array:
@@ -134,6 +139,14 @@ def measurement(c: Contact, tip: TipResponse) -> Measurement:
         C, R, r = (C.T * held).T, R * outer(held, held), (r.T * held).T
     angular = tuple(kind.angular[i] for i in rows)
     return Measurement(C, R, r, array([turning, summed, moving, lever]), angular, most, False, held)
+
+
+def seen_along(c: Contact, m: Measurement, gap: Array) -> Array:
+    """Return (rows,) r of a measurement for another K r, given as a 6-vector about the contact point, world axes."""
+    if m.carried:
+        return shift_twist(-c.offset, gap)
+    r = c.transmitted(gap)
+    return r if m.held is None else r * m.held
 
 
 ANGULAR = (True, True, True, False, False, False)

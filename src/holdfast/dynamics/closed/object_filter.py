@@ -16,23 +16,35 @@ rounding of a 6x6 R would let a heavy object move. No Lambda_i and no Omega need
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored
-from holdfast.dynamics.closed.measurement import Measurement, Update, block_sizes, measurement, size_at_centre
+from holdfast.dynamics.closed.measurement import (
+    BackSubstitution,
+    Measurement,
+    Update,
+    block_sizes,
+    measurement,
+    seen_along,
+    size_at_centre,
+)
 from holdfast.dynamics.closed.object_motion import FreeBody, acceleration_at_C
-from holdfast.dynamics.closed.rigid_update import rigid_update, terminal_update
+from holdfast.dynamics.closed.rigid_update import TerminalUpdate, rigid_update, terminal_update
 from holdfast.dynamics.closed.row_updates import row_updates
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.scalar import Array, Scalar, array, each, maximum, minimum, scan
-from holdfast.spatial.spatial_vector import shift_wrench
+from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 from holdfast.spatial.symmetric import symmetric6
 
 LEAST_MOBILE = 1e-16  # of the object's own mobility
+
+
+Again = Callable[[list[Array], Array], tuple[list[Array], Array]]
 
 
 class ObjectSolution(NamedTuple):
@@ -45,6 +57,8 @@ class ObjectSolution(NamedTuple):
         rank: rows of the constraint that are independent, contact freedoms included.
         weakest_pivot: the smallest pivot of S kept, relative to a typical one.
         independent: per grasp, (rows,) 1 for the rows that are kept, if the contacts say which are held.
+        again: per grasp (6,) r about the contact point, and (6,) wrench on the object about C, world axes -> wrenches
+            and object acceleration of the chain at rest, by the factors at hand.
     """
 
     wrenches: list[Array]
@@ -53,6 +67,7 @@ class ObjectSolution(NamedTuple):
     rank: Scalar
     weakest_pivot: Scalar
     independent: list[Array | None]
+    again: Again | None = None
 
 
 def object_filter(
@@ -80,8 +95,11 @@ def object_filter(
     (x, P, size, kept, weakest), sums = scan(
         rigid_arm, (body.acceleration, dense, size, freedoms, 1.0), [seen[i] for i in first]
     )
+    ends: list[TerminalUpdate] = []
+    factors: Any = None
     if last is not None:
-        (end,) = each(lambda m: terminal_update(x, P, m, size, body.wrench), [seen[last]])
+        ends = each(lambda m: terminal_update(x, P, m, size, body.wrench), [seen[last]])
+        (end,) = ends
         alpha, P, kept, weakest = end.acceleration, end.mobility, kept + end.kept, minimum(weakest, end.weakest)
         s, rows, from_rows = body.wrench + end.wrench, [], [end.wrench]
     else:
@@ -101,7 +119,24 @@ def object_filter(
     mobility = symmetric6(P).mobility_shifted(-body.centre).dense()
     acceleration = acceleration_at_C(body.centre, body.centripetal, alpha)
     chosen: list[Array | None] = [update.independent for update in rows] if len(then) == len(contacts) else []
-    return ObjectSolution(wrenches, acceleration, mobility, kept, weakest, chosen)
+
+    def again(gaps: list[Array], wrench: Array) -> tuple[list[Array], Array]:
+        r = each(lambda c, m, gap: seen_along(c, m, gap), about, seen, gaps)
+        w = shift_wrench(-body.centre, wrench)
+        x, back_sums = scan(lambda x, u, r: u.again(x, r), np.zeros(6), sums, [r[i] for i in first])
+        if last is not None:
+            ((alpha, own),) = each(lambda end, r: end.again(x, r, w), ends, [r[last]])
+            s, from_rows = w + own, [own]
+        else:
+            x, back_rows = scan(lambda x, u, r: u.again(x, r), x, rows, [r[i] for i in then])
+            alpha = x + factors.apply(w)
+            s, from_rows = scan(through, w, back_rows[::-1])
+        s, from_sums = scan(through, s, back_sums[::-1])
+        found = dict(zip(order, [*from_sums[::-1], *from_rows[::-1]], strict=True))
+        wrenches = each(wrench_at_contact, about, [found[i] for i in range(len(contacts))])
+        return wrenches, shift_twist(-body.centre, alpha)
+
+    return ObjectSolution(wrenches, acceleration, mobility, kept, weakest, chosen, again)
 
 
 def rigid_arm(carry: tuple[Array, Array, Array, Scalar, Scalar], m: Measurement) -> tuple[tuple[Any, ...], Update]:
@@ -123,7 +158,12 @@ def arm_by_rows(
 
 def back_substituted(s: Array, update: Update) -> tuple[Array, Array]:
     """Return the wrench at G of everything behind an arm and of the arm itself, and the arm's own."""
-    from_arm = update.back_substitute(s)
+    return through(s, update.back_substitute)
+
+
+def through(s: Array, back_substitute: BackSubstitution) -> tuple[Array, Array]:
+    """Return what `back_substituted` does."""
+    from_arm = back_substitute(s)
     return s + from_arm, from_arm
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.closed.measurement import Measurement, Update, of_beta
+from holdfast.dynamics.closed.measurement import BackSubstitution, Measurement, Update, of_beta
 from holdfast.spatial.linalg import RANK_TOLERANCE, ldl, ldl_solve
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.spatial.symmetric import mirrored
@@ -23,7 +24,12 @@ def rigid_update(x: Array, P: Array, m: Measurement, size: Array) -> tuple[Array
     gain = ldl_solve(S, P)
     nu = ldl_solve(S, m.r - x)
     on_trunk = None if nu.ndim == 1 else (m.r - x)[:, 1:].T @ nu
-    update = Update(lambda s, beta=None: of_beta(nu, beta) - gain @ s, S.kept, S.weakest, None, on_trunk)
+
+    def again(x: Array, r: Array) -> tuple[Array, BackSubstitution]:
+        nu = ldl_solve(S, r - x)
+        return x + P @ nu, lambda s, beta=None: of_beta(nu, beta) - gain @ s
+
+    update = Update(lambda s, beta=None: of_beta(nu, beta) - gain @ s, S.kept, S.weakest, None, on_trunk, again)
     return x + P @ nu, mirrored(gain.T @ m.R), update
 
 
@@ -36,6 +42,7 @@ class TerminalUpdate(NamedTuple):
         mobility: (6, 6) P after it.
         kept: how many of its rows are independent of those before.
         weakest: the smallest pivot kept, relative to a typical one.
+        again: other x, r and w -> acceleration and wrench, by the factors at hand.
     """
 
     acceleration: Array
@@ -43,6 +50,7 @@ class TerminalUpdate(NamedTuple):
     mobility: Array
     kept: Scalar
     weakest: Scalar
+    again: Callable[[Array, Array, Array], tuple[Array, Array]]
 
 
 def terminal_update(x: Array, P: Array, m: Measurement, size: Array, w: Array) -> TerminalUpdate:
@@ -58,5 +66,10 @@ def terminal_update(x: Array, P: Array, m: Measurement, size: Array, w: Array) -
         w: (6,) external wrench on the object about G.
     """
     S = ldl(P + m.R, m.pivot_sizes(size), RANK_TOLERANCE, m.typical_pivots(size))
-    nu, z = ldl_solve(S, np.column_stack([m.r - x, P @ w])).T
-    return TerminalUpdate(x + P @ nu + m.R @ z, nu - z, mirrored(ldl_solve(S, P).T @ m.R), S.kept, S.weakest)
+
+    def solve(x: Array, r: Array, w: Array) -> tuple[Array, Array]:
+        nu, z = ldl_solve(S, np.column_stack([r - x, P @ w])).T
+        return x + P @ nu + m.R @ z, nu - z
+
+    acceleration, wrench = solve(x, m.r, w)
+    return TerminalUpdate(acceleration, wrench, mirrored(ldl_solve(S, P).T @ m.R), S.kept, S.weakest, solve)

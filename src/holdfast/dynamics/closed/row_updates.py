@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, updated
-from holdfast.dynamics.closed.measurement import Measurement, Update
+from holdfast.dynamics.closed.measurement import BackSubstitution, Measurement, Update
 from holdfast.spatial.linalg import RANK_TOLERANCE
 from holdfast.spatial.scalar import Array, Scalar, array, minimum, select, where
 from holdfast.spatial.vector import outer
@@ -33,12 +34,14 @@ def row_updates(
         tolerance: relative size of a pivot that counts as zero.
     """
     rows: list[tuple[Array, Array, Any]] = []
+    inverses: list[Scalar] = []
     width = 1 if m.r.ndim == 1 else m.r.shape[1]
     on_trunk = None if m.r.ndim == 1 else np.zeros((width - 1, width))
     independent: Array | None = None if m.held is None else np.zeros(len(m.held))
     kept: Scalar = 0
     weakest: Scalar = 1.0
-    for d, row in zip(*independent_rows(m, m.pivot_sizes(size), m.typical_pivots(size)), strict=True):
+    noises, ordered, made_independent = independent_rows(m, m.pivot_sizes(size), m.typical_pivots(size))
+    for d, row in zip(noises, ordered, strict=True):
         c, (scale, typical) = row[:6], row[6 + width : 8 + width]
         r = row[6] if m.r.ndim == 1 else row[6 : 6 + width]
         P, k, sigma, alive = updated(P, c, d, tolerance * scale)
@@ -47,12 +50,27 @@ def row_updates(
         nu = e * inverse
         x = x + (nu * k if on_trunk is None else outer(k, nu))
         rows.append((c, inverse * k, nu))
+        inverses.append(inverse)
         kept = kept + where(alive, 1, 0)
         weakest = minimum(weakest, where(alive, sigma / where(alive, typical, 1.0), 1.0))
         if independent is not None:
             independent = independent + row[9 + width :] * where(alive, 1.0, 0.0)
         if on_trunk is not None:
             on_trunk = on_trunk + outer(e[1:], nu)
+
+    def again(x: Array, r: Array) -> tuple[Array, BackSubstitution]:
+        others = []
+        for (c, gain, _), inverse, one in zip(rows, inverses, made_independent(r), strict=True):
+            e = one - c @ x
+            x = x + (e * gain if r.ndim == 1 else outer(gain, e))
+            others.append((c, gain, e * inverse))
+        return x, back_through(others)
+
+    return x, P, Update(back_through(rows), kept, weakest, independent, on_trunk, again)
+
+
+def back_through(rows: Sequence[tuple[Array, Array, Any]]) -> BackSubstitution:
+    """Return the way back through rows c, their gains and what they measured."""
 
     def back_substitute(s: Array, beta: Array | None = None) -> Array:
         from_arm = np.zeros(6)
@@ -61,10 +79,12 @@ def row_updates(
             from_arm = from_arm + (own - gain @ (s + from_arm)) * c
         return from_arm
 
-    return x, P, Update(back_substitute, kept, weakest, independent, on_trunk)
+    return back_substitute
 
 
-def independent_rows(m: Measurement, scale: Array, typical: Array) -> tuple[list[Scalar], Array]:
+def independent_rows(
+    m: Measurement, scale: Array, typical: Array
+) -> tuple[list[Scalar], Array, Callable[[Array], Array]]:
     """Return d and the rows of one arm with independent loads: R = L diag(d) L^T.
 
     The row with the largest pivot left comes first, so that L stays below one and the null
@@ -73,7 +93,8 @@ def independent_rows(m: Measurement, scale: Array, typical: Array) -> tuple[list
     Returns:
         (rows,) d >= 0, and (rows, 10): L^-1 [C, r], each row's scale, its typical pivot, and one over
         the part of the scale that is R's, in the chosen order; six columns more behind r with a trunk. Where rows are
-        held, six columns or fewer more say which of them each was.
+        held, six columns or fewer more say which of them each was. Then what makes other r, (rows,) or (rows, m),
+        independent likewise: L^-1 r in the chosen order.
     """
     width = 1 if m.r.ndim == 1 else m.r.shape[1]
     numbers, inverse_size = 6 + width, 8 + width  # of the columns L^-1 [C, r]; of the one over the size
@@ -82,22 +103,43 @@ def independent_rows(m: Measurement, scale: Array, typical: Array) -> tuple[list
     R, rows = m.R, np.column_stack([m.C, m.r, scale, typical, inverse_sizes, *which])
     count = len(R)
     d: list[Scalar] = []
+    steps: list[tuple[int, list[tuple[int, Scalar]], Array | None]] = []  # row, exchanges with others, multipliers
+
+    def made_independent(r: Array) -> Array:
+        for j, exchanges, below in steps:
+            for i, exchanged in exchanges:
+                r = select(exchanged > 0.5, r[exchange(count, i, j)], r)
+            if below is not None:
+                taken = below * r[j] if r.ndim == 1 else outer(below, r[j])
+                r = np.concatenate([r[: j + 1], r[j + 1 :] - taken])
+        return r
+
     for j in range(count):
+        exchanges: list[tuple[int, Scalar]] = []
         for i in range(j + 1, count):
-            order = list(range(count))
-            order[i], order[j] = j, i
+            order = exchange(count, i, j)
             # by more than rounding: rows that are equally immobile keep their order
             larger = R[i, i] * rows[i, inverse_size] > R[j, j] * rows[j, inverse_size] + SAME
             R = select(larger, R[np.ix_(order, order)], R)
             rows = select(larger, rows[order], rows)
+            exchanges.append((i, where(larger, 1.0, 0.0)))
         if j >= m.most:  # what is left of R is the rounding of zero
-            return d + [0.0] * (count - j), rows
+            steps.append((j, exchanges, None))
+            return d + [0.0] * (count - j), rows, made_independent
         alive = R[j, j] * rows[j, inverse_size] > ROUNDING
         d.append(where(alive, R[j, j], 0.0))
-        below = R[j + 1 :, j] * where(alive, 1.0 / where(alive, R[j, j], 1.0), 0.0)
+        below: Array = R[j + 1 :, j] * where(alive, 1.0 / where(alive, R[j, j], 1.0), 0.0)
         rest = R[j + 1 :, j + 1 :] - outer(below, R[j, j + 1 :])
         R = np.concatenate([R[: j + 1], np.hstack([R[j + 1 :, : j + 1], rest])])
         rest_of_row = np.zeros((len(below), rows.shape[1] - numbers))
         less = np.column_stack([outer(below, rows[j, :numbers]), rest_of_row])
         rows = np.concatenate([rows[: j + 1], rows[j + 1 :] - less])
-    return d, rows
+        steps.append((j, exchanges, below))
+    return d, rows, made_independent
+
+
+def exchange(count: int, i: int, j: int) -> list[int]:
+    """Return the order of so many rows in which two have changed places."""
+    order = list(range(count))
+    order[i], order[j] = j, i
+    return order

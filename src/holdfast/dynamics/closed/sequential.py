@@ -38,4 +38,6 @@ def sequential(motion: ChainMotion, route: Route = "auto") -> Solution:
         rank=found.rank,
         weakest_pivot=found.weakest_pivot,
         held=held,
+        tips=tips,
+        again=found.again,
     )

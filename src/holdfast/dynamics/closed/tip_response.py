@@ -65,6 +65,7 @@ class TipResponse(NamedTuple):
         back_substitute: f (6,), beta (6,) or None -> (qdd (N,), base wrench (6,) about the base origin, world axes).
         length: of the arm stretched out, which levers are sums of [m].
         base: how it answers at its base; None unless it stands on a trunk.
+        again: the same posture under other torques and wrenches -> its answer, by the factors at hand.
     """
 
     mobility: Symmetric6
@@ -73,6 +74,7 @@ class TipResponse(NamedTuple):
     back_substitute: Callable[..., tuple[Array, Array]]
     length: float
     base: BaseResponse | None = None
+    again: Callable[[ArmMotion], TipResponse] | None = None
 
 
 def tip_response(motion: ArmMotion, route: Route) -> TipResponse:
@@ -86,50 +88,59 @@ def recursive(motion: ArmMotion) -> TipResponse:
     """Return the answer by filtering and smoothing: (5.14), (6.10), then (6.17). O(N)."""
     arm, at = motion.arm, motion.at
     filter = articulated_filter(arm, at)
-    eps, at_base = whiten(arm, at, filter, motion.torque, motion.bias.wrenches, None)
-    _, tip = smooth(arm, at, filter, eps / filter.D)
     R, base_R = at.R[-1], arm.base.R
-    base = None
+    mobility = tip_mobility(arm, at, filter).rotated(R)
+    X = None
     if motion.mounted:
         still = np.zeros(arm.joint_count)
         X = array([rotate(R, smooth(arm, at, filter, still, unrotate(base_R, unit))[1]) for unit in np.eye(6)]).T
-        base = BaseResponse(X, filter.at_base.rotated(base_R), rotate(base_R, at_base))
 
-    def back_substitute(f: Array, beta: Array | None = None) -> tuple[Array, Array]:
-        from_wrench, base_from_wrench = whiten(arm, at, filter, None, None, unrotate(R, f))
-        under = None if beta is None else unrotate(base_R, beta)
-        qdd, _ = smooth(arm, at, filter, (eps + from_wrench) / filter.D, under)
-        wrench = rotate(base_R, at_base + base_from_wrench)
-        return qdd, wrench if base is None or beta is None else wrench + base.Y.apply(beta)
+    def answer(motion: ArmMotion) -> TipResponse:
+        eps, at_base = whiten(arm, at, filter, motion.torque, motion.bias.wrenches, None)
+        _, tip = smooth(arm, at, filter, eps / filter.D)
+        base = None if X is None else BaseResponse(X, filter.at_base.rotated(base_R), rotate(base_R, at_base))
 
-    mobility = tip_mobility(arm, at, filter).rotated(R)
-    free = rotate(R, tip) + motion.bias.tip_acceleration
-    return TipResponse(mobility, free, filter.D, back_substitute, arm.length, base)
+        def back_substitute(f: Array, beta: Array | None = None) -> tuple[Array, Array]:
+            from_wrench, base_from_wrench = whiten(arm, at, filter, None, None, unrotate(R, f))
+            under = None if beta is None else unrotate(base_R, beta)
+            qdd, _ = smooth(arm, at, filter, (eps + from_wrench) / filter.D, under)
+            wrench = rotate(base_R, at_base + base_from_wrench)
+            return qdd, wrench if base is None or beta is None else wrench + base.Y.apply(beta)
+
+        free = rotate(R, tip) + motion.bias.tip_acceleration
+        return TipResponse(mobility, free, filter.D, back_substitute, arm.length, base, answer)
+
+    return answer(motion)
 
 
 def by_mass_matrix(motion: ArmMotion) -> TipResponse:
     """Return the answer with M = L L^T, X = L^-1 J^T: Lambda = X^T X. O(N^3)."""
     arm, at = motion.arm, motion.at
     J = jacobian(arm, at)
-    C, at_rest = bias_torque(arm, at, motion.bias.wrenches)
     M, per_joint, locked = mass_matrix(arm, at)
     L = cholesky(M)
     X = forward_substitution(L, J.T)
-    x = forward_substitution(L, motion.torque - C)
-    base = by_base(motion, L, X, x, at_rest, per_joint, locked) if motion.mounted else None
+    mobility, pivots = symmetric6(X.T @ X), np.diag(L) * np.diag(L)
 
-    def back_substitute(f: Array, beta: Array | None = None) -> tuple[Array, Array]:
-        if base is None or beta is None:
-            qdd = back_substitution(L, x - X @ f)
-            at_first = rotate(at.R[0], at_rest + per_joint @ qdd) + shift_wrench(at.reach[0], f)
-            return qdd, shift_wrench(arm.base.R @ at.l[0], at_first)
-        qdd = back_substitution(L, x - base.B @ beta - X @ f)
-        response = base.response
-        return qdd, response.wrench + response.Y.apply(beta) + f @ response.X
+    def answer(motion: ArmMotion) -> TipResponse:
+        C, at_rest = bias_torque(arm, at, motion.bias.wrenches)
+        x = forward_substitution(L, motion.torque - C)
+        base = by_base(motion, L, X, x, at_rest, per_joint, locked) if motion.mounted else None
 
-    pivots, free = np.diag(L) * np.diag(L), x @ X + motion.bias.tip_acceleration
-    response = None if base is None else base.response
-    return TipResponse(symmetric6(X.T @ X), free, pivots, back_substitute, arm.length, response)
+        def back_substitute(f: Array, beta: Array | None = None) -> tuple[Array, Array]:
+            if base is None or beta is None:
+                qdd = back_substitution(L, x - X @ f)
+                at_first = rotate(at.R[0], at_rest + per_joint @ qdd) + shift_wrench(at.reach[0], f)
+                return qdd, shift_wrench(arm.base.R @ at.l[0], at_first)
+            qdd = back_substitution(L, x - base.B @ beta - X @ f)
+            response = base.response
+            return qdd, response.wrench + response.Y.apply(beta) + f @ response.X
+
+        free = x @ X + motion.bias.tip_acceleration
+        response = None if base is None else base.response
+        return TipResponse(mobility, free, pivots, back_substitute, arm.length, response, answer)
+
+    return answer(motion)
 
 
 class WhitenedBase(NamedTuple):

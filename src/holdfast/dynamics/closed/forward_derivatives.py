@@ -1,0 +1,213 @@
+"""Derivatives of forward dynamics: one more solve with the factors at hand, and the virtual power's own.
+
+    cotangents z_bar:  K y = z_bar,  theta_bar = -dL/dtheta            (backward)
+    tangents:          K z_dot = -d(dL/dy)/dtheta theta_dot            (forward)
+
+Nothing is differentiated through the filter, which was written to avoid the very differences whose derivatives would
+be needed (docs/theory/derivatives.md). Poses turn by R -> exp(turn) R and shift by p -> p + shift: of the object and
+the bases about their origins along world axes, of grasps along the object's axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from holdfast.dynamics.closed.chain_motion import pseudo_gravity
+from holdfast.dynamics.closed.second_solve import Load, Point, solved_again
+from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
+from holdfast.spatial.scalar import Array, array, concatenate, each, scan
+from holdfast.spatial.vector import skew
+
+RESULTS = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench")
+OF_JOINTS = ("q", "qd", "tau", "armature", "damping")
+OF_LINKS = ("link_mass", "link_com", "link_inertia", "link_wrench")
+OF_OBJECT = ("object_mass", "object_com", "object_inertia", "object_wrench")  # in no arm's equations
+POSES = ("object_pose", "grasp_pose", "base_pose")
+ARGUMENTS = (*OF_JOINTS, "object_twist", *OF_OBJECT, *POSES, "gravity", "base_twist", "base_acceleration", *OF_LINKS)
+
+
+def backward(at: Point, cotangents: Mapping[str, Array], by: Sequence[str]) -> dict[str, Array]:
+    """Return the gradients of sum(cotangent . result) by some arguments. O(n) + O(l).
+
+    Args:
+        at: where.
+        cotangents: by result, of its shape in the chain's layout; those of `RESULTS` that are left out are zero.
+        by: some of `ARGUMENTS`.
+
+    Returns:
+        By argument, in its shape; of poses (.., 6) [turn; shift]. Those of inertias are symmetric.
+    """
+    chain = at.motion.chain
+    alpha_bar = cotangents.get("object_acceleration", np.zeros(6))
+    loads = {name: cotangents_of(at, name, cotangents) for name in chain.arms}
+    y, of_object = solved_again(at, loads, alpha_bar)
+    names = numbers_of(by)
+    of_arms = each(
+        lambda case, z, y, load: arm_gradient(case, z, y._replace(base=load.base), names),
+        [at.motion.cases[name] for name in chain.arms],
+        [at.unknowns[name] for name in chain.arms],
+        [y[name] for name in chain.arms],
+        [loads[name] for name in chain.arms],
+    )
+    found: dict[str, Array] = {}
+    for name in (*OF_JOINTS, *OF_LINKS):
+        if name in by:
+            found[name] = np.concatenate([g[name] for g in of_arms])
+    for name in ("base_twist", "base_acceleration"):
+        if name in by:
+            found[name] = array([g[name] for g in of_arms])
+    if "gravity" in by:  # bases accelerate against it, and the object's acceleration is given with it
+        found["gravity"], _ = scan(lambda total, g: (total - g["base_acceleration"][3:], None), alpha_bar[3:], of_arms)
+    for what, cases in (("base", list(chain.arms)), ("grasp", list(chain.grasps))):
+        if f"{what}_pose" in by:
+            found[f"{what}_pose"] = array([g[f"{what}_pose"] for g, n in zip(of_arms, chain.arms, strict=True) if n in cases])
+    return found | object_gradient(at, of_object, [g for g, n in zip(of_arms, chain.arms, strict=True) if n in chain.grasps], by)
+
+
+def arm_gradient(case: ArmCase, z: Unknowns, y: Unknowns, names: Sequence[str]) -> dict[str, Array]:
+    """Return -dL/dtheta of one arm by its numbers, and by the poses that are its own."""
+    of_grasp = () if case.grasp is not None else ("grasp", "object")
+    wanted = [name for name in names if name not in OF_OBJECT and not name.startswith(of_grasp or "-")]
+    found = case.gradient(z, y, wanted)
+    numbers = case.numbers(wanted)
+    if "link_inertia" in found:
+        found["link_inertia"] = symmetric(found["link_inertia"])
+    for what in ("base", "grasp"):
+        if f"{what}_R" in found:
+            found[f"{what}_pose"] = by_motion(found[f"{what}_R"], numbers[f"{what}_R"], found[f"{what}_p"])
+    return found
+
+
+def object_gradient(
+    at: Point, y: Array, of_arms: Sequence[Mapping[str, Array]], by: Sequence[str]
+) -> dict[str, Array]:
+    """Return the gradients by the object's arguments, those of the arms that hold it added up."""
+    case = at.motion.object_case
+    assert case is not None
+    wanted = [name for name in by if name.startswith("object")]
+    if not wanted:
+        return {}
+    found = case.gradient(at.found.object_acceleration, y, [n for n in numbers_of(wanted) if n != "object_p"])
+    shared = [name for name in ("object_R", "object_twist") if name in found]
+    total, _ = scan(
+        lambda total, g: (tuple(x + g[name] for x, name in zip(total, shared, strict=True)), None),
+        tuple(found[name] for name in shared),
+        of_arms,
+    )
+    found |= dict(zip(shared, total, strict=True))
+    if "object_pose" in wanted:
+        shift, _ = scan(lambda total, g: (total + g["object_p"], None), np.zeros(3), of_arms)
+        found["object_pose"] = by_motion(found["object_R"], case.frame.R, shift)
+    if "object_inertia" in wanted:
+        found["object_inertia"] = symmetric(found["object_inertia"])
+    return {name: found[name] for name in wanted}
+
+
+def forward(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
+    """Return how fast the results change while some arguments do. O(n) + O(l).
+
+    Args:
+        at: where.
+        tangents: by argument, some of `ARGUMENTS`, of the shapes that `backward` returns.
+
+    Returns:
+        By result, `RESULTS`, in the chain's layout.
+    """
+    chain, none = at.motion.chain, np.zeros(6)
+    case = at.motion.object_case
+    assert case is not None
+    of_object = rates_of(tangents, "object", case.frame.R) | {n: tangents[n] for n in tangents if n in OF_OBJECT}
+    if "object_twist" in tangents:
+        of_object["object_twist"] = tangents["object_twist"]
+    own = {name: x for name, x in of_object.items() if name != "object_p"}
+    residual = case.residual_rate(at.found.object_acceleration, own) if own else none
+    in_arms = {name: x for name, x in of_object.items() if name not in OF_OBJECT}
+    changed = each(
+        lambda case, z, given: case.residual_rates(z, arm_rates(case, given)),
+        [at.motion.cases[name] for name in chain.arms],
+        [at.unknowns[name] for name in chain.arms],
+        [tangents_of(at, name, tangents) | (in_arms if name in chain.grasps else {}) for name in chain.arms],
+    )
+    wrench, _ = scan(lambda total, r: (total - r.object_acceleration, None), -residual, changed)
+    loads = {
+        name: Load(-r.qdd, -r.wrench, -r.contact_acceleration, none)
+        for name, r in zip(chain.arms, changed, strict=True)
+    }
+    found, alpha = solved_again(at, loads, wrench)
+    gravity = concatenate([np.zeros(3), tangents["gravity"]]) if "gravity" in tangents else none
+    bases = [found[name].base + r.base for name, r in zip(chain.arms, changed, strict=True)]
+    return {
+        "qdd": concatenate([found[name].qdd for name in chain.arms]),
+        "grasp_wrench": array([found[name].wrench for name in chain.arms]),
+        "object_acceleration": alpha + gravity,
+        "contact_acceleration": concatenate([found[name].contact_acceleration for name in chain.grasps]),
+        "base_wrench": array(bases),
+    }
+
+
+def cotangents_of(at: Point, name: str, cotangents: Mapping[str, Array]) -> Load:
+    """Return an arm's part of cotangents. One of a base's wrench is a virtual twist of the base, negative."""
+    chain = at.motion.chain
+    row, part = list(chain.arms).index(name), dict(zip(chain.arms, chain.arm_joints, strict=True))[name]
+    torque = cotangents["qdd"][part] if "qdd" in cotangents else np.zeros(chain.arms[name].joint_count)
+    gap, base = (cotangents[w][row] if w in cotangents else np.zeros(6) for w in ("grasp_wrench", "base_wrench"))
+    rates = cotangents.get("contact_acceleration", np.zeros(chain.contact_freedom_count))
+    return Load(torque, gap, rates[chain.contact_freedoms.get(name, slice(0, 0))], -base)
+
+
+def tangents_of(at: Point, name: str, tangents: Mapping[str, Array]) -> dict[str, Array]:
+    """Return an arm's part of tangents, by argument."""
+    chain = at.motion.chain
+    row, part = list(chain.arms).index(name), dict(zip(chain.arms, chain.arm_joints, strict=True))[name]
+    first = chain.joint_count - sum(arm.joint_count for arm in chain.arms.values())  # row of links
+    found = {n: tangents[n][part] for n in OF_JOINTS if n in tangents}
+    found |= {n: tangents[n][part.start - first : part.stop - first] for n in OF_LINKS if n in tangents}
+    found |= {n: tangents[n][row] for n in ("base_twist", "base_acceleration", "base_pose") if n in tangents}
+    if "grasp_pose" in tangents and name in chain.grasps:
+        found["grasp_pose"] = tangents["grasp_pose"][list(chain.grasps).index(name)]
+    if "gravity" in tangents:
+        pseudo = concatenate([np.zeros(3), tangents["gravity"]])
+        found["base_acceleration"] = found.get("base_acceleration", np.zeros(6)) - pseudo
+    return found
+
+
+def arm_rates(case: ArmCase, given: Mapping[str, Array]) -> dict[str, Array]:
+    """Return how fast an arm's numbers change under tangents of its arguments."""
+    found = {name: x for name, x in given.items() if name not in POSES}
+    frames: dict[str, Any] = {"base": case.given.arm.base}
+    if case.grasp is not None:
+        frames["grasp"] = case.grasp.frame
+    for what, frame in frames.items():
+        found |= rates_of(given, what, frame.R)
+    return found
+
+
+def rates_of(tangents: Mapping[str, Array], what: str, R: Array) -> dict[str, Array]:
+    """Return how fast matrix and origin of a pose change under its tangent [turn; shift], if it has one."""
+    if f"{what}_pose" not in tangents:
+        return {}
+    motion = tangents[f"{what}_pose"]
+    return {f"{what}_R": skew(motion[:3]) @ R, f"{what}_p": motion[3:]}
+
+
+def by_motion(of_R: Array, R: Array, of_p: Array) -> Array:
+    """Return the gradient (6,) by [turn; shift] of a pose from those by its matrix and its origin."""
+    A = of_R @ R.T
+    return concatenate([array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]]), of_p])
+
+
+def symmetric(x: Array) -> Array:
+    """Return the gradient by a symmetric matrix."""
+    return 0.5 * (x + np.swapaxes(x, -1, -2))
+
+
+def numbers_of(arguments: Iterable[str]) -> list[str]:
+    """Return what arguments are made of in the equations, each once."""
+    found: list[str] = []
+    for name in arguments:
+        of_pose = [f"{name.removesuffix('_pose')}_R", f"{name.removesuffix('_pose')}_p"]
+        found += of_pose if name in POSES else ["base_acceleration" if name == "gravity" else name]
+    return list(dict.fromkeys(found))

@@ -1,0 +1,129 @@
+"""The chain's linear equations solved once more, K z = r, by the factors that forward dynamics left.
+
+    M z_q + J^T z_f = r_q,    J z_q - A z_a + H^T z_W = r_f,    M_C z_a - sum A^T z_f = r_a,    H z_f = r_W
+
+It is the chain at rest under joint torques r_q and a wrench r_a on the object, its grasps asked to gape by r_f: the
+filter again, with another r. The part r_W of the wrenches along the free directions is known beforehand. Bases may
+accelerate; what they feel is returned beside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.arm.motion import ArmMotion, driven
+from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
+from holdfast.dynamics.closed.chain_solution import contact_acceleration
+from holdfast.dynamics.closed.contact import Contact
+from holdfast.dynamics.closed.tip_response import Route, TipResponse, responded, tip_response
+from holdfast.dynamics.closed.virtual_power import Unknowns
+from holdfast.spatial.scalar import Array, each, scan
+from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
+
+
+class Load(NamedTuple):
+    """One arm's part of r.
+
+    Attributes:
+        torque: (N,) r_q.
+        gap: (6,) r_f, about the contact point, world axes.
+        free: (n_g,) r_W.
+        base: (6,) acceleration of the base origin, world axes.
+    """
+
+    torque: Array
+    gap: Array
+    free: Array
+    base: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Forward dynamics at one state, with what its derivatives need.
+
+    Attributes:
+        motion: the chain in motion.
+        found: its solution by `sequential`.
+        tips: the answers of all arms at their tips, by name.
+        unknowns: the solution, by arm; the base's wrench is zero there.
+    """
+
+    motion: ChainMotion
+    found: Solution
+    tips: Mapping[str, TipResponse]
+    unknowns: Mapping[str, Unknowns]
+
+
+def point(motion: ChainMotion, found: Solution, route: Route) -> Point:
+    """Return the point that derivatives are taken at.
+
+    Args:
+        motion: the chain in motion.
+        found: its solution by `sequential`.
+        route: how arms that hold nothing answer.
+    """
+    chain, alpha, none = motion.chain, found.object_acceleration, np.zeros(6)
+    lone = [name for name in chain.arms if name not in chain.grasps]
+    alone = each(lambda arm: tip_response(arm, route), [motion.arms[name] for name in lone])
+    rates = each(
+        lambda arm, c, qdd: contact_acceleration(arm, c, qdd, alpha), motion.holding, motion.contacts, found.qdd
+    )
+    held = zip(chain.grasps, found.qdd, found.wrenches, rates, strict=True)
+    unknowns = {name: Unknowns(qdd, f, W, alpha, none) for name, qdd, f, W in held}
+    free = each(lambda tip: responded(tip, none)[0], alone)
+    unknowns |= {name: Unknowns(qdd, none, none[:0], alpha, none) for name, qdd in zip(lone, free, strict=True)}
+    tips = dict(zip(chain.grasps, found.tips, strict=True)) | dict(zip(lone, alone, strict=True))
+    return Point(motion, found, tips, unknowns)
+
+
+def solved_again(at: Point, loads: Mapping[str, Load], wrench: Array) -> tuple[dict[str, Unknowns], Array]:
+    """Return z by arm, with the base's wrench, and z_a. O(n) + O(l).
+
+    Args:
+        at: the point.
+        loads: by arm; those of arms without a grasp have no gap.
+        wrench: (6,) r_a, about C, world axes.
+    """
+    chain, motion, none = at.motion.chain, at.motion, np.zeros(6)
+    assert at.found.again is not None
+    lone = [name for name in chain.arms if name not in chain.grasps]
+    held = [loads[name] for name in chain.grasps]
+    tips = each(under, [at.tips[name] for name in chain.grasps], motion.holding, held)
+    known = each(lambda c, load: along_free(c, load.free), motion.contacts, held)
+    gaps = each(
+        lambda tip, f, load: tip.free_acceleration - tip.mobility.apply(f) - load.gap, tips, known, held
+    )
+    if any(grasp.free for grasp in chain.grasps.values()):
+        wrench, _ = scan(lambda w, c, f: (w + shift_wrench(c.offset, f), None), wrench, motion.contacts, known)
+    wrenches, alpha = at.found.again(gaps, wrench)
+    found = each(lambda c, tip, load, f, own: answer(c, tip, load, f + own, alpha), motion.contacts, tips, held, wrenches, known)
+    alone = each(
+        lambda tip, arm, load: under(tip, arm, load).back_substitute(none),
+        [at.tips[name] for name in lone],
+        [motion.arms[name] for name in lone],
+        [loads[name] for name in lone],
+    )
+    others = {name: Unknowns(qdd, none, none[:0], alpha, base) for name, (qdd, base) in zip(lone, alone, strict=True)}
+    return dict(zip(chain.grasps, found, strict=True)) | others, alpha
+
+
+def under(tip: TipResponse, arm: ArmMotion, load: Load) -> TipResponse:
+    """Return the arm's answer at its tip at rest under a load."""
+    assert tip.again is not None
+    return tip.again(driven(arm, load.torque, load.base))
+
+
+def along_free(c: Contact, free: Array) -> Array:
+    """Return the wrench along the free directions with H f = r_W, (6,)."""
+    return c.without_rates(free) if c.grasp.free else np.zeros(6)
+
+
+def answer(c: Contact, tip: TipResponse, load: Load, f: Array, alpha: Array) -> Unknowns:
+    """Return one arm's part of z, its wrench f and the object's acceleration being known."""
+    qdd, base = tip.back_substitute(f)
+    apart = load.gap + shift_twist(c.offset, alpha) - tip.free_acceleration + tip.mobility.apply(f)
+    return Unknowns(qdd, f, c.rates(apart) if c.grasp.free else np.zeros(0), alpha, base)

@@ -1,0 +1,210 @@
+"""The virtual power of a chain's equations: the scalar whose derivatives are those of its dynamics.
+
+With z = (qdd, f, alpha(C), W_dot) and multipliers y = (y_q, y_f, y_a, y_W)
+
+    L = y_q.(M qdd + C + J^T f - T) + y_a.(M_C alpha + b_C - w - sum A^T f)
+        + y_f.(J qdd + Jdot qd + g + H^T W_dot - a - A alpha) + y_W.H f
+
+dL/dy = 0 are the equations (2.11) with (b.1), and K = d2L/dz dy is their symmetric matrix. Of whatever the equations
+depend on, theta, a change theta_dot changes the solution by K z_dot = -d(dL/dy), z and y held, and a cotangent z_bar
+has the gradient -dL/dtheta with K y = z_bar (docs/theory/derivatives.md). L is written link by link, by d'Alembert:
+the power of the wrenches that the links' accelerations need along virtual twists U, those of rates y_q. A virtual
+twist of the base adds the power of the base's wrench, which so has its derivatives too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.arm.bias import bias_accelerations
+from holdfast.dynamics.arm.motion import ArmInputs
+from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.velocity import link_twists, tip_twist
+from holdfast.dynamics.closed.contact import contact
+from holdfast.model.grasp import Grasp
+from holdfast.model.held_object import HeldObject
+from holdfast.spatial.differentiation import gradient, rates_of_change
+from holdfast.spatial.inertia import about_origin
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array, Scalar, concatenate
+from holdfast.spatial.spatial_vector import acceleration_gradient, rotate, shift_twist, unrotate
+
+Numbers = Mapping[str, Array]
+
+
+class Unknowns(NamedTuple):
+    """One arm's part of z, or of y.
+
+    Attributes:
+        qdd: (N,) joint accelerations; or virtual joint rates.
+        wrench: (6,) f about the contact point; or its multiplier.
+        contact_acceleration: (n_g,) W_dot; or its multiplier.
+        object_acceleration: (6,) alpha(C) less [0; g]; or a virtual twist of C. The same for all arms.
+        base: (6,) the base's wrench on the arm; or a virtual twist of the base origin.
+    """
+
+    qdd: Array
+    wrench: Array
+    contact_acceleration: Array
+    object_acceleration: Array
+    base: Array
+
+
+class ArmCase(NamedTuple):
+    """What the equations of one arm and its grasp depend on.
+
+    Attributes:
+        given: the arm, and what it is given.
+        grasp: its grasp, or None.
+        frame: pose of the object in the world.
+        twist: (6,) of C, world axes.
+    """
+
+    given: ArmInputs
+    grasp: Grasp | None
+    frame: Pose
+    twist: Array
+
+    def numbers(self, names: Sequence[str]) -> dict[str, Array]:
+        """Return some of the numbers that may be varied, by name; rotations as matrices."""
+        given, arm = self.given, self.given.arm
+        own = {
+            "base_R": lambda: arm.base.R,
+            "base_p": lambda: arm.base.p,
+            "armature": lambda: arm.armature,
+            "damping": lambda: arm.damping,
+            "link_mass": lambda: np.array([link.mass for link in arm.links]),
+            "link_com": lambda: np.array([link.com for link in arm.links]),
+            "link_inertia": lambda: np.array([link.inertia for link in arm.links]),
+            "link_wrench": lambda: given.link_wrenches,
+            "object_R": lambda: self.frame.R,
+            "object_p": lambda: self.frame.p,
+            "object_twist": lambda: self.twist,
+        }
+        if self.grasp is not None:
+            frame = self.grasp.frame
+            own |= {"grasp_R": lambda: frame.R, "grasp_p": lambda: frame.p}
+        return {name: own[name]() if name in own else getattr(given, name) for name in names}
+
+    def power(self, z: Unknowns, y: Unknowns, varied: Numbers) -> Scalar:
+        """Return the arm's and its grasp's part of L.
+
+        Args:
+            z: the solution.
+            y: the multipliers.
+            varied: what is to be taken in the place of the case's own numbers, as `numbers` names it.
+        """
+        given, arm = self.given, self.given.arm
+        if "base_R" in varied or "base_p" in varied:
+            base = Pose.unchecked(varied.get("base_R", arm.base.R), varied.get("base_p", arm.base.p))
+            arm = arm.standing_at(base)
+        q, qd, tau, base_twist, base_acceleration, external = (
+            varied.get(name, getattr(given, name))
+            for name in ("q", "qd", "tau", "base_twist", "base_acceleration", "link_wrenches")
+        )
+        external = varied.get("link_wrench", external)
+        at = posture(arm, q)
+        V, U = link_twists(arm, at, qd, base_twist), link_twists(arm, at, y.qdd, y.base)
+        found = list(bias_accelerations(arm, at, V, qd, base_twist, base_acceleration, z.qdd))
+        drives = varied.get("armature", arm.armature) * z.qdd + varied.get("damping", arm.damping) * qd
+        power = y.qdd @ (drives + arm.stiffness * (q - arm.rest) - tau)
+        of_links = {"link_mass", "link_com", "link_inertia"} & set(varied)
+        for k, (link, v, u, (a, K)) in enumerate(zip(arm.links, V, U, found, strict=True)):
+            inertia = link.spatial_inertia
+            if of_links:
+                own = {"link_mass": link.mass, "link_com": link.com, "link_inertia": link.inertia}
+                mass, com, turning = (varied[name][k] if name in varied else x for name, x in own.items())
+                inertia = about_origin(mass, com, turning)
+            wrench = inertia.wrench(a, v[:3], K)
+            if external is not None:
+                wrench = wrench - unrotate(at.R[k], external[k])
+            power = power + u @ wrench
+        if self.grasp is None:
+            return power
+        grasp = self.grasp
+        if "grasp_R" in varied or "grasp_p" in varied:
+            frame = grasp.frame
+            grasp = grasp.standing_at(Pose.unchecked(varied.get("grasp_R", frame.R), varied.get("grasp_p", frame.p)))
+        of_object = Pose.unchecked(varied.get("object_R", self.frame.R), varied.get("object_p", self.frame.p))
+        twist = varied.get("object_twist", self.twist)
+        c = contact(grasp, of_object, twist, at.tip, tip_twist(arm, at, V))
+        a, K = found[-1]
+        tip = rotate(at.R[-1], concatenate([a[:3], a[3:] + K @ arm.tip.p]))
+        apart = tip + c.g - c.a - shift_twist(c.offset, z.object_acceleration)
+        together = tip_twist(arm, at, U) - shift_twist(c.offset, y.object_acceleration)
+        if grasp.free:
+            apart = apart + c.HT @ z.contact_acceleration
+            together = together + c.HT @ y.contact_acceleration
+        return power + y.wrench @ apart + together @ z.wrench
+
+    def gradient(self, z: Unknowns, y: Unknowns, names: Sequence[str]) -> dict[str, Array]:
+        """Return -dL/dtheta by the named numbers, z and y held."""
+        numbers = self.numbers(names)
+        found = gradient(lambda *x: -self.power(z, y, dict(zip(names, x, strict=True))), *numbers.values())
+        return dict(zip(names, found, strict=True))
+
+    def residual_rates(self, z: Unknowns, rates: Numbers) -> Unknowns:
+        """Return how fast dL/dy changes while named numbers do, z held."""
+        numbers = self.numbers(list(rates))
+        zero = [np.zeros(len(part)) for part in z]  # L is linear in y
+
+        def residual(*x: Array) -> tuple[Array, ...]:
+            varied = dict(zip(rates, x, strict=True))
+            return gradient(lambda *y: self.power(z, Unknowns(*y), varied), *zero)
+
+        return Unknowns(*rates_of_change(residual, list(numbers.values()), list(rates.values())))
+
+
+class ObjectCase(NamedTuple):
+    """What the equations of the object depend on.
+
+    Attributes:
+        body: the object.
+        frame: its pose (origin C) in the world.
+        twist: (6,) of C, world axes.
+        wrench: (6,) external, about C, world axes.
+    """
+
+    body: HeldObject
+    frame: Pose
+    twist: Array
+    wrench: Array
+
+    def numbers(self, names: Sequence[str]) -> dict[str, Array]:
+        """Return some of the numbers that may be varied, by name."""
+        own = {"object_R": self.frame.R, "object_twist": self.twist, "object_wrench": self.wrench}
+        own |= {"object_mass": self.body.mass, "object_com": self.body.com, "object_inertia": self.body.inertia}
+        return {name: np.asarray(own[name]) for name in names}
+
+    def power(self, alpha: Array, y: Array, varied: Numbers) -> Scalar:
+        """Return the object's part of L.
+
+        Args:
+            alpha: (6,) alpha(C) less [0; g].
+            y: (6,) its multiplier.
+            varied: what is to be taken in the place of the case's own numbers.
+        """
+        numbers = self.numbers(("object_R", "object_twist", "object_mass", "object_com", "object_inertia"))
+        R, twist, mass, com, inertia = (varied.get(name, own) for name, own in numbers.items())
+        a, w = unrotate(R, alpha), twist[:3] @ R
+        needed = about_origin(mass[()], com, inertia).wrench(a, w, acceleration_gradient(a[:3], w))
+        return unrotate(R, y) @ needed - y @ varied.get("object_wrench", self.wrench)
+
+    def gradient(self, alpha: Array, y: Array, names: Sequence[str]) -> dict[str, Array]:
+        """Return -dL/dtheta by the named numbers, alpha and y held."""
+        numbers = self.numbers(names)
+        found = gradient(lambda *x: -self.power(alpha, y, dict(zip(names, x, strict=True))), *numbers.values())
+        return dict(zip(names, found, strict=True))
+
+    def residual_rate(self, alpha: Array, rates: Numbers) -> Array:
+        """Return (6,) how fast dL/dy changes while named numbers do, alpha held."""
+        numbers = self.numbers(list(rates))
+
+        def residual(*x: Array) -> tuple[Array, ...]:
+            return gradient(lambda y: self.power(alpha, y, dict(zip(rates, x, strict=True))), np.zeros(6))
+
+        (found,) = rates_of_change(residual, list(numbers.values()), list(rates.values()))
+        return found
