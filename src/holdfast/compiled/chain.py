@@ -14,6 +14,7 @@ import numpy as np
 from holdfast.compiled import arrays, statuses
 from holdfast.compiled.arrays import Addresses
 from holdfast.compiled.bound_dynamics import BoundDynamics
+from holdfast.compiled.derivatives import ChainDerivatives
 from holdfast.compiled.externals import FLOATING, MOVING
 from holdfast.compiled.forward_schedule import forward_externals, forward_schedule
 from holdfast.compiled.functions import ChainFunctions
@@ -87,7 +88,7 @@ def compile(
     return CompiledChain(chain, optional_parameters(parameters, "compile", route), generic_rank)
 
 
-class CompiledChain(ChainFunctions):
+class CompiledChain(ChainFunctions, ChainDerivatives):
     """The dynamics of one chain as machine code; made by `holdfast.compile`.
 
     Attributes:

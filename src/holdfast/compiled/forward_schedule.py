@@ -10,7 +10,7 @@ from holdfast.compiled.structure import Structure
 from holdfast.compiled.traced_chain import Given, traced, traced_chain, traced_inputs, traced_state
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External, Schedule
-from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion
 from holdfast.dynamics.closed.chain_solution import ChainSolution, chain_solution
 from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.closed.sequential import sequential
@@ -62,6 +62,11 @@ def forward(structure: Structure, given: Given) -> dict[str, Any]:
     chain = traced_chain(structure, given)
     state, inputs = traced_state(chain, given), traced_inputs(chain, given)
     found = solve_with_status(chain, state, given["tau"], inputs, given["generic_rank"], structure.options.route)
+    return outputs_of(chain, found)
+
+
+def outputs_of(chain: ClosedChain, found: SolutionWithStatus) -> dict[str, Any]:
+    """Return the outputs of forward dynamics by their names."""
     outputs = {name: getattr(found.whole, name) for name in GUARDED}
     if chain.trunk is not None:
         outputs["trunk_base_wrench"] = found.whole.trunk_base_wrench
@@ -79,6 +84,8 @@ class SolutionWithStatus(NamedTuple):
         status: as `status_of_rank` numbers them.
         condition: of the constraint.
         held: which components of the grasps are held, where they are chosen.
+        motion: the chain in motion.
+        found: what `sequential` found.
     """
 
     whole: ChainSolution
@@ -86,6 +93,8 @@ class SolutionWithStatus(NamedTuple):
     status: Scalar
     condition: Scalar
     held: Array | None
+    motion: ChainMotion
+    found: Solution
 
 
 def solve_with_status(
@@ -116,7 +125,7 @@ def solve_with_status(
     found = sequential(motion, route)
     status = status_of_rank(found.rank, generic_rank[()], chain.constraint_row_count, found.weakest_pivot)
     whole = chain_solution(motion, found, route)
-    return SolutionWithStatus(whole, found.rank, status, 1.0 / found.weakest_pivot, found.held)
+    return SolutionWithStatus(whole, found.rank, status, 1.0 / found.weakest_pivot, found.held, motion, found)
 
 
 def status_of_rank(rank: Scalar, generic_rank: Scalar, row_count: int, weakest_pivot: Scalar) -> Scalar:

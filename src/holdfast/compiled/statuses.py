@@ -10,7 +10,6 @@ import numpy as np
 
 from holdfast.compiled.externals import state_fields
 from holdfast.compiled.faults import fault, largest_positions
-from holdfast.compiled.forward_schedule import guarded_outputs
 from holdfast.compiled.result import INDETERMINATE, INVALID, OK, SINGULAR, UNDECIDED, CompiledResult
 from holdfast.dynamics import rank
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
@@ -20,6 +19,7 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
+_ALWAYS = {"rank", "status", "condition"}  # there, whatever the status
 MOST_TRIED = 16  # open systems that are looked at for one that is closed
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def settle(compiled: CompiledChain, found: Mapping[str, Array], result: Compiled
     status[open_[of < generic]] = SINGULAR
     status[open_[of > generic]] = INVALID
     without = open_[of != generic]
-    for name in guarded_outputs(compiled.chain) if without.size else ():
+    for name in set(result.layout.shapes) - _ALWAYS if without.size else ():
         x = result.array(name)
         (x if result.batch is not None else x[None])[without] = np.nan
 

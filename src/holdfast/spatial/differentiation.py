@@ -168,9 +168,7 @@ class Tape:
         self._steps.append(None)
         return Recorded(self, value, len(self._steps) - 1)
 
-    def write(
-        self, operation: Operation, values: list[Scalar], operands: tuple[Any, ...], found: Scalar
-    ) -> Recorded:
+    def write(self, operation: Operation, values: list[Scalar], operands: tuple[Any, ...], found: Scalar) -> Recorded:
         """Return an operation's result."""
         places = [(k, x.place) for k, x in enumerate(operands) if isinstance(x, Recorded) and x.level == self.level]
         self._steps.append((operation, values, places, found))

@@ -63,8 +63,12 @@ def backward(at: Point, cotangents: Mapping[str, Array], by: Sequence[str]) -> d
         found["gravity"], _ = scan(lambda total, g: (total - g["base_acceleration"][3:], None), alpha_bar[3:], of_arms)
     for what, cases in (("base", list(chain.arms)), ("grasp", list(chain.grasps))):
         if f"{what}_pose" in by:
-            found[f"{what}_pose"] = array([g[f"{what}_pose"] for g, n in zip(of_arms, chain.arms, strict=True) if n in cases])
-    return found | object_gradient(at, of_object, [g for g, n in zip(of_arms, chain.arms, strict=True) if n in chain.grasps], by)
+            found[f"{what}_pose"] = array(
+                [g[f"{what}_pose"] for g, n in zip(of_arms, chain.arms, strict=True) if n in cases]
+            )
+    return found | object_gradient(
+        at, of_object, [g for g, n in zip(of_arms, chain.arms, strict=True) if n in chain.grasps], by
+    )
 
 
 def arm_gradient(case: ArmCase, z: Unknowns, y: Unknowns, names: Sequence[str]) -> dict[str, Array]:
@@ -81,9 +85,7 @@ def arm_gradient(case: ArmCase, z: Unknowns, y: Unknowns, names: Sequence[str]) 
     return found
 
 
-def object_gradient(
-    at: Point, y: Array, of_arms: Sequence[Mapping[str, Array]], by: Sequence[str]
-) -> dict[str, Array]:
+def object_gradient(at: Point, y: Array, of_arms: Sequence[Mapping[str, Array]], by: Sequence[str]) -> dict[str, Array]:
     """Return the gradients by the object's arguments, those of the arms that hold it added up."""
     case = at.motion.object_case
     assert case is not None

@@ -94,13 +94,13 @@ def solved_again(at: Point, loads: Mapping[str, Load], wrench: Array) -> tuple[d
     held = [loads[name] for name in chain.grasps]
     tips = each(under, [at.tips[name] for name in chain.grasps], motion.holding, held)
     known = each(lambda c, load: along_free(c, load.free), motion.contacts, held)
-    gaps = each(
-        lambda tip, f, load: tip.free_acceleration - tip.mobility.apply(f) - load.gap, tips, known, held
-    )
+    gaps = each(lambda tip, f, load: tip.free_acceleration - tip.mobility.apply(f) - load.gap, tips, known, held)
     if any(grasp.free for grasp in chain.grasps.values()):
         wrench, _ = scan(lambda w, c, f: (w + shift_wrench(c.offset, f), None), wrench, motion.contacts, known)
     wrenches, alpha = at.found.again(gaps, wrench)
-    found = each(lambda c, tip, load, f, own: answer(c, tip, load, f + own, alpha), motion.contacts, tips, held, wrenches, known)
+    found = each(
+        lambda c, tip, load, f, own: answer(c, tip, load, f + own, alpha), motion.contacts, tips, held, wrenches, known
+    )
     alone = each(
         lambda tip, arm, load: under(tip, arm, load).back_substitute(none),
         [at.tips[name] for name in lone],
