@@ -1,15 +1,16 @@
-"""Derivatives of a text: it runs on numbers that know what they were made of, or how fast they change.
+"""Derivatives of a text: it runs on numbers that know what they were made of.
 
-`gradient` records every operation and goes back through the record (reverse mode); `rates_of_change` carries a rate
-along (forward mode). Both wrap scalars of any kind, floats, traced numbers or each other's, and compute with the
-words of `scalar`: the gradient of a traced text is traced, and only what depends on what is varied is there at all.
-What a text closes over is held. Where it chooses, the derivative is that of the branch taken; that of a square root
-at 0 is 0.
+A text made linear at a point is the list of its operations' slopes there. Rates are carried through it forward, and a
+gradient comes back through it. The scalars beneath may be of any kind, floats, traced numbers or recorded ones again,
+and slopes are made with the words of `scalar`: the gradient of a traced text is traced, and only what depends on what
+is varied is there at all. What a text closes over is held. Where it chooses, the derivative is that of the branch
+taken; that of a square root at 0 is 0.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from itertools import count
 from typing import Any, NamedTuple
 
@@ -50,30 +51,20 @@ CHOOSE = Operation(
 )  # of condition, a, b
 
 
-class Wrapped:
-    """A scalar within a derivative.
+class Recorded:
+    """A scalar whose making is on record.
 
     Attributes:
-        level: of the derivative.
+        tape: the record.
         value: the scalar.
+        place: its own on the record.
     """
 
-    __slots__ = ("level", "value")
+    __slots__ = ("place", "tape", "value")
     __array_priority__ = -1.0  # between NumPy's scalars and its arrays, which go entry by entry
 
-    def __init__(self, level: int, value: Scalar) -> None:
-        self.level, self.value = level, value
-
-    def made(self, operation: Operation, values: list[Scalar], operands: tuple[Any, ...], found: Scalar) -> Scalar:
-        """Return an operation's result, wrapped.
-
-        Args:
-            operation: what was done.
-            values: the operands without this level's wrapping.
-            operands: as they were.
-            found: the result without it.
-        """
-        raise NotImplementedError
+    def __init__(self, tape: Tape, value: Scalar, place: int) -> None:
+        self.tape, self.value, self.place = tape, value, place
 
     def chosen(self, condition: Any, a: Scalar, b: Scalar) -> Scalar:
         """Return what `where` does."""
@@ -137,136 +128,164 @@ class Wrapped:
         raise TypeError("expected no branch on a number that is varied; try where(condition, a, b)")
 
 
-class Recorded(Wrapped):
-    """A scalar whose making is on record.
+class Step(NamedTuple):
+    """An operation of a linear text.
 
     Attributes:
-        tape: the record.
-        place: its own there.
+        places: of the operands that vary.
+        slopes: its derivatives by them.
     """
 
-    __slots__ = ("place", "tape")
+    places: tuple[int, ...]
+    slopes: tuple[Scalar, ...]
 
-    def __init__(self, tape: Tape, value: Scalar, place: int) -> None:
-        super().__init__(tape.level, value)
-        self.tape, self.place = tape, place
 
-    def made(self, operation: Operation, values: list[Scalar], operands: tuple[Any, ...], found: Scalar) -> Scalar:
-        """Return an operation's result, on record."""
-        return self.tape.write(operation, values, operands, found)
+class Result(NamedTuple):
+    """An array that a linear text returns.
+
+    Attributes:
+        shape: its shape.
+        places: of its entries; -1 for those that do not vary.
+    """
+
+    shape: tuple[int, ...]
+    places: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """A text made linear at a point.
+
+    Attributes:
+        shapes: of the arrays that are varied; their entries have the first places.
+        steps: the operations that results depend on, one place each, in order.
+        results: what it returns.
+    """
+
+    shapes: tuple[tuple[int, ...], ...]
+    steps: tuple[Step, ...]
+    results: tuple[Result, ...]
+
+    def rates(self, *rates: Any) -> list[Array]:
+        """Return how fast the results change while the arrays do, at rates of their shapes."""
+        found = [x for array in rates for x in np.asarray(array).ravel().tolist()]
+        for places, slopes in self.steps:
+            total: Scalar = 0.0
+            for place, slope in zip(places, slopes, strict=True):
+                if not _is_zero(found[place]):
+                    total = total + slope * found[place]
+            found.append(total)
+        return [_array([0.0 if p < 0 else found[p] for p in of.places], of.shape) for of in self.results]
+
+    def gradient(self) -> tuple[Array, ...]:
+        """Return the gradient of the one number returned, by each of the arrays, in their shapes."""
+        ((_, (last,)),) = self.results
+        sizes = [int(np.prod(shape)) for shape in self.shapes]
+        first = sum(sizes)
+        found: list[Scalar] = [0.0] * (first + len(self.steps))
+        if last >= 0:
+            found[last] = 1.0
+        for at in reversed(range(len(self.steps))):
+            places, slopes = self.steps[at]
+            for place, slope in zip(places, slopes, strict=True):
+                found[place] = found[place] + found[first + at] * slope
+        ends = np.cumsum([0, *sizes]).tolist()
+        parts = zip(ends, ends[1:], self.shapes, strict=False)
+        return tuple([_array(found[begin:end], shape) for begin, end, shape in parts])
 
 
 class Tape:
-    """The record of a text's operations."""
+    """The record of a text's operations.
+
+    Attributes:
+        level: of the derivative: one within which another's numbers are varied comes later.
+    """
 
     def __init__(self) -> None:
         self.level = next(_levels)
-        self._steps: list[tuple[Operation, list[Scalar], list[tuple[int, int]], Scalar] | None] = []
+        self._made: list[tuple[Operation, list[Scalar], list[tuple[int, int]], Scalar] | None] = []
 
     def variable(self, value: Scalar) -> Recorded:
         """Return a number that is varied."""
-        self._steps.append(None)
-        return Recorded(self, value, len(self._steps) - 1)
+        self._made.append(None)
+        return Recorded(self, value, len(self._made) - 1)
 
-    def write(self, operation: Operation, values: list[Scalar], operands: tuple[Any, ...], found: Scalar) -> Recorded:
+    def write(self, operation: Operation, operands: tuple[Any, ...]) -> Recorded:
         """Return an operation's result."""
-        places = [(k, x.place) for k, x in enumerate(operands) if isinstance(x, Recorded) and x.level == self.level]
-        self._steps.append((operation, values, places, found))
-        return Recorded(self, found, len(self._steps) - 1)
+        own = [isinstance(x, Recorded) and x.tape is self for x in operands]
+        values = [x.value if mine else x for x, mine in zip(operands, own, strict=True)]
+        found = operation.of(*values)
+        self._made.append((operation, values, [(k, operands[k].place) for k, mine in enumerate(own) if mine], found))
+        return Recorded(self, found, len(self._made) - 1)
 
-    def slopes(self, found: Scalar) -> list[Scalar]:
-        """Return the derivative of a number by every number on record, 0 where it does not depend on it."""
-        slopes: list[Any] = [None] * len(self._steps)
-        if _is_of(found, self.level):
-            slopes[found.place] = 1.0
-        for at in reversed(range(len(slopes))):
-            step, slope = self._steps[at], slopes[at]
-            if step is None or slope is None:
-                continue
-            operation, values, places, result = step
-            for k, place in places:
-                along = slope * operation.slopes[k](*values, result)
-                slopes[place] = along if slopes[place] is None else slopes[place] + along
-        return [0.0 if slope is None else slope for slope in slopes]
-
-
-class Moving(Wrapped):
-    """A scalar that changes.
-
-    Attributes:
-        rate: how fast.
-    """
-
-    __slots__ = ("rate",)
-
-    def __init__(self, level: int, value: Scalar, rate: Scalar) -> None:
-        super().__init__(level, value)
-        self.rate = rate
-
-    def made(self, operation: Operation, values: list[Scalar], operands: tuple[Any, ...], found: Scalar) -> Scalar:
-        """Return an operation's result and how fast it changes."""
-        rate: Scalar = 0.0
-        for k, x in enumerate(operands):
-            if _is_of(x, self.level):
-                rate = rate + x.rate * operation.slopes[k](*values, found)
-        return Moving(self.level, found, rate)
+    def linear(self, shapes: tuple[tuple[int, ...], ...], results: Sequence[Any]) -> Linear:
+        """Return the text with these results made linear: only what they depend on."""
+        arrays = [np.asarray(x) for x in results]
+        own = [[x.place if isinstance(x, Recorded) and x.tape is self else -1 for x in a.flat] for a in arrays]
+        needed = {place for places in own for place in places if place >= 0}
+        for at in reversed(range(len(self._made))):
+            made = self._made[at]
+            if at in needed and made is not None:
+                needed |= {place for _, place in made[2]}
+        new: dict[int, int] = {-1: -1}
+        steps: list[Step] = []
+        count = 0
+        for at, made in enumerate(self._made):
+            if made is None:
+                new[at], count = count, count + 1
+            elif at in needed:
+                operation, values, operands, found = made
+                slopes = tuple([operation.slopes[k](*values, found) for k, _ in operands])
+                steps.append(Step(tuple([new[place] for _, place in operands]), slopes))
+                new[at], count = count, count + 1
+        found = zip(arrays, own, strict=True)
+        return Linear(shapes, tuple(steps), tuple([Result(a.shape, tuple([new[p] for p in o])) for a, o in found]))
 
 
-def gradient(f: Callable[..., Scalar], *given: Any) -> tuple[Array, ...]:
-    """Return the gradient of a scalar text by each of its arrays, in their shapes; a few times the text's cost.
-
-    Args:
-        f: takes arrays like those given and returns a number.
-        given: where the gradient is taken.
-    """
-    tape = Tape()
-    varied = [_entrywise(tape.variable, x) for x in given]
-    slopes = tape.slopes(f(*varied))
-    return tuple([_entrywise(lambda entry: slopes[entry.place], x) for x in varied])
-
-
-def rates_of_change(f: Callable[..., Sequence[Any]], given: Sequence[Any], rates: Sequence[Any]) -> list[Array]:
-    """Return how fast the results of a text change while its arrays do; about twice the text's cost.
+def linearised(f: Callable[..., Sequence[Any]], *given: Any) -> Linear:
+    """Return a text made linear.
 
     Args:
         f: takes arrays like those given and returns a sequence of arrays.
-        given: where the derivative is taken.
-        rates: how fast the arrays change, in their shapes.
+        given: where.
     """
-    level = next(_levels)
-    moving = [_entrywise(lambda *pair: Moving(level, *pair), x, rate) for x, rate in zip(given, rates, strict=True)]
-    return [_entrywise(lambda entry: entry.rate if _is_of(entry, level) else 0.0, x) for x in f(*moving)]
+    tape, arrays = Tape(), [np.asarray(x) for x in given]
+    varied = [_array([tape.variable(entry) for entry in x.ravel().tolist()], x.shape) for x in arrays]
+    return tape.linear(tuple([x.shape for x in arrays]), f(*varied))
+
+
+def gradient(f: Callable[..., Scalar], *given: Any) -> tuple[Array, ...]:
+    """Return the gradient of a scalar text by each of its arrays, in their shapes; a few times the text's cost."""
+    return linearised(lambda *x: (f(*x),), *given).gradient()
 
 
 def _applied(operation: Operation, *operands: Any) -> Any:
-    """Return an operation's result at the outermost level of its operands."""
-    level, taker = 0, None
+    """Return an operation's result on the latest record among its operands'."""
+    latest: Tape | None = None
     for x in operands:
-        if isinstance(x, Wrapped) and x.level > level:
-            level, taker = x.level, x
+        if isinstance(x, Recorded):
+            if latest is None or x.tape.level > latest.level:
+                latest = x.tape
         elif isinstance(x, np.ndarray):
             return NotImplemented
-    assert taker is not None
-    values = [x.value if _is_of(x, level) else x for x in operands]
-    return taker.made(operation, values, operands, operation.of(*values))
-
-
-def _is_of(x: Any, level: int) -> bool:
-    return isinstance(x, Wrapped) and x.level == level
+    assert latest is not None
+    return latest.write(operation, operands)
 
 
 def _bare(x: Any) -> Any:
-    while isinstance(x, Wrapped):
+    while isinstance(x, Recorded):
         x = x.value
     return x
 
 
-def _entrywise(f: Callable[..., Any], *given: Any) -> Array:
-    """Return f of every entry of arrays of one shape; of floats, if all it returns are, else of objects."""
-    arrays = [np.asarray(x) for x in given]
-    found = [f(*entries) for entries in zip(*(x.ravel().tolist() for x in arrays), strict=True)]
-    if all(type(x) in (float, int, np.float64) for x in found):
-        return np.array(found, dtype=float).reshape(arrays[0].shape)
-    made = np.empty(len(found), dtype=object)
-    made[:] = found
-    return made.reshape(arrays[0].shape)
+def _is_zero(x: Any) -> bool:
+    return isinstance(x, float) and x == 0.0
+
+
+def _array(entries: Sequence[Any], shape: tuple[int, ...]) -> Array:
+    """Return an array of floats, if all entries are, else of objects."""
+    if all(isinstance(x, float | int) for x in entries):
+        return np.array(entries, dtype=float).reshape(shape)
+    made = np.empty(len(entries), dtype=object)
+    made[:] = entries
+    return made.reshape(shape)

@@ -125,10 +125,12 @@ def forward(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
     if "object_twist" in tangents:
         of_object["object_twist"] = tangents["object_twist"]
     own = {name: x for name, x in of_object.items() if name != "object_p"}
-    residual = case.residual_rate(at.found.object_acceleration, own) if own else none
+    residual = none
+    if own:
+        (residual,) = case.residual(at.found.object_acceleration, list(own)).rates(*own.values())
     in_arms = {name: x for name, x in of_object.items() if name not in OF_OBJECT}
     changed = each(
-        lambda case, z, given: case.residual_rates(z, arm_rates(case, given)),
+        residual_rates,
         [at.motion.cases[name] for name in chain.arms],
         [at.unknowns[name] for name in chain.arms],
         [tangents_of(at, name, tangents) | (in_arms if name in chain.grasps else {}) for name in chain.arms],
@@ -174,6 +176,12 @@ def tangents_of(at: Point, name: str, tangents: Mapping[str, Array]) -> dict[str
         pseudo = concatenate([np.zeros(3), tangents["gravity"]])
         found["base_acceleration"] = found.get("base_acceleration", np.zeros(6)) - pseudo
     return found
+
+
+def residual_rates(case: ArmCase, z: Unknowns, given: Mapping[str, Array]) -> Unknowns:
+    """Return how fast an arm's dL/dy changes under tangents of its arguments, z held."""
+    rates = arm_rates(case, given)
+    return Unknowns(*case.residual(z, list(rates)).rates(*rates.values()))
 
 
 def arm_rates(case: ArmCase, given: Mapping[str, Array]) -> dict[str, Array]:

@@ -26,7 +26,7 @@ from holdfast.dynamics.arm.velocity import link_twists, tip_twist
 from holdfast.dynamics.closed.contact import contact
 from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
-from holdfast.spatial.differentiation import gradient, rates_of_change
+from holdfast.spatial.differentiation import Linear, gradient, linearised
 from holdfast.spatial.inertia import about_origin
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, concatenate
@@ -146,16 +146,15 @@ class ArmCase(NamedTuple):
         found = gradient(lambda *x: -self.power(z, y, dict(zip(names, x, strict=True))), *numbers.values())
         return dict(zip(names, found, strict=True))
 
-    def residual_rates(self, z: Unknowns, rates: Numbers) -> Unknowns:
-        """Return how fast dL/dy changes while named numbers do, z held."""
-        numbers = self.numbers(list(rates))
+    def residual(self, z: Unknowns, names: Sequence[str]) -> Linear:
+        """Return dL/dy, `Unknowns`, made linear in the named numbers, z held."""
         zero = [np.zeros(len(part)) for part in z]  # L is linear in y
 
         def residual(*x: Array) -> tuple[Array, ...]:
-            varied = dict(zip(rates, x, strict=True))
+            varied = dict(zip(names, x, strict=True))
             return gradient(lambda *y: self.power(z, Unknowns(*y), varied), *zero)
 
-        return Unknowns(*rates_of_change(residual, list(numbers.values()), list(rates.values())))
+        return linearised(residual, *self.numbers(names).values())
 
 
 class ObjectCase(NamedTuple):
@@ -199,12 +198,10 @@ class ObjectCase(NamedTuple):
         found = gradient(lambda *x: -self.power(alpha, y, dict(zip(names, x, strict=True))), *numbers.values())
         return dict(zip(names, found, strict=True))
 
-    def residual_rate(self, alpha: Array, rates: Numbers) -> Array:
-        """Return (6,) how fast dL/dy changes while named numbers do, alpha held."""
-        numbers = self.numbers(list(rates))
+    def residual(self, alpha: Array, names: Sequence[str]) -> Linear:
+        """Return dL/dy, (6,), made linear in the named numbers, alpha held."""
 
         def residual(*x: Array) -> tuple[Array, ...]:
-            return gradient(lambda y: self.power(alpha, y, dict(zip(rates, x, strict=True))), np.zeros(6))
+            return gradient(lambda y: self.power(alpha, y, dict(zip(names, x, strict=True))), np.zeros(6))
 
-        (found,) = rates_of_change(residual, list(numbers.values()), list(rates.values()))
-        return found
+        return linearised(residual, *self.numbers(names).values())
