@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import math
+from typing import Any, Literal, NamedTuple
 
 from holdfast.compiled.externals import shapes
 from holdfast.compiled.forward_schedule import (
@@ -16,56 +17,80 @@ from holdfast.compiled.traced_chain import Given, traced, traced_chain, traced_i
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External, Schedule
 from holdfast.dynamics.closed.forward_derivatives import RESULTS, backward, forward
+from holdfast.dynamics.closed.forward_jacobian import jacobian, units_needed
 from holdfast.dynamics.closed.second_solve import point
 from holdfast.model.closed_chain import ClosedChain
 
 WITH = "with."  # before the names of what a product is taken with: cotangents of results, tangents of arguments
-FOUND = "found."  # before the names of the product's parts
+FOUND = "found."  # before the names of derivatives
+UNITS = "units"  # directions of a Jacobian's columns, the rows of an identity
 
 
-class Product(NamedTuple):
-    """A product with the Jacobian of forward dynamics.
+class Request(NamedTuple):
+    """Derivatives of forward dynamics that are asked for.
 
     Attributes:
-        backward: cotangents of results with it, rather than it with tangents of arguments.
-        given: the results, or arguments, that it is taken with.
-        wanted: the arguments, or results, that it is found for.
+        kind: `vjp`, cotangents of results with the Jacobian; `jvp`, the Jacobian with tangents of arguments; or
+            `jacobian` itself.
+        results: those that matter.
+        arguments: likewise.
     """
 
-    backward: bool
-    given: tuple[str, ...]
-    wanted: tuple[str, ...]
+    kind: Literal["vjp", "jvp", "jacobian"]
+    results: tuple[str, ...]
+    arguments: tuple[str, ...]
 
     @property
     def name(self) -> str:
         """What it is called on disk."""
-        return f"forward_{'vjp' if self.backward else 'jvp'}({','.join(self.given)};{','.join(self.wanted)})"
+        return f"forward_{self.kind}({','.join(self.results)};{','.join(self.arguments)})"
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """What a product is taken with."""
+        return {"vjp": self.results, "jvp": self.arguments, "jacobian": ()}[self.kind]
+
+    def found(self, chain: ClosedChain) -> dict[str, Shape]:
+        """Return the shapes of what is returned: by argument, by result, or by both, transposed."""
+        known = derivative_shapes(chain)
+        if self.kind == "jacobian":
+            sizes = {name: math.prod(known[name]) for name in (*self.results, *self.arguments)}
+            return {f"{of}.{by}": (sizes[by], sizes[of]) for of in self.results for by in self.arguments}
+        return {name: known[name] for name in (self.arguments if self.kind == "vjp" else self.results)}
 
     def externals(self, structure: Structure) -> dict[str, External]:
         """Return the arrays it takes and returns."""
-        known = derivative_shapes(structure.chain)
+        chain, known = structure.chain, derivative_shapes(structure.chain)
         of_forward = forward_externals(structure)
         own = {name: e for name, e in of_forward.items() if e.role == "input"}
         own |= {f"{WITH}{name}": External(known[name], "input") for name in self.given}
-        own |= {name: e for name, e in of_forward.items() if e.role != "input"}
-        return own | {f"{FOUND}{name}": External(known[name], "output") for name in self.wanted}
+        own |= {name: e for name, e in of_forward.items() if e.role == "parameter"}
+        if self.kind == "jacobian":
+            size = units_needed(chain, self.arguments)
+            own[UNITS] = External((size, size), "parameter")
+        own |= {name: e for name, e in of_forward.items() if e.role == "output"}
+        return own | {f"{FOUND}{name}": External(shape, "output") for name, shape in self.found(chain).items()}
 
     def schedule(self, structure: Structure) -> Schedule:
         """Return the schedule for one chain."""
         externals = self.externals(structure)
-        names = (*guarded_outputs(structure.chain), *(f"{FOUND}{name}" for name in self.wanted))
+        names = (*guarded_outputs(structure.chain), *(f"{FOUND}{name}" for name in self.found(structure.chain)))
         guarded = tuple(name for name in names if externals[name].size)
         return traced(externals, lambda given: self.outputs(structure, given), "status", guarded)
 
     def outputs(self, structure: Structure, given: Given) -> dict[str, Any]:
-        """Return forward dynamics and the product: the reference's functions, run on what is given."""
+        """Return forward dynamics and its derivatives: the reference's functions, run on what is given."""
         chain, route = traced_chain(structure, given), structure.options.route
         state, inputs = traced_state(chain, given), traced_inputs(chain, given)
         solved = solve_with_status(chain, state, given["tau"], inputs, given["generic_rank"], route)
         at = point(solved.motion, solved.found, route)
         own = {name: given[f"{WITH}{name}"] for name in self.given}
-        found = backward(at, own, self.wanted) if self.backward else forward(at, own)
-        return outputs_of(chain, solved) | {f"{FOUND}{name}": found[name] for name in self.wanted}
+        if self.kind == "jacobian":
+            columns = jacobian(at, self.results, self.arguments, given[UNITS])
+            found = {f"{of}.{by}": x for (of, by), x in columns.items()}
+        else:
+            found = backward(at, own, self.arguments) if self.kind == "vjp" else forward(at, own)
+        return outputs_of(chain, solved) | {f"{FOUND}{name}": found[name] for name in self.found(structure.chain)}
 
 
 def derivative_shapes(chain: ClosedChain) -> dict[str, Shape]:

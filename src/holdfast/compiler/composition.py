@@ -61,7 +61,7 @@ class Composition:
 
     def each(self, f: Callable[..., Any], items: list[tuple[Any, ...]]) -> list[Any]:
         """Return what `each` does, its regions traced."""
-        flat = [self._values.leaves((x, f)) for x in items]
+        flat = self._flat(f, items)
         found: list[Any] = [None] * len(items)
         left = set(range(len(items)))
         for group, places in self._homes(flat, scanned=False).items():
@@ -96,7 +96,7 @@ class Composition:
 
     def scan(self, f: Callable[..., Any], carry: Any, items: list[tuple[Any, ...]]) -> tuple[Any, list[Any]]:
         """Return what `scan` does, its regions traced."""
-        flat = [self._values.leaves((x, f)) for x in items]
+        flat = self._flat(f, items)
         homes = self._all_again(flat)
         traversals, kept = self._traversals(f, carry, items, flat, homes)
         turns, order = self._order(f, traversals, flat, homes)
@@ -200,6 +200,11 @@ class Composition:
         return [found[j] for j in range(len(flat))]
 
     # ---- regions ----
+
+    def _flat(self, f: Callable[..., Any], items: list[tuple[Any, ...]]) -> list[tuple[list[Leaf], Hashable]]:
+        """Return the traced numbers of every item and of the loop's body after them, and their key."""
+        of_body, body = self._values.leaves(f)
+        return [(found + of_body, (key, body)) for found, key in map(self._values.leaves, items)]
 
     def _homes(self, flat: Sequence[tuple[list[Leaf], Hashable]], scanned: bool) -> dict[TracedGroup, dict[int, int]]:
         """Return which item each item was of which group: the one that its first number is an image of."""

@@ -108,9 +108,9 @@ def recursive(motion: ArmMotion) -> TipResponse:
             return qdd, wrench if base is None or beta is None else wrench + base.Y.apply(beta)
 
         free = rotate(R, tip) + motion.bias.tip_acceleration
-        return TipResponse(mobility, free, filter.D, back_substitute, arm.length, base, answer)
+        return TipResponse(mobility, free, filter.D, back_substitute, arm.length, base)
 
-    return answer(motion)
+    return answer(motion)._replace(again=answer)
 
 
 def by_mass_matrix(motion: ArmMotion) -> TipResponse:
@@ -138,9 +138,9 @@ def by_mass_matrix(motion: ArmMotion) -> TipResponse:
 
         free = x @ X + motion.bias.tip_acceleration
         response = None if base is None else base.response
-        return TipResponse(mobility, free, pivots, back_substitute, arm.length, response, answer)
+        return TipResponse(mobility, free, pivots, back_substitute, arm.length, response)
 
-    return answer(motion)
+    return answer(motion)._replace(again=answer)
 
 
 class WhitenedBase(NamedTuple):

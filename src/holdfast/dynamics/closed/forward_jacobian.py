@@ -1,0 +1,289 @@
+"""The Jacobian of forward dynamics, column by column; what columns share is computed once.
+
+An argument of one arm reaches the others through its tip alone: by six numbers at its grasp and six at the object,
+whose answers are found once for all columns. So a column costs its own arm's part, and some twelve products an entry
+elsewhere. Columns are items of a loop, each a direction given as numbers, so that they run side by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.arm.motion import ArmMotion, driven
+from holdfast.dynamics.closed.contact import Contact
+from holdfast.dynamics.closed.forward_derivatives import (
+    OF_JOINTS,
+    arm_rates,
+    forward,
+    numbers_of,
+    symmetric,
+)
+from holdfast.dynamics.closed.second_solve import Load, Point, along_free, under
+from holdfast.dynamics.closed.tip_response import TipResponse
+from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.differentiation import Linear
+from holdfast.spatial.scalar import Array, array, concatenate, each
+from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
+from holdfast.spatial.symmetric import Symmetric6
+
+Shape = tuple[int, ...]
+
+# Shapes of the arguments that concern the whole chain, and of an arm's own beside its joints' and its links'.
+OF_CHAIN: dict[str, Shape] = {
+    "object_pose": (6,),
+    "object_twist": (6,),
+    "object_mass": (),
+    "object_com": (3,),
+    "object_inertia": (3, 3),
+    "object_wrench": (6,),
+    "gravity": (3,),
+}
+OF_LINK: dict[str, Shape] = {"link_mass": (), "link_com": (3,), "link_inertia": (3, 3), "link_wrench": (6,)}
+
+
+class ByWrench(NamedTuple):
+    """How an arm answers to a wrench f of its own on the object.
+
+    Attributes:
+        qdd: (N, 6) joint accelerations.
+        base: (6, 6) the base's wrench on the arm.
+    """
+
+    qdd: Array
+    base: Array
+
+
+class Answers(NamedTuple):
+    """What the chain at rest answers to six units of a gap at one grasp and six of a wrench on the object.
+
+    Attributes:
+        wrenches: per grasp, (6, 12) of the arm on the object.
+        object_acceleration: (6, 12).
+    """
+
+    wrenches: list[Array]
+    object_acceleration: Array
+
+
+def jacobian(at: Point, of: Sequence[str], by: Sequence[str], units: Array) -> dict[tuple[str, str], Array]:
+    """Return the derivatives of results by arguments, transposed: (an argument's numbers, a result's numbers).
+
+    Args:
+        at: where.
+        of: some of `RESULTS`.
+        by: some of `ARGUMENTS`.
+        units: (m, m) identity, m as `units_needed` says; given as numbers so that columns are alike.
+    """
+    chain = at.motion.chain
+    rows = 6 * len(chain.grasps) + 6
+    arm_arguments = any(name not in OF_CHAIN for name in by)
+    answers = each(lambda e: unit_answer(at, e), units[:rows, :rows]) if arm_arguments else []
+    tips = [at.tips[name] for name in chain.grasps]
+    by_wrench = each(unit_wrenches, tips, at.motion.holding) if arm_arguments else []
+    grasps = {name: k for k, name in enumerate(chain.grasps)}
+    arms = tuple([(grasps.get(name), arm.joint_count) for name, arm in chain.arms.items()])
+    everyone = Everyone(at.motion.contacts, [tip.mobility for tip in tips], by_wrench, arms)
+    found: dict[tuple[str, str], list[list[Array]]] = {(result, name): [] for name in by for result in of}
+    for name in by:
+        if name in OF_CHAIN:
+            columns = [chain_columns(at, name, of, units)]
+        else:
+            columns = arm_columns(at, name, tuple(of), units, answers, everyone)
+        for of_one in columns:
+            for k, result in enumerate(of):
+                found[result, name].append([column[k] for column in of_one])
+    return {key: array([column for of_one in parts for column in of_one]) for key, parts in found.items()}
+
+
+def units_needed(chain: ClosedChain, by: Sequence[str]) -> int:
+    """Return how many units `jacobian` takes for some arguments."""
+    counts = [arm.joint_count for arm in chain.arms.values()]
+    sizes = [int(np.prod(arm_shape(name, N))) for name in by if name not in OF_CHAIN for N in counts]
+    return max([6 * len(chain.grasps) + 6, 9, len(counts), *sizes])
+
+
+def arm_shape(name: str, N: int) -> Shape:
+    """Return the shape of one arm's part of an argument."""
+    if name in OF_JOINTS:
+        return (N,)
+    return (N, *OF_LINK[name]) if name in OF_LINK else (6,)
+
+
+def direction(unit: Array, name: str, shape: Shape) -> Array:
+    """Return the direction of one number of an argument; inertias stay symmetric."""
+    x = unit.reshape(shape)
+    return symmetric(x) if name.endswith("inertia") else x
+
+
+def unit_answer(at: Point, unit: Array) -> tuple[list[Array], Array]:
+    """Return what the chain at rest answers to one gap, or to one component of a wrench on the object."""
+    assert at.found.again is not None
+    count = len(at.motion.contacts)
+    return at.found.again([unit[6 * i : 6 * i + 6] for i in range(count)], unit[6 * count :])
+
+
+def unit_wrenches(tip: TipResponse, arm: ArmMotion) -> ByWrench:
+    """Return how an arm at rest answers to the six components of a wrench at its tip."""
+    assert tip.again is not None
+    still = tip.again(driven(arm, np.zeros(arm.arm.joint_count), np.zeros(6)))
+    columns = [still.back_substitute(unit) for unit in np.eye(6)]
+    return ByWrench(array([qdd for qdd, _ in columns]).T, array([base for _, base in columns]).T)
+
+
+def chain_columns(at: Point, name: str, of: Sequence[str], units: Array) -> list[list[Array]]:
+    """Return the columns of an argument that concerns the whole chain."""
+    size = int(np.prod(OF_CHAIN[name]))
+
+    def column(unit: Array) -> list[Array]:
+        found = forward(at, {name: direction(unit, name, OF_CHAIN[name])})
+        return [found[result].ravel() for result in of]
+
+    return each(column, units[:size, :size])
+
+
+class Everyone(NamedTuple):
+    """What all columns read of the arms that hold.
+
+    Attributes:
+        contacts: the grasps.
+        mobilities: Lambda of their arms.
+        by_wrench: how these answer to their wrenches.
+        rows: per arm of the chain, in order: which grasp, and how many joints.
+    """
+
+    contacts: list[Contact]
+    mobilities: list[Symmetric6]
+    by_wrench: list[ByWrench]
+    rows: tuple[tuple[int | None, int], ...]
+
+
+class Own(NamedTuple):
+    """What the columns of one arm read of it.
+
+    Attributes:
+        case: what its equations depend on.
+        residual: its dL/dy, made linear in the argument.
+        tip: its answer at its tip.
+        motion: the arm in motion.
+        contact: its grasp, or None.
+        answers: what the chain at rest answers to six units of a gap there and six of a wrench on the object.
+        mask: per arm of the chain, 1 for itself and 0 for the others; as numbers, so that columns are alike.
+    """
+
+    case: ArmCase
+    residual: Linear
+    tip: TipResponse
+    motion: ArmMotion
+    contact: Contact | None
+    answers: Answers | None
+    mask: Array
+
+
+def arm_columns(
+    at: Point,
+    name: str,
+    of: tuple[str, ...],
+    units: Array,
+    answers: Sequence[tuple[list[Array], Array]],
+    everyone: Everyone,
+) -> list[list[list[Array]]]:
+    """Return the columns of an argument that is each arm's own, arm by arm.
+
+    Args:
+        at: where.
+        name: of the argument.
+        of: the results.
+        units: as in `jacobian`.
+        answers: of the chain at rest to all units of gaps and of a wrench on the object.
+        everyone: what all columns read.
+    """
+    chain, motion, order = at.motion.chain, at.motion, list(at.motion.chain.arms)
+    grasps = list(chain.grasps)
+    arms = grasps if name == "grasp_pose" else order
+    names = tuple(numbers_of([name]))
+    residuals = each(
+        lambda case, z: case.residual(z, names), [motion.cases[a] for a in arms], [at.unknowns[a] for a in arms]
+    )
+    found = []
+    for arm, residual in zip(arms, residuals, strict=True):
+        shape = arm_shape(name, chain.arms[arm].joint_count)
+        size, row, whole, c = int(np.prod(shape)), order.index(arm), None, None
+        if arm in chain.grasps:
+            g = grasps.index(arm)
+            shared = [*answers[6 * g : 6 * g + 6], *answers[-6:]]
+            wrenches = [array([f[i] for f, _ in shared]).T for i in range(len(grasps))]
+            whole, c = Answers(wrenches, array([alpha for _, alpha in shared]).T), motion.contacts[g]
+        mask = units[row, : len(order)]
+        own = Own(motion.cases[arm], residual, at.tips[arm], motion.arms[arm], c, whole, mask)
+        found.append(each(column_of(own, everyone, name, shape, of), units[:size, :size]))
+    return found
+
+
+def column_of(
+    own: Own, everyone: Everyone, name: str, shape: Shape, of: tuple[str, ...]
+) -> Callable[[Array], list[Array]]:
+    """Return the column of a direction of an arm's argument."""
+
+    def column(unit: Array) -> list[Array]:
+        given = arm_rates(own.case, {name: direction(unit, name, shape)})
+        return results(own, everyone, Unknowns(*own.residual.rates(*given.values())), of)
+
+    return column
+
+
+def results(own: Own, everyone: Everyone, r: Unknowns, of: Sequence[str]) -> list[Array]:
+    """Return the results' rates of change while one arm's dL/dy changes.
+
+    Every arm answers to its share of what the tip does; the arm itself moves by what changes in it besides.
+
+    Args:
+        own: the arm.
+        everyone: all arms.
+        r: how fast its dL/dy changes.
+        of: the results.
+    """
+    none = np.zeros(6)
+    load = Load(-r.qdd, -r.wrench, -r.contact_acceleration, none)
+    tip = under(own.tip, own.motion, load)
+    known, alpha, apart = none, none, none
+    shares: list[Array] = [none] * len(everyone.contacts)
+    if own.contact is not None and own.answers is not None:
+        known = along_free(own.contact, load.free)
+        apart = load.gap - tip.free_acceleration + tip.mobility.apply(known)
+        given = concatenate([-apart, shift_wrench(own.contact.offset, known) - r.object_acceleration])
+        alpha = own.answers.object_acceleration @ given
+        shares = [f @ given for f in own.answers.wrenches]
+    moving, of_base = tip.back_substitute(known)
+    of_base = of_base + r.base
+    qdd, wrench, rates, base = [], [], [], []
+    for mine, (g, N) in zip(own.mask, everyone.rows, strict=True):
+        itself = N == len(moving)
+        own_qdd = mine * moving if itself else np.zeros(N)
+        if g is None:
+            qdd.append(own_qdd)
+            wrench.append(none)
+            base.append(mine * of_base)
+            continue
+        c, f, answer = everyone.contacts[g], shares[g], everyone.by_wrench[g]
+        qdd.append(answer.qdd @ f + own_qdd)
+        wrench.append(f + mine * known)
+        base.append(answer.base @ f + mine * of_base)
+        gap = shift_twist(c.offset, alpha) + everyone.mobilities[g].apply(f) + mine * apart
+        rates.append(rates_of(c, gap))
+    found = {
+        "qdd": qdd,
+        "grasp_wrench": wrench,
+        "object_acceleration": [alpha],
+        "contact_acceleration": rates,
+        "base_wrench": base,
+    }
+    return [concatenate(found[result]) for result in of]
+
+
+def rates_of(c: Contact, apart: Array) -> Array:
+    """Return W_dot of what two sides of a grasp accelerate apart, (n_g,)."""
+    return c.rates(apart) if c.grasp.free else np.zeros(0)
