@@ -1,0 +1,100 @@
+"""The library's own texts on dual numbers: forward derivatives of every function, through the filter and all.
+
+They agree with those of the dense equations for objects of usual mass; with light ones the filter's differences lose
+digits that its results keep.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from holdfast import ClosedChain, HeldObject, Inputs, Link, Pose, State
+from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.closed.chain_solution import chain_solution
+from holdfast.dynamics.closed.sequential import sequential
+from holdfast.model.closed_chain import TRUNK
+from holdfast.model.trunk import Trunk
+from tests.oracles.arithmetic import arithmetic
+from tests.oracles.chain_derivatives import OUTPUTS, Derivatives, Seeded, names_of, numbers_of
+from tests.oracles.dual import tangents_of, values_of
+from tests.systems.as_chain import Problem
+
+
+def text_derivatives(p: Problem, by: Iterable[str] | None = None) -> Derivatives:
+    """Return forward dynamics by `sequential` and its partial derivatives, as `chain_derivatives` does."""
+    seeded = Seeded(numbers_of(p, arithmetic(None)), names_of(p.chain) if by is None else by)
+    chain = _chain(p.chain, seeded.given)
+    motion = chain_motion(chain, _state(p.state, seeded.given), seeded.given["tau"], _inputs(chain, seeded.given))
+    whole = chain_solution(motion, sequential(motion), "recursive")
+    found = {name: np.ravel(getattr(whole, name)) for name in OUTPUTS}
+    if TRUNK in chain.joints:
+        base = np.zeros(0) if whole.base_acceleration is None else whole.base_acceleration
+        found |= {"base_acceleration": base, "trunk_base_wrench": np.asarray(whole.trunk_base_wrench)}
+    values = {name: values_of(x).astype(float) for name, x in found.items()}
+    return Derivatives(values, {name: tangents_of(x, seeded.count) for name, x in found.items()}, seeded.at)
+
+
+def _chain(chain: ClosedChain, given: Mapping[str, Any]) -> ClosedChain:
+    """Return the chain with dual numbers in it."""
+    first = chain.arm_joints[0].start
+    arms = {}
+    for i, (name, arm) in enumerate(chain.arms.items()):
+        part = chain.joints[name]
+        rows = range(part.start - first, part.stop - first)
+        links = [
+            replace(Link(0.0, given["link_com"][k], given["link_inertia"][k], physical=False), mass=given["link_mass"][k])
+            for k in rows
+        ]
+        base = Pose.unchecked(given["base_R"][i], given["base_p"][i])
+        arms[name] = replace(arm, joints=_joints(arm.joints, part, given), links=links, base=base, name="")
+    grasps = {
+        name: replace(grasp, frame=Pose.unchecked(given["grasp_R"][i], given["grasp_p"][i]))
+        for i, (name, grasp) in enumerate(chain.grasps.items())
+    }
+    mass = given["object_mass"][()]
+    body = HeldObject(mass, given["object_inertia"], given["object_com"], physical=False)
+    trunk = chain.trunk
+    if trunk is not None:
+        trunk = object.__new__(Trunk)
+        trunk.__dict__.update(vars(chain.trunk))
+        trunk.__dict__["joints"] = _joints(chain.trunk.joints, chain.joints[TRUNK], given)
+        trunk.__dict__.pop("serial", None)
+    made = object.__new__(ClosedChain)
+    own = {"arms": arms, "held_object": body, "grasps": grasps, "gravity": given["gravity"]}
+    made.__dict__.update(own | {"mounts": chain.mounts, "trunk": trunk, "springs": chain.springs})
+    return made
+
+
+def _joints(joints, part: slice, given: Mapping[str, Any]) -> tuple:
+    """Return joints with the drives' numbers."""
+    drives = zip(given["armature"][part], given["damping"][part], strict=True)
+    return tuple(
+        replace(joint, armature=armature, damping=damping)
+        for joint, (armature, damping) in zip(joints, drives, strict=True)
+    )
+
+
+def _state(state: State, given: Mapping[str, Any]) -> State:
+    """Return the state; its frames are those given."""
+    base = (state.base_pose, given.get("floating_twist"))
+    made = State(given["q"], given["qd"], state.object_pose, given["object_twist"], *base)
+    vars(made)["object_frame"] = Pose.unchecked(given["object_R"], given["object_p"])
+    if state.base_pose is not None:
+        vars(made)["base_frame"] = Pose.unchecked(given["floating_R"], given["floating_p"])
+    return made
+
+
+def _inputs(chain: ClosedChain, given: Mapping[str, Any]) -> Inputs:
+    """Return what acts on the chain."""
+    of_trunk = {}
+    if chain.trunk is not None:
+        of_trunk["trunk_link_wrenches"] = given["trunk_link_wrench"]
+        if not chain.floats:
+            of_trunk["trunk_base_twist"] = given["trunk_base_twist"]
+            of_trunk["trunk_base_acceleration"] = given["trunk_base_acceleration"]
+    bases = given["base_twist"], given["base_acceleration"]
+    return Inputs(given["object_wrench"], given["link_wrench"], *bases, **of_trunk)
