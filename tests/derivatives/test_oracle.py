@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
+from holdfast import Pose
+from holdfast.spatial import rotation
+from tests.derivatives.chains import TRUNKS, random_chain
+from tests.derivatives.moved import moved_problem
 from tests.derivatives.stored import OF, columns, gaps, names, stored
-from tests.oracles.chain_derivatives import chain_derivatives
+from tests.oracles.chain_derivatives import OUTPUTS, chain_derivatives
+from tests.oracles.dual_texts import text_derivatives
 from tests.oracles.least_forces import least_force_derivatives
 from tests.systems.problems import relative_gap
 
 BAR = 1e-11
+TEXTS = 1e-11  # measured: 2e-12
 DIGITS = 40
-EXACT = 1e-14  # what rounding of inputs and of the file leaves of many digits
 UNIQUE = [name for name in names() if stored(name).unique]
 NOT_UNIQUE = [name for name in names() if name not in UNIQUE]
 
@@ -63,3 +71,51 @@ def test_least_forces(name):
     off = dict(gaps({of: found.matrices[of] for of in OF}, case.along))
     print(f"\n{name}: {max(off.values()):.1e}")
     assert max(off.values()) < BAR, off
+
+
+@pytest.mark.parametrize("trunk", TRUNKS)
+@pytest.mark.parametrize("seed", range(4))
+def test_texts_on_dual_numbers(seed, trunk):
+    """The library's own texts on dual numbers, any grasps, arms on trunks and free: values, and every direction."""
+    p = random_chain(seed, trunk)
+    ours, texts = chain_derivatives(p), text_derivatives(p)
+    worst = max(relative_gap(ours.values[of], texts.values[of]) for of in ours.values)
+    assert worst < TEXTS
+    for by in ours.at:
+        off = dict(
+            gaps({of: ours.block(of, by) for of in ours.values}, {of: texts.block(of, by) for of in ours.values})
+        )
+        worst = max(worst, *off.values())
+        assert max(off.values()) < TEXTS, (by, off)
+    kinds = ", ".join(grasp.kind for grasp in p.chain.grasps.values())
+    print(f"\n{trunk or 'bases'}, {kinds}: {worst:.1e}")
+
+
+@pytest.mark.parametrize("trunk", TRUNKS)
+def test_off_the_constraint(trunk):
+    """Grasps that gape, and rates that open them: the same map of all states."""
+    p, random = random_chain(20, trunk), np.random.default_rng(0)
+    apart = random.normal(size=6)
+    pose = p.state.object_frame
+    pose = Pose(rotation.exp(0.2 * apart[:3]) @ pose.R, pose.p + 0.05 * apart[3:])
+    state = replace(p.state, object_pose=pose.wxyz_xyz, qd=p.state.qd + random.normal(size=p.chain.joint_count))
+    p = replace(p, state=state)
+    ours, texts = chain_derivatives(p), text_derivatives(p)
+    for by in ours.at:
+        off = dict(
+            gaps({of: ours.block(of, by) for of in ours.values}, {of: texts.block(of, by) for of in ours.values})
+        )
+        assert max(off.values()) < TEXTS, (by, off)
+
+
+@pytest.mark.parametrize("trunk", TRUNKS)
+def test_differences(trunk):
+    """Differences of the dense equations, solved by the library, along random directions of everything at once."""
+    p, random, step = random_chain(30, trunk), np.random.default_rng(1), 1e-5
+    found = chain_derivatives(p)
+    size = max(part.stop for part in found.at.values())
+    direction = random.normal(size=size)
+    there, back = (moved_problem(p, found.at, e * direction).solved(method="kkt", check=False) for e in (step, -step))
+    for of in OUTPUTS:
+        slope = (getattr(there, of) - getattr(back, of)).ravel() / (2 * step)
+        assert relative_gap(found.matrices[of] @ direction, slope) < 1e-6, of

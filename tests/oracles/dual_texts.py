@@ -46,7 +46,9 @@ def _chain(chain: ClosedChain, given: Mapping[str, Any]) -> ClosedChain:
         part = chain.joints[name]
         rows = range(part.start - first, part.stop - first)
         links = [
-            replace(Link(0.0, given["link_com"][k], given["link_inertia"][k], physical=False), mass=given["link_mass"][k])
+            replace(
+                Link(0.0, given["link_com"][k], given["link_inertia"][k], physical=False), mass=given["link_mass"][k]
+            )
             for k in rows
         ]
         base = Pose.unchecked(given["base_R"][i], given["base_p"][i])

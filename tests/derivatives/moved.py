@@ -1,0 +1,99 @@
+"""A problem a little along its directions: every argument and parameter changed, rotations turned."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from holdfast import Arm, Inputs, Pose
+from holdfast.spatial import rotation
+from tests.oracles.chain_derivatives import symmetric_basis
+from tests.systems.as_chain import Problem
+
+
+def moved_problem(p: Problem, at: Mapping[str, slice], along: np.ndarray) -> Problem:
+    """Return the problem displaced.
+
+    Args:
+        p: the problem.
+        at: where the directions of every name lie; see `tests.oracles.chain_derivatives`.
+        along: how far to go in each.
+    """
+    d = {name: along[part] for name, part in at.items()}
+    chain, state, inputs = p.chain, p.state, p.inputs.shaped(p.chain)
+
+    def moved(pose: Pose, by: np.ndarray) -> Pose:
+        return Pose(rotation.exp(by[:3]) @ pose.R, pose.p + by[3:])
+
+    first, arms = chain.arm_joints[0].start, {}
+    drives = {name: d[name] for name in ("armature", "damping")}
+    for i, (name, arm) in enumerate(chain.arms.items()):
+        part = chain.joints[name]
+        base = moved(arm.base, d["base_pose"].reshape(-1, 6)[i])
+        links = [
+            replace(
+                link,
+                mass=link.mass + d["link_mass"][k],
+                com=link.com + d["link_com"][3 * k : 3 * k + 3],
+                inertia=link.inertia + np.tensordot(d["link_inertia"][6 * k : 6 * k + 6], symmetric_basis(), 1),
+            )
+            for k, link in enumerate(arm.links, start=part.start - first)
+        ]
+        arms[name] = replace(_driven(arm, drives, part.start), base=base, links=links)
+    grasps = {
+        name: replace(grasp, frame=moved(grasp.frame, d["grasp_pose"].reshape(-1, 6)[i]))
+        for i, (name, grasp) in enumerate(chain.grasps.items())
+    }
+    body = chain.held_object
+    held = replace(
+        body,
+        mass=body.mass + d["object_mass"][0],
+        com=body.com + d["object_com"],
+        inertia=body.inertia + np.tensordot(d["object_inertia"], symmetric_basis(), 1),
+    )
+    trunk = None if chain.trunk is None else _driven(chain.trunk, drives, 0)
+    chain = replace(
+        chain, arms=arms, grasps=grasps, held_object=held, gravity=chain.gravity + d["gravity"], trunk=trunk
+    )
+    floating = {}
+    if state.base_frame is not None:
+        floating["base_pose"] = moved(state.base_frame, d["floating_pose"]).wxyz_xyz
+        floating["base_twist"] = state.base_twist + d["floating_twist"]
+    state = replace(
+        state,
+        q=state.q + d["q"],
+        qd=state.qd + d["qd"],
+        object_pose=moved(state.object_frame, d["object_pose"]).wxyz_xyz,
+        object_twist=state.object_twist + d["object_twist"],
+        **floating,
+    )
+    names = {
+        "object_wrench": "object_wrench",
+        "link_wrench": "link_wrenches",
+        "trunk_link_wrench": "trunk_link_wrenches",
+    }
+    names |= {"trunk_base_twist": "trunk_base_twist", "trunk_base_acceleration": "trunk_base_acceleration"}
+    pushed = {
+        field: getattr(inputs, field) + d[name].reshape(getattr(inputs, field).shape)
+        for name, field in names.items()
+        if name in d
+    }
+    # mounted arms move with what they stand on
+    free = np.array([[float(name not in chain.mounts)] for name in chain.arms])
+    twists, accelerations = (free * d[name].reshape(-1, 6) for name in ("base_twist", "base_acceleration"))
+    bases = {
+        "base_twists": inputs.base_twists + twists,
+        "base_accelerations": inputs.base_accelerations + accelerations,
+    }
+    return Problem(chain, state, p.tau + d["tau"], Inputs(**pushed, **bases))
+
+
+def _driven(part: Arm, drives: Mapping[str, np.ndarray], start: int):
+    """Return an arm or a trunk with other drives."""
+    joints = [
+        replace(joint, **{name: getattr(joint, name) + x[start + k] for name, x in drives.items()})
+        for k, joint in enumerate(part.joints)
+    ]
+    return replace(part, joints=joints)
