@@ -12,6 +12,14 @@ from holdfast.spatial import rotation
 from tests.oracles.chain_derivatives import symmetric_basis
 from tests.systems.as_chain import Problem
 
+PUSHES = {  # directions and fields of the inputs
+    "object_wrench": "object_wrench",
+    "link_wrench": "link_wrenches",
+    "trunk_link_wrench": "trunk_link_wrenches",
+    "trunk_base_twist": "trunk_base_twist",
+    "trunk_base_acceleration": "trunk_base_acceleration",
+}
+
 
 def moved_problem(p: Problem, at: Mapping[str, slice], along: np.ndarray) -> Problem:
     """Return the problem displaced.
@@ -69,25 +77,17 @@ def moved_problem(p: Problem, at: Mapping[str, slice], along: np.ndarray) -> Pro
         object_twist=state.object_twist + d["object_twist"],
         **floating,
     )
-    names = {
-        "object_wrench": "object_wrench",
-        "link_wrench": "link_wrenches",
-        "trunk_link_wrench": "trunk_link_wrenches",
-    }
-    names |= {"trunk_base_twist": "trunk_base_twist", "trunk_base_acceleration": "trunk_base_acceleration"}
     pushed = {
         field: getattr(inputs, field) + d[name].reshape(getattr(inputs, field).shape)
-        for name, field in names.items()
+        for name, field in PUSHES.items()
         if name in d
     }
     # mounted arms move with what they stand on
     free = np.array([[float(name not in chain.mounts)] for name in chain.arms])
     twists, accelerations = (free * d[name].reshape(-1, 6) for name in ("base_twist", "base_acceleration"))
-    bases = {
-        "base_twists": inputs.base_twists + twists,
-        "base_accelerations": inputs.base_accelerations + accelerations,
-    }
-    return Problem(chain, state, p.tau + d["tau"], Inputs(**pushed, **bases))
+    pushed |= {"base_twists": inputs.base_twists + twists}
+    pushed |= {"base_accelerations": inputs.base_accelerations + accelerations}
+    return Problem(chain, state, p.tau + d["tau"], Inputs(**pushed))
 
 
 def _driven(part: Arm, drives: Mapping[str, np.ndarray], start: int):

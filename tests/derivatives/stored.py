@@ -110,16 +110,19 @@ def columns(chain: ClosedChain, group: str) -> tuple[str, list[int]]:
     return group, list(range(sizes.get(group, 6)))
 
 
-def gaps(found: Mapping[str, np.ndarray], expected: Mapping[str, np.ndarray]) -> Iterator[tuple[str, float]]:
+def gaps(
+    found: Mapping[str, np.ndarray], expected: Mapping[str, np.ndarray], nothing: float = NOTHING
+) -> Iterator[tuple[str, float]]:
     """Yield how far each block of rows is off, relative to its largest entry; of zeros, to the largest of all blocks.
 
     Args:
         found: by output, matrices by one group of inputs.
         expected: the same.
+        nothing: below this share of the largest entry of all, a block that is expected is the rounding of zero.
     """
     largest = max(np.abs(x).max(initial=0.0) for x in expected.values())
     for of, wanted in expected.items():
         assert found[of].shape == wanted.shape, f"{of}: {found[of].shape}, expected {wanted.shape}"
         size = np.abs(wanted).max(initial=0.0)
-        size = size if size > NOTHING * largest else largest
+        size = size if size > nothing * largest else largest
         yield of, float(np.abs(found[of] - wanted).max(initial=0.0) / (size or 1.0))

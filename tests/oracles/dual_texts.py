@@ -44,13 +44,9 @@ def _chain(chain: ClosedChain, given: Mapping[str, Any]) -> ClosedChain:
     arms = {}
     for i, (name, arm) in enumerate(chain.arms.items()):
         part = chain.joints[name]
-        rows = range(part.start - first, part.stop - first)
-        links = [
-            replace(
-                Link(0.0, given["link_com"][k], given["link_inertia"][k], physical=False), mass=given["link_mass"][k]
-            )
-            for k in rows
-        ]
+        rows = slice(part.start - first, part.stop - first)
+        numbers = zip(*(given[f"link_{what}"][rows] for what in ("mass", "com", "inertia")), strict=True)
+        links = [replace(Link(0.0, com, inertia, physical=False), mass=mass) for mass, com, inertia in numbers]
         base = Pose.unchecked(given["base_R"][i], given["base_p"][i])
         arms[name] = replace(arm, joints=_joints(arm.joints, part, given), links=links, base=base, name="")
     grasps = {
