@@ -107,16 +107,22 @@ def missing(chain: ClosedChain, given: Given, z: np.ndarray, numbers: Arithmetic
         z: the unknowns.
         numbers: arithmetic; sine and cosine are the scalars' own.
     """
-    at, own = unknowns(chain), replace(numbers, sin=scalar.sin, cos=scalar.cos)
-    text = _Text(chain, given, z, at, own)
-    return text.missing()
+    return _Text(chain, given, z, numbers).missing()
+
+
+def relative_twists(chain: ClosedChain, given: Given, numbers: Arithmetic) -> np.ndarray:
+    """Return what the object moves against the tips at every contact, (6 g,): all of it free where grasps hold."""
+    text = _Text(chain, given, numbers.array(np.zeros(unknowns(chain).size)), numbers)
+    strands = text.strands()
+    return np.concatenate([text.tip(name, strands[name])[1] for name in chain.grasps])
 
 
 class _Text:
     """One evaluation."""
 
-    def __init__(self, chain: ClosedChain, given: Given, z: np.ndarray, at: Unknowns, numbers: Arithmetic) -> None:
-        self.chain, self.given, self.at, self.numbers = chain, given, at, numbers
+    def __init__(self, chain: ClosedChain, given: Given, z: np.ndarray, numbers: Arithmetic) -> None:
+        self.chain, self.given, self.at = chain, given, (at := unknowns(chain))
+        self.numbers = replace(numbers, sin=scalar.sin, cos=scalar.cos)
         self.z, self.qdd = z, z[at.qdd]
         self.held = MovingFrame(
             given["object_R"], given["object_p"], *np.split(given["object_twist"], 2), *np.split(z[at.alpha], 2)
@@ -124,16 +130,7 @@ class _Text:
 
     def missing(self) -> Missing:
         """Return what is missing."""
-        chain, given, at = self.chain, self.given, self.at
-        bodies, strands = self._standing(), {}
-        first = chain.joint_count - len(given["link_mass"])  # joints before those of the arms
-        for i, (name, arm) in enumerate(chain.arms.items()):
-            base = self._arm_base(i, bodies[chain.mounted_on[name]] if name in chain.mounted_on else None)
-            links = [
-                (given["link_mass"][k], given["link_com"][k], given["link_inertia"][k], given["link_wrench"][k])
-                for k in range(chain.joints[name].start - first, chain.joints[name].stop - first)
-            ]
-            strands[name] = self._strand(arm, base, links, chain.joints[name])
+        chain, given, at, strands = self.chain, self.given, self.at, self.strands()
         object_left = -given["object_wrench"] + self._body(
             self.held, given["object_mass"], given["object_com"], given["object_inertia"]
         )
@@ -141,7 +138,7 @@ class _Text:
         rates, left, free = self.z[at.rates], [], []
         for i, (name, grasp) in enumerate(chain.grasps.items()):
             strand, f = strands[name], wrenches[i]
-            tip, gap, point = self._tip(name, strand)
+            tip, gap, point = self.tip(name, strand)
             HT, g = self._freedoms(grasp, i, tip, gap)
             own = rates[chain.contact_freedoms[name]] if HT.shape[1] else np.zeros(0)
             lever = point - self.held.origin
@@ -157,6 +154,20 @@ class _Text:
         torques = [joints[k] + self._drive(k) for k in range(chain.joint_count)]
         equations = [of_base if chain.floats else np.zeros(0), np.array(torques), *left, object_left, *free]
         return Missing(np.concatenate(equations), np.array([felt[name] for name in chain.arms]), of_base)
+
+    def strands(self) -> dict[str, Strand]:
+        """Return the arms in motion, after the trunk."""
+        chain, given = self.chain, self.given
+        bodies, found = self._standing(), {}
+        first = chain.joint_count - len(given["link_mass"])  # joints before those of the arms
+        for i, (name, arm) in enumerate(chain.arms.items()):
+            base = self._arm_base(i, bodies[chain.mounted_on[name]] if name in chain.mounted_on else None)
+            links = [
+                (given["link_mass"][k], given["link_com"][k], given["link_inertia"][k], given["link_wrench"][k])
+                for k in range(chain.joints[name].start - first, chain.joints[name].stop - first)
+            ]
+            found[name] = self._strand(arm, base, links, chain.joints[name])
+        return found
 
     def _standing(self) -> list[MovingFrame]:
         """Return the frames of the trunk's bodies, a floating base first, and remember their wrenches."""
@@ -216,7 +227,7 @@ class _Text:
         moment = frame.R @ (inertia @ w_dot + cross(w, inertia @ w))
         return moved(moment, force, frame.R @ com)
 
-    def _tip(self, name: str, strand: Strand) -> tuple[MovingFrame, np.ndarray, np.ndarray]:
+    def tip(self, name: str, strand: Strand) -> tuple[MovingFrame, np.ndarray, np.ndarray]:
         """Return an arm's tip, the object's velocity against it there, and the contact point."""
         tip, last = self.chain.arms[name].tip, strand.frames[-1]
         R, p = self.numbers.array(tip.R), self.numbers.array(tip.p)

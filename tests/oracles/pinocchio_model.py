@@ -70,6 +70,56 @@ class RigidChain:
 
     def forward_dynamics(self, state: State, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return qdd (n,), object acceleration (6,) and grasp wrenches (arms, 6) in our conventions."""
+        _, contact_data, qdd = self._solved(state, tau)
+        frame, (w, v) = state.object_frame, np.split(state.object_twist, 2)
+        n = self.chain.joint_count
+        # the free joint's acceleration is the derivative of the twist's body components
+        linear = frame.R @ qdd[n : n + 3] + np.cross(w, v)
+        acceleration = np.concatenate([frame.R @ qdd[n + 3 :], linear])
+        wrenches = []
+        for grasp, contact in zip(self.chain.grasps.values(), contact_data, strict=True):
+            R = frame.R @ grasp.frame.R
+            force = contact.contact_force  # on the first joint, the object; contact axes
+            wrenches.append(np.concatenate([R @ force.angular, R @ force.linear]))
+        return qdd[:n], acceleration, np.array(wrenches)
+
+    def derivatives(self, state: State, tau: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return how qdd, object acceleration and grasp wrenches (flat) change along directions, in our conventions.
+
+        Args:
+            state: closed.
+            tau: (n,) joint torques.
+            along: (3n + 12, m) columns (dq, turn, shift, dqd, d omega, dv, dtau) that keep positions and rates closed:
+                off the constraint Pinocchio's map is another.
+        """
+        data, contact_data, qdd = self._solved(state, tau)
+        found = pin.computeConstraintDynamicsDerivatives(self.model, data, self.contacts, contact_data)
+        n, R, (w, v) = self.chain.joint_count, state.object_frame.R, np.split(state.object_twist, 2)
+        dq, turn, shift, dqd, dw, dv, dtau = np.split(along, np.cumsum([n, 3, 3, n, 3, 3]))
+
+        def turned(x: np.ndarray) -> np.ndarray:
+            return np.cross(turn.T, x).T
+
+        # the free joint is moved along its own axes, and so is its twist
+        of_q = np.concatenate([dq, R.T @ shift, R.T @ turn])
+        of_v = np.concatenate([dqd, R.T @ (dv - turned(v)), R.T @ (dw - turned(w))])
+        of_tau = np.concatenate([dtau, 0 * shift, 0 * turn])
+        of_qdd, of_force = (
+            sum(np.array(m) @ x for m, x in zip(parts, (of_q, of_v, of_tau), strict=True))
+            for parts in (found[:3], found[3:])
+        )
+        _, _, wrenches = self.forward_dynamics(state, tau)
+        angular = turned(R @ qdd[n + 3 :]) + R @ of_qdd[n + 3 :]
+        coriolis = np.cross(dw.T, v).T + np.cross(w, dv.T).T
+        linear = turned(R @ qdd[n : n + 3]) + R @ of_qdd[n : n + 3] + coriolis
+        changed = []
+        for i, (grasp, f) in enumerate(zip(self.chain.grasps.values(), wrenches, strict=True)):
+            own, at = R @ grasp.frame.R, of_force[6 * i : 6 * i + 6]
+            changed += [turned(f[:3]) + own @ at[3:], turned(f[3:]) + own @ at[:3]]
+        return of_qdd[:n], np.concatenate([angular, linear]), np.concatenate(changed)
+
+    def _solved(self, state: State, tau: np.ndarray) -> tuple:
+        """Return data, contact data and accelerations of Pinocchio's answer."""
         frame, (w, v) = state.object_frame, np.split(state.object_twist, 2)
         wxyz = state.object_pose[:4]
         q = np.concatenate([state.q, frame.p, wxyz[1:], wxyz[:1]])
@@ -81,13 +131,4 @@ class RigidChain:
         pin.initConstraintDynamics(self.model, data, self.contacts, contact_data)
         efforts = np.concatenate([tau, np.zeros(6)])
         qdd = np.array(pin.constraintDynamics(self.model, data, q, qd, efforts, self.contacts, contact_data))
-        n = self.chain.joint_count
-        # the free joint's acceleration is the derivative of the twist's body components
-        linear = frame.R @ qdd[n : n + 3] + np.cross(w, v)
-        acceleration = np.concatenate([frame.R @ qdd[n + 3 :], linear])
-        wrenches = []
-        for grasp, contact in zip(self.chain.grasps.values(), contact_data, strict=True):
-            R = frame.R @ grasp.frame.R
-            force = contact.contact_force  # on the first joint, the object; contact axes
-            wrenches.append(np.concatenate([R @ force.angular, R @ force.linear]))
-        return qdd[:n], acceleration, np.array(wrenches)
+        return data, contact_data, qdd
