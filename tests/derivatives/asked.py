@@ -77,7 +77,7 @@ def as_direction(p: Problem, by: str, flat: np.ndarray) -> np.ndarray:
     shape = shape_of(p, by)
     if by in INERTIAS:
         return np.tensordot(flat.reshape(*flat.shape[:-1], *shape[:-2], 6), symmetric_basis(), 1)
-    return flat.reshape(*flat.shape[:-1], *shape)
+    return flat.reshape((*flat.shape[:-1], *shape))
 
 
 def flat_gradient(p: Problem, by: str, gradient: np.ndarray) -> np.ndarray:

@@ -1,7 +1,8 @@
 """The library's own texts on dual numbers: forward derivatives of every function, through the filter and all.
 
 They agree with those of the dense equations for objects of usual mass; with light ones the filter's differences lose
-digits that its results keep.
+digits that its results keep. Where a row sees a factor of the object's mobility at exactly zero, as rows along the
+object's own axes do, the filter leaves the factor out, value and slope: contact frames must be turned out of that.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ def text_derivatives(p: Problem, by: Iterable[str] | None = None) -> Derivatives
         base = np.zeros(0) if whole.base_acceleration is None else whole.base_acceleration
         found |= {"base_acceleration": base, "trunk_base_wrench": np.asarray(whole.trunk_base_wrench)}
     values = {name: values_of(x).astype(float) for name, x in found.items()}
-    return Derivatives(values, {name: tangents_of(x, seeded.count) for name, x in found.items()}, seeded.at)
+    matrices = {name: tangents_of(x, seeded.count).astype(float) for name, x in found.items()}
+    return Derivatives(values, matrices, seeded.at)
 
 
 def _chain(chain: ClosedChain, given: Mapping[str, Any]) -> ClosedChain:
