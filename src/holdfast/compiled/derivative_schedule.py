@@ -19,6 +19,7 @@ from holdfast.compiler.schedule import External, Schedule
 from holdfast.dynamics.closed.forward_derivatives import RESULTS, backward, forward
 from holdfast.dynamics.closed.forward_jacobian import jacobian, units_needed
 from holdfast.dynamics.closed.second_solve import point
+from holdfast.dynamics.derivatives import gradient_shapes
 from holdfast.model.closed_chain import ClosedChain
 
 WITH = "with."  # before the names of what a product is taken with: cotangents of results, tangents of arguments
@@ -96,6 +97,4 @@ class Request(NamedTuple):
 def derivative_shapes(chain: ClosedChain) -> dict[str, Shape]:
     """Return the shapes of cotangents and tangents, by result and argument: poses as [turn; shift]."""
     known = shapes(chain)
-    n, arms, grasps = chain.joint_count, len(chain.arms), len(chain.grasps)
-    poses = {"object_pose": (6,), "base_pose": (arms, 6), "grasp_pose": (grasps, 6)}
-    return known | poses | {"armature": (n,), "damping": (n,)} | {name: known[name] for name in RESULTS}
+    return {name: known[name] for name in RESULTS} | gradient_shapes(chain)

@@ -21,6 +21,7 @@ from holdfast.compiled.result import INDETERMINATE, UNDECIDED, CompiledResult, R
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiler.kernel import Bound
 from holdfast.dynamics.closed.forward_derivatives import ARGUMENTS, RESULTS
+from holdfast.dynamics.derivatives import STATE_AND_TORQUES
 from holdfast.dynamics.result import Status
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -30,7 +31,6 @@ from holdfast.spatial.scalar import Array
 if TYPE_CHECKING:
     from holdfast.compiled.chain import CompiledChain
 
-STATE_AND_TORQUES = ("q", "qd", "tau", "object_pose", "object_twist")
 NOT_UNIQUE = ("grasp_wrench", "base_wrench")  # where forces are not
 
 
@@ -354,7 +354,7 @@ class ChainDerivatives:
             NotCompiledError: the chain has a trunk, or springs between bodies.
         """
         code = self._derivatives("jacobian", of, by)
-        given = dict(zip(STATE_AND_TORQUES, (q, qd, tau, object_pose, object_twist), strict=True))
+        given: dict[str, Any] = dict(zip(STATE_AND_TORQUES, (q, qd, tau, object_pose, object_twist), strict=True))
         return code(given, parameters, out, threads)
 
     def bind_derivatives(

@@ -11,11 +11,10 @@ the bases about their origins along world axes, of grasps along the object's axe
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.closed.chain_motion import pseudo_gravity
 from holdfast.dynamics.closed.second_solve import Load, Point, solved_again
 from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
 from holdfast.spatial.scalar import Array, array, concatenate, each, scan
@@ -29,13 +28,30 @@ POSES = ("object_pose", "grasp_pose", "base_pose")
 ARGUMENTS = (*OF_JOINTS, "object_twist", *OF_OBJECT, *POSES, "gravity", "base_twist", "base_acceleration", *OF_LINKS)
 
 
-def backward(at: Point, cotangents: Mapping[str, Array], by: Sequence[str]) -> dict[str, Array]:
+class VirtualPower(NamedTuple):
+    """A further term of what gradients are taken of: sign times the arms' part of L.
+
+    Attributes:
+        sign: 1.0 or -1.0.
+        z: by arm that holds.
+        y: likewise.
+    """
+
+    sign: float
+    z: Mapping[str, Unknowns]
+    y: Mapping[str, Unknowns]
+
+
+def backward(
+    at: Point, cotangents: Mapping[str, Array], by: Sequence[str], also: Sequence[VirtualPower] = ()
+) -> dict[str, Array]:
     """Return the gradients of sum(cotangent . result) by some arguments. O(n) + O(l).
 
     Args:
         at: where.
         cotangents: by result, of its shape in the chain's layout; those of `RESULTS` that are left out are zero.
         by: some of `ARGUMENTS`.
+        also: virtual powers whose gradients are added.
 
     Returns:
         By argument, in its shape; of poses (.., 6) [turn; shift]. Those of inertias are symmetric.
@@ -52,6 +68,11 @@ def backward(at: Point, cotangents: Mapping[str, Array], by: Sequence[str]) -> d
         [y[name] for name in chain.arms],
         [loads[name] for name in chain.arms],
     )
+    for sign, others, multipliers in also:
+        for i, name in enumerate(chain.arms):
+            if name in others:
+                g = arm_gradient(at.motion.cases[name], others[name], multipliers[name], names)
+                of_arms[i] = {key: x - sign * g[key] for key, x in of_arms[i].items()}
     found: dict[str, Array] = {}
     for name in (*OF_JOINTS, *OF_LINKS):
         if name in by:
@@ -61,14 +82,13 @@ def backward(at: Point, cotangents: Mapping[str, Array], by: Sequence[str]) -> d
             found[name] = array([g[name] for g in of_arms])
     if "gravity" in by:  # bases accelerate against it, and the object's acceleration is given with it
         found["gravity"], _ = scan(lambda total, g: (total - g["base_acceleration"][3:], None), alpha_bar[3:], of_arms)
-    for what, cases in (("base", list(chain.arms)), ("grasp", list(chain.grasps))):
-        if f"{what}_pose" in by:
-            found[f"{what}_pose"] = array(
-                [g[f"{what}_pose"] for g, n in zip(of_arms, chain.arms, strict=True) if n in cases]
-            )
-    return found | object_gradient(
-        at, of_object, [g for g, n in zip(of_arms, chain.arms, strict=True) if n in chain.grasps], by
-    )
+    if "base_pose" in by:
+        found["base_pose"] = array([g["base_pose"] for g in of_arms])
+    held = [g for g, name in zip(of_arms, chain.arms, strict=True) if name in chain.grasps]
+    if "grasp_pose" in by:  # grasps have an order of their own
+        of_grasps = dict(zip([name for name in chain.arms if name in chain.grasps], held, strict=True))
+        found["grasp_pose"] = array([of_grasps[name]["grasp_pose"] for name in chain.grasps])
+    return found | object_gradient(at, of_object, held, by)
 
 
 def arm_gradient(case: ArmCase, z: Unknowns, y: Unknowns, names: Sequence[str]) -> dict[str, Array]:
@@ -128,13 +148,7 @@ def forward(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
     residual = none
     if own:
         (residual,) = case.residual(at.found.object_acceleration, list(own)).rates(*own.values())
-    in_arms = {name: x for name, x in of_object.items() if name not in OF_OBJECT}
-    changed = each(
-        residual_rates,
-        [at.motion.cases[name] for name in chain.arms],
-        [at.unknowns[name] for name in chain.arms],
-        [tangents_of(at, name, tangents) | (in_arms if name in chain.grasps else {}) for name in chain.arms],
-    )
+    changed = arm_residual_rates(at, at.unknowns, tangents)
     wrench, _ = scan(lambda total, r: (total - r.object_acceleration, None), -residual, changed)
     loads = {
         name: Load(-r.qdd, -r.wrench, -r.contact_acceleration, none)
@@ -150,6 +164,20 @@ def forward(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
         "contact_acceleration": concatenate([found[name].contact_acceleration for name in chain.grasps]),
         "base_wrench": array(bases),
     }
+
+
+def arm_residual_rates(at: Point, z: Mapping[str, Unknowns], tangents: Mapping[str, Array]) -> list[Unknowns]:
+    """Return how fast dL/dy of all arms changes while arguments do, z held."""
+    chain, case = at.motion.chain, at.motion.object_case
+    assert case is not None
+    of_object = rates_of(tangents, "object", case.frame.R)
+    of_object |= {name: tangents[name] for name in ("object_twist",) if name in tangents}
+    return each(
+        residual_rates,
+        [at.motion.cases[name] for name in chain.arms],
+        [z[name] for name in chain.arms],
+        [tangents_of(at, name, tangents) | (of_object if name in chain.grasps else {}) for name in chain.arms],
+    )
 
 
 def cotangents_of(at: Point, name: str, cotangents: Mapping[str, Array]) -> Load:

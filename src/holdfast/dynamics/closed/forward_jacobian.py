@@ -259,10 +259,10 @@ def results(own: Own, everyone: Everyone, r: Unknowns, of: Sequence[str]) -> lis
         shares = [f @ given for f in own.answers.wrenches]
     moving, of_base = tip.back_substitute(known)
     of_base = of_base + r.base
-    qdd, wrench, rates, base = [], [], [], []
+    qdd, wrench, base = [], [], []
+    rates: dict[int, Array] = {}
     for mine, (g, N) in zip(own.mask, everyone.rows, strict=True):
-        itself = N == len(moving)
-        own_qdd = mine * moving if itself else np.zeros(N)
+        own_qdd = mine * moving if len(moving) == N else np.zeros(N)
         if g is None:
             qdd.append(own_qdd)
             wrench.append(none)
@@ -273,12 +273,12 @@ def results(own: Own, everyone: Everyone, r: Unknowns, of: Sequence[str]) -> lis
         wrench.append(f + mine * known)
         base.append(answer.base @ f + mine * of_base)
         gap = shift_twist(c.offset, alpha) + everyone.mobilities[g].apply(f) + mine * apart
-        rates.append(rates_of(c, gap))
+        rates[g] = rates_of(c, gap)
     found = {
         "qdd": qdd,
         "grasp_wrench": wrench,
         "object_acceleration": [alpha],
-        "contact_acceleration": rates,
+        "contact_acceleration": [rates[g] for g in sorted(rates)],
         "base_wrench": base,
     }
     return [concatenate(found[result]) for result in of]

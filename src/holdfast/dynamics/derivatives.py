@@ -1,0 +1,353 @@
+"""Derivatives of forward dynamics: the reference that machine code is compared with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
+from holdfast.dynamics.closed.forward_derivatives import (
+    ARGUMENTS,
+    RESULTS,
+    VirtualPower,
+    arm_residual_rates,
+    backward,
+    forward,
+)
+from holdfast.dynamics.closed.forward_jacobian import direction, jacobian, unit_wrenches, units_needed
+from holdfast.dynamics.closed.second_solve import Point, point
+from holdfast.dynamics.closed.sequential import sequential
+from holdfast.dynamics.closed.stacked import Stacked
+from holdfast.dynamics.closed.virtual_power import Unknowns
+from holdfast.dynamics.constraint import length_scale
+from holdfast.dynamics.forward import forward_dynamics
+from holdfast.dynamics.indeterminate import free_wrenches
+from holdfast.dynamics.result import ForwardResult, Status
+from holdfast.errors import MethodNotApplicable, StateError
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.scalar import Array
+from holdfast.state import Inputs, State
+
+STATE_AND_TORQUES = ("q", "qd", "tau", "object_pose", "object_twist")
+
+
+@dataclass(frozen=True, eq=False)
+class Derivatives(Frozen):
+    """Derivatives of forward dynamics, `found.q` or `found["q"]`; of a Jacobian `found["qdd", "q"]`.
+
+    Attributes:
+        result: forward dynamics there.
+        parts: all derivatives by name, or by result and argument.
+    """
+
+    result: ForwardResult
+    parts: Mapping[Any, Array]
+
+    def __getitem__(self, name: Any) -> Array:
+        """Return the derivatives of a name, or of a result by an argument."""
+        if name not in self.parts:
+            raise StateError(f"no derivative {name!r}; there are {', '.join(map(str, self.parts))}")
+        return self.parts[name]
+
+    def __getattr__(self, name: str) -> Array:
+        """Return the derivatives of a name."""
+        if name.startswith("_") or name not in self.parts:
+            raise AttributeError(f"no derivative '{name}'.{checks.did_you_mean(name, [str(x) for x in self.parts])}")
+        return self.parts[name]
+
+
+def forward_dynamics_vjp(
+    chain: ClosedChain,
+    state: State,
+    tau: ArrayLike,
+    *,
+    inputs: Inputs | None = None,
+    by: Sequence[str] = STATE_AND_TORQUES,
+    check: bool = True,
+    generic_rank: int | None = None,
+    **cotangents: ArrayLike,
+) -> Derivatives:
+    """Return gradients of sum(cotangent . result) of forward dynamics by some of its arguments. O(n) + O(l).
+
+    theta_bar = -dL/dtheta with K y = z_bar, L the virtual power of the chain's equations. They are the derivatives of
+    the map as it stands, each argument varied by itself; along motions of the chain they do not depend on how it is
+    continued beside the grasps. Poses turn by R -> exp(turn) R and shift, (.., 6) [turn; shift]: of the object and
+    the bases about their origins along world axes, of grasps along the object's axes; inertias stay symmetric. Where
+    forces are not unique, the derivatives are those of the least ones, right along motions.
+
+    Args:
+        chain: arms, object and grasps.
+        state: positions and velocities; must satisfy the grasps.
+        tau: (n,) joint torques [N m or N].
+        inputs: external wrenches and base motion; zero by default.
+        by: the arguments: q, qd, tau, object_pose, object_twist, object_wrench, gravity, object_mass, object_com,
+            object_inertia, grasp_pose, base_pose, base_twist, base_acceleration, armature, damping, link_mass,
+            link_com, link_inertia, link_wrench.
+        check: False skips the consistency check.
+        generic_rank: rank of the constraint away from singular configurations, if known.
+        **cotangents: of any of qdd (n,), grasp_wrench (arms, 6), object_acceleration (6,), contact_acceleration
+            (n_g,), base_wrench (arms, 6).
+
+    Returns:
+        By argument its gradient, in its shape.
+
+    Raises:
+        StateError: wrong names, shapes or numbers; the state breaks a grasp.
+        SingularChainError: the constraint's rank drops here.
+        MethodNotApplicable: the chain has a trunk, or springs between bodies.
+    """
+    what = "forward_dynamics_vjp"
+    _require_names(what, by, ARGUMENTS)
+    _require_names(what, cotangents, RESULTS)
+    at, result = _point(what, chain, state, tau, inputs, check, generic_rank)
+    bars = {
+        name: checks.numbers(x, np.shape(getattr(result, name)), name, StateError) for name, x in cotangents.items()
+    }
+    also: tuple[VirtualPower, ...] = ()
+    if result.status is Status.INDETERMINATE_FORCES:
+        bars, also = least_forces(at).backward(at, bars)
+    return Derivatives(result, backward(at, bars, by, also))
+
+
+def forward_dynamics_jvp(
+    chain: ClosedChain,
+    state: State,
+    tau: ArrayLike,
+    *,
+    along: Mapping[str, ArrayLike],
+    inputs: Inputs | None = None,
+    check: bool = True,
+    generic_rank: int | None = None,
+) -> Derivatives:
+    """Return how fast the results of forward dynamics change while arguments do. O(n) + O(l) a direction.
+
+    K z_dot = -d(dL/dy); see `forward_dynamics_vjp`, also for the arguments' names and what poses turn by.
+
+    Args:
+        chain: arms, object and grasps.
+        state: positions and velocities; must satisfy the grasps.
+        tau: (n,) joint torques [N m or N].
+        along: by argument, how fast it changes, of its gradient's shape; or (d, ...) for d directions.
+        inputs: external wrenches and base motion; zero by default.
+        check: False skips the consistency check.
+        generic_rank: rank of the constraint away from singular configurations, if known.
+
+    Returns:
+        By result how fast it changes, in its shape; with a leading axis if there are several directions.
+
+    Raises:
+        StateError: wrong names, shapes or numbers; the state breaks a grasp.
+        SingularChainError: the constraint's rank drops here.
+        MethodNotApplicable: the chain has a trunk, or springs between bodies.
+    """
+    what = "forward_dynamics_jvp"
+    checks.instance(along, Mapping, f"{what}: along", StateError)
+    _require_names(what, along, ARGUMENTS)
+    at, result = _point(what, chain, state, tau, inputs, check, generic_rank)
+    shapes = gradient_shapes(chain)
+    given = {name: checks.numbers(x, None, name, StateError) for name, x in along.items()}
+    counts = set()
+    for name, x in given.items():
+        if x.shape != shapes[name] and x.shape[1:] != shapes[name]:
+            raise StateError(f"{what}: {name}: expected shape {shapes[name]} or (d, *{shapes[name]}), got {x.shape}")
+        counts |= {len(x)} if x.ndim > len(shapes[name]) else set()
+    if len(counts) > 1:
+        raise StateError(f"{what}: expected one number of directions, got {', '.join(map(str, sorted(counts)))}")
+    if not counts:
+        return Derivatives(result, _forward(at, result, given))
+    (count,) = counts
+    each = [
+        _forward(at, result, {n: x[k] if x.ndim > len(shapes[n]) else x for n, x in given.items()})
+        for k in range(count)
+    ]
+    return Derivatives(result, {name: np.array([one[name] for one in each]) for name in RESULTS})
+
+
+def forward_dynamics_jacobian(
+    chain: ClosedChain,
+    state: State,
+    tau: ArrayLike,
+    *,
+    of: Sequence[str] = ("qdd", "grasp_wrench"),
+    by: Sequence[str] = STATE_AND_TORQUES,
+    inputs: Inputs | None = None,
+    check: bool = True,
+    generic_rank: int | None = None,
+) -> Derivatives:
+    """Return the Jacobian of forward dynamics, O(n^2); see `forward_dynamics_vjp` for the names.
+
+    Args:
+        chain: arms, object and grasps.
+        state: positions and velocities; must satisfy the grasps.
+        tau: (n,) joint torques [N m or N].
+        of: the results: qdd, grasp_wrench, object_acceleration, contact_acceleration, base_wrench.
+        by: the arguments.
+        inputs: external wrenches and base motion; zero by default.
+        check: False skips the consistency check.
+        generic_rank: rank of the constraint away from singular configurations, if known.
+
+    Returns:
+        `found[of, by]`, (*shape of the result, *shape of the argument's gradient).
+
+    Raises:
+        StateError: wrong names, shapes or numbers; the state breaks a grasp.
+        SingularChainError: the constraint's rank drops here.
+        MethodNotApplicable: the chain has a trunk, or springs between bodies.
+    """
+    what = "forward_dynamics_jacobian"
+    _require_names(what, of, RESULTS)
+    _require_names(what, by, ARGUMENTS)
+    at, result = _point(what, chain, state, tau, inputs, check, generic_rank)
+    shapes = gradient_shapes(chain)
+    if result.status is Status.INDETERMINATE_FORCES:
+        columns: dict[tuple[str, str], Array] = {}
+        for name in by:
+            units = np.eye(int(np.prod(shapes[name])))
+            found = [_forward(at, result, {name: direction(e, name, shapes[name])}) for e in units]
+            columns |= {(o, name): np.array([one[o].ravel() for one in found]) for o in of}
+    else:
+        columns = jacobian(at, of, by, np.eye(units_needed(chain, by)))
+    return Derivatives(
+        result, {(o, b): x.T.reshape(*np.shape(getattr(result, o)), *shapes[b]) for (o, b), x in columns.items()}
+    )
+
+
+class LeastForces(NamedTuple):
+    """The least of the forces that are not unique, f = W^-1 B^T mu with B f = (J^T f, -A^T f, H f).
+
+    Attributes:
+        N: (6 l, k) wrenches that nothing feels, N^T W N = 1.
+        W: (6 l,) the metric.
+        mu: by arm that holds, the multipliers.
+    """
+
+    N: Array
+    W: Array
+    mu: Mapping[str, Unknowns]
+
+    def forward(self, at: Point, found: dict[str, Array], tangents: Mapping[str, Array]) -> dict[str, Array]:
+        """Return rates of change with those of the least forces: df = P df_any + N N^T (dB^T) mu.
+
+        Args:
+            at: where, its wrenches being the least.
+            found: rates of change, the wrenches' being those of any choice.
+            tangents: by argument.
+        """
+        chain = at.motion.chain
+        rows = [list(chain.arms).index(name) for name in chain.grasps]
+        none = {name: Unknowns(*(0.0 * x for x in z)) for name, z in at.unknowns.items()}
+        turned, still = (arm_residual_rates(at, none | dict(z), tangents) for z in (self.mu, {}))
+        f = np.concatenate([found["grasp_wrench"][row] for row in rows])
+        B_mu = np.concatenate([turned[row].wrench - still[row].wrench for row in rows])
+        more = (self.N @ (self.N.T @ (B_mu - self.W * f))).reshape(-1, 6)
+        wrench, base = found["grasp_wrench"].copy(), found["base_wrench"].copy()
+        for row, name, x in zip(rows, chain.grasps, more, strict=True):
+            wrench[row] += x
+            base[row] += unit_wrenches(at.tips[name], at.motion.arms[name]).base @ x
+        return found | {"grasp_wrench": wrench, "base_wrench": base}
+
+    def backward(self, at: Point, bars: Mapping[str, Array]) -> tuple[dict[str, Array], tuple[VirtualPower, ...]]:
+        """Return the cotangents of one choice of forces that are those of the least ones, and what is added."""
+        chain = at.motion.chain
+        rows = {name: list(chain.arms).index(name) for name in chain.grasps}
+        none = np.zeros((len(chain.arms), 6))
+        of_f, of_base = (bars.get(name, none) for name in ("grasp_wrench", "base_wrench"))
+        felt = [
+            of_f[row] + of_base[row] @ unit_wrenches(at.tips[name], at.motion.arms[name]).base
+            for name, row in rows.items()
+        ]
+        v = self.N @ (self.N.T @ np.concatenate(felt))
+        other = of_f.copy()
+        for row, less in zip(rows.values(), (self.W * v).reshape(-1, 6), strict=True):
+            other[row] -= less
+        of_v = dict(zip(chain.grasps, v.reshape(-1, 6), strict=True))
+        z = {name: at.unknowns[name]._replace(wrench=x) for name, x in of_v.items()}
+        without = {name: x._replace(wrench=np.zeros(6)) for name, x in z.items()}
+        also = (VirtualPower(1.0, z, self.mu), VirtualPower(-1.0, without, self.mu))
+        return {**bars, "grasp_wrench": other}, also
+
+
+def least_forces(at: Point) -> LeastForces:
+    """Return the least forces at a point whose wrenches they are."""
+    motion, chain = at.motion, at.motion.chain
+    length = length_scale([c.offset for c in motion.contacts])
+    W = np.tile(np.r_[np.full(3, 1 / length**2), np.ones(3)], len(motion.contacts))
+    N = free_wrenches(motion, length, None if at.found.rank is None else int(at.found.rank))
+    s = Stacked(motion)
+    f = np.concatenate([at.unknowns[name].wrench for name in chain.grasps])
+    solved = np.linalg.lstsq(np.hstack([s.J, -s.A, s.HT]), W * f, rcond=1e-10)[0]
+    counts = [chain.arms[name].joint_count for name in chain.grasps]
+    ends = np.cumsum([*counts, 6, *(len(grasp.free) for grasp in chain.grasps.values())])[:-1]
+    parts = np.split(solved, ends)
+    qdd, alpha, rates = parts[: len(counts)], parts[len(counts)], parts[len(counts) + 1 :]
+    none = np.zeros(6)
+    mu = {name: Unknowns(a, none, W_dot, alpha, none) for name, a, W_dot in zip(chain.grasps, qdd, rates, strict=True)}
+    return LeastForces(N, W, mu)
+
+
+def gradient_shapes(chain: ClosedChain) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of gradients by every argument."""
+    n, l, g = chain.joint_count, len(chain.arms), len(chain.grasps)
+    links = sum(arm.joint_count for arm in chain.arms.values())
+    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "qd", "tau", "armature", "damping"), (n,))
+    shapes |= dict.fromkeys(("object_pose", "object_twist", "object_wrench"), (6,))
+    shapes |= dict.fromkeys(("base_pose", "base_twist", "base_acceleration"), (l, 6))
+    shapes |= {"object_mass": (), "object_com": (3,), "object_inertia": (3, 3), "gravity": (3,), "grasp_pose": (g, 6)}
+    of_links = {"link_mass": (), "link_com": (3,), "link_inertia": (3, 3), "link_wrench": (6,)}
+    return shapes | {name: (links, *shape) for name, shape in of_links.items()}
+
+
+def _forward(at: Point, result: ForwardResult, tangents: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the rates of change of all results."""
+    found = forward(at, tangents)
+    if result.status is Status.INDETERMINATE_FORCES:
+        found = least_forces(at).forward(at, found, tangents)
+    return found
+
+
+def _point(
+    what: str,
+    chain: ClosedChain,
+    state: State,
+    tau: ArrayLike,
+    inputs: Inputs | None,
+    check: bool,
+    generic_rank: int | None,
+) -> tuple[Point, ForwardResult]:
+    """Return where derivatives are taken, and forward dynamics there; its forces are the least where not unique."""
+    checks.instance(chain, ClosedChain, "chain")
+    require_derivatives(what, chain)
+    result = forward_dynamics(chain, state, tau, inputs=inputs, check=check, generic_rank=generic_rank)
+    given = (inputs or Inputs()).shaped(chain)
+    if given.link_wrenches is None:
+        given = replace(given, link_wrenches=np.zeros((chain.joint_count, 6)))
+    motion: ChainMotion = chain_motion(chain, state, checks.numbers(tau, (chain.joint_count,), "tau"), given)
+    with np.errstate(all="ignore"):
+        at = point(motion, sequential(motion), "auto")
+    rows = dict(zip(chain.arms, result.grasp_wrench, strict=True))
+    return replace(at, unknowns={n: z._replace(wrench=rows[n]) for n, z in at.unknowns.items()}), result
+
+
+def require_derivatives(what: str, chain: ClosedChain) -> None:
+    """Refuse a chain whose derivatives are not there yet.
+
+    Raises:
+        MethodNotApplicable: saying why.
+    """
+    if chain.trunk is not None or chain.springs:
+        lacking = "a trunk" if chain.trunk is not None else "springs between bodies"
+        raise MethodNotApplicable(f"{what}: derivatives of a chain with {lacking} are not there yet")
+
+
+def _require_names(what: str, names: Any, known: Sequence[str]) -> None:
+    if isinstance(names, str) or not len(names):
+        raise StateError(f"{what}: expected some of {', '.join(known)}, got {names!r}")
+    for name in names:
+        if name not in known:
+            raise StateError(f"{what}: no {name!r}.{checks.did_you_mean(str(name), known)}")
