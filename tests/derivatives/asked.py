@@ -9,11 +9,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pytest
 
 import holdfast as hf
 from tests.oracles.chain_derivatives import INERTIAS, OUTPUTS, names_of, symmetric_basis
 from tests.systems.as_chain import Problem
 
+OF_TRUNKS = False  # whether chains with a trunk have compiled derivatives
 STATE = ("q", "qd", "tau", "object_pose", "object_twist")
 NAMES = (
     *("q", "qd", "tau", "object_pose", "object_twist", "object_wrench", "gravity", "object_mass", "object_com"),
@@ -31,6 +33,8 @@ def names_for(p: Problem) -> tuple[str, ...]:
 
 def compiled(p: Problem) -> Any:
     """Return a problem's chain as machine code, with every parameter."""
+    if p.chain.trunk is not None and not OF_TRUNKS:
+        pytest.skip("compiled derivatives of chains with a trunk are not there yet")
     return hf.compile(p.chain, parameters=("link_inertia", "link_wrench"))
 
 
