@@ -13,7 +13,7 @@ import numpy as np
 from holdfast.compiled import arrays, statuses
 from holdfast.compiled.arrays import Addresses
 from holdfast.compiled.derivative_schedule import FOUND, UNITS, WITH, Request, derivative_shapes
-from holdfast.compiled.externals import BASE_MOTION, LINKS
+from holdfast.compiled.externals import BASE_MOTION, LINKS, MOVING
 from holdfast.compiled.kernels import kernel
 from holdfast.compiled.not_compiled import NotCompiledError
 from holdfast.compiled.parameters import parameters_of, parse_parameters
@@ -71,15 +71,16 @@ class Derivatives:
 class CompiledDerivatives:
     """Derivatives of forward dynamics as machine code."""
 
-    def __init__(self, compiled: CompiledChain, request: Request) -> None:
+    def __init__(self, compiled: CompiledChain, request: Request, moving: bool) -> None:
         """Compile, or find what is compiled already.
 
         Args:
             compiled: the chain whose forward dynamics it is of.
             request: which.
+            moving: whether bases move.
         """
         self._compiled, self.request, chain = compiled, request, compiled.chain
-        structure = Structure(chain, options_of(compiled.options, request))
+        structure = Structure(chain, options_of(compiled.options, request, moving))
         self.externals = request.externals(structure)
         self.kernel = kernel(request.name, structure, self.externals, lambda: request.schedule(structure))
         self._lock = threading.Lock()
@@ -270,7 +271,7 @@ class ChainDerivatives:
         """
         cotangents = {n: x for n, x in cotangents_and_parameters.items() if n in RESULTS}
         parameters = {n: x for n, x in cotangents_and_parameters.items() if n not in RESULTS}
-        code = self._derivatives("vjp", tuple(cotangents), by)
+        code = self._derivatives("vjp", tuple(cotangents), by, parameters)
         given = dict(zip(STATE_AND_TORQUES, (q, qd, tau, object_pose, object_twist), strict=True))
         return code(given | {f"{WITH}{n}": x for n, x in cotangents.items()}, parameters, out, threads)
 
@@ -312,7 +313,7 @@ class ChainDerivatives:
             NotCompiledError: the chain has a trunk, or springs between bodies.
         """
         checks.instance(along, Mapping, "forward_dynamics_jvp: along", StateError)
-        code = self._derivatives("jvp", of, tuple(along))
+        code = self._derivatives("jvp", of, tuple(along), parameters)
         given = dict(zip(STATE_AND_TORQUES, (q, qd, tau, object_pose, object_twist), strict=True))
         return code(given | {f"{WITH}{n}": x for n, x in along.items()}, parameters, out, threads)
 
@@ -353,7 +354,7 @@ class ChainDerivatives:
             SingularChainError: for a single call, the constraint's rank drops here.
             NotCompiledError: the chain has a trunk, or springs between bodies.
         """
-        code = self._derivatives("jacobian", of, by)
+        code = self._derivatives("jacobian", of, by, parameters)
         given: dict[str, Any] = dict(zip(STATE_AND_TORQUES, (q, qd, tau, object_pose, object_twist), strict=True))
         return code(given, parameters, out, threads)
 
@@ -379,11 +380,15 @@ class ChainDerivatives:
         """
         if kind not in ("vjp", "jvp", "jacobian"):
             raise StateError(f"bind_derivatives: expected vjp, jvp or jacobian, got {kind!r}")
-        code = self._derivatives(kind, of, by)
+        code = self._derivatives(kind, of, by, arrays_or_parameters)
         return BoundDerivatives(self, code, arrays_or_parameters)  # type: ignore[arg-type]
 
     def _derivatives(
-        self, kind: Literal["vjp", "jvp", "jacobian"], of: Sequence[str], by: Sequence[str]
+        self,
+        kind: Literal["vjp", "jvp", "jacobian"],
+        of: Sequence[str],
+        by: Sequence[str],
+        parameters: Mapping[str, Any],
     ) -> CompiledDerivatives:
         """Return the code for some derivatives, compiled when first asked for."""
         what = f"forward_dynamics_{kind}"
@@ -398,17 +403,19 @@ class ChainDerivatives:
                 if name not in known:
                     raise StateError(f"{what}: {side}: no {name!r}.{checks.did_you_mean(str(name), known)}")
         request = Request(kind, tuple(n for n in RESULTS if n in of), tuple(n for n in ARGUMENTS if n in by))
-        made: dict[Request, CompiledDerivatives] = self.__dict__.setdefault("_derivatives_made", {})
-        if request not in made:
-            made[request] = CompiledDerivatives(self, request)  # type: ignore[arg-type]
-        return made[request]
+        key = request, any(name in MOVING for name in parameters)
+        made: dict[tuple[Request, bool], CompiledDerivatives] = self.__dict__.setdefault("_derivatives_made", {})
+        if key not in made:
+            made[key] = CompiledDerivatives(self, *key)  # type: ignore[arg-type]
+        return made[key]
 
 
-def options_of(options: Options, request: Request) -> Options:
+def options_of(options: Options, request: Request, moving: bool) -> Options:
     """Return the options of derivatives: what is varied must be a run-time parameter."""
+    varied = any(name in BASE_MOTION for name in request.arguments)
     return replace(
         options,
         link_inertia=options.link_inertia or any(name in LINKS for name in request.arguments),
         link_wrenches=options.link_wrenches or "link_wrench" in request.arguments,
-        base_motion=options.base_motion or any(name in BASE_MOTION for name in request.arguments),
+        base_motion=options.base_motion or moving or varied,
     )
