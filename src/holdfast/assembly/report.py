@@ -28,10 +28,11 @@ class ArmReport(Frozen):
         longest: no posture reaches farther [m].
         joint: the joint nearest to a limit; "" if none has limits.
         margin: how far that joint is from it [rad or m]; infinite if none has limits.
-        unit: "rad" or "m", of the margin.
+        unit: "rad" or "m", of the margin; empty if none has limits.
         residual: largest position gap at its grasp [m or rad].
         tip_angle: between the tip's z axis and the way from the last joint to the tip [rad]; nan if unknown.
         tip_note: what to do if that z axis should point out of the hand and does not; else empty.
+        jointed: whether it has joints; an anchor has none, and no reach.
     """
 
     name: str
@@ -44,14 +45,17 @@ class ArmReport(Frozen):
     residual: float
     tip_angle: float
     tip_note: str
+    jointed: bool = True
 
     @property
     def reach_used(self) -> float:
-        """Part of the longest reach that is used, 0 to 1."""
-        return self.reach / self.longest
+        """Part of the longest reach that is used, 0 to 1; 1 of an anchor."""
+        return self.reach / self.longest if self.jointed else 1.0
 
     def __str__(self) -> str:
         parts = [f"{self.name}:"]
+        if not self.jointed:
+            return f"{self.name}: an anchor, " + (f"closed to {self.residual:.1e}" if self.holds else "holds nothing")
         if self.holds:
             parts.append(f"reach {self.reach:.3f} m, {100 * self.reach_used:.0f} % of the longest,")
         else:
@@ -122,17 +126,22 @@ def _arm_report(chain: ClosedChain, state: State, name: str, gap: float | None) 
     arm, q = chain.arms[name], state.q[chain.joints[name]]
     low, high = arm.position_limits.T
     margins = np.minimum(q - low, high - q)
-    nearest = int(np.argmin(margins))
-    joint, bounded = arm.joints[nearest], bool(np.isfinite(margins[nearest]))
+    margin = float(margins.min(initial=np.inf))
+    joint = unit = ""
+    if np.isfinite(margin):
+        nearest = int(np.argmin(margins))
+        joint = arm.joints[nearest].name or f"joint {nearest + 1}"
+        unit = "rad" if arm.joints[nearest].turns else "m"
     return ArmReport(
         name=name,
         holds=gap is not None,
         reach=np.nan if gap is None else asked_reach(chain, name, state.object_frame),
         longest=longest_reach(arm),
-        joint=(joint.name or f"joint {nearest + 1}") if bounded else "",
-        margin=float(margins[nearest]),
-        unit="rad" if joint.turns else "m",
+        joint=joint,
+        margin=margin,
+        unit=unit,
         residual=np.nan if gap is None else gap,
         tip_angle=tip_angle(arm),
         tip_note=advice_for(arm, chain.grasps[name]) if name in chain.grasps else "",
+        jointed=bool(arm.joints),
     )

@@ -55,7 +55,7 @@ def close(
         ClosureError: naming the arms that cannot reach, and by how much.
     """
     guess.fits(chain)
-    low, high = np.array([joint.position_limits for joint in chain.all_joints]).T
+    low, high = np.array([joint.position_limits for joint in chain.all_joints]).reshape(-1, 2).T
     if not limits:
         low, high = np.full_like(low, -np.inf), np.full_like(high, np.inf)
     # the object where it is: a turn by nothing may cost the last bit

@@ -31,12 +31,13 @@ from holdfast.simulation.rollout.user_functions import Motions
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.spatial.scalar import Array
 
+OF_JOINTS = ("q", "qd", "qdd", "drive")
 STEP_INPUTS = ("begin", "step", "held", "least_margin", "least_joint_margin", "search")
 PARAMETERS = ("gravity", "generic_rank", "object_mass", "object_com", "object_inertia", "base_R", "base_p")
 
 
 def carried_shapes(chain: ClosedChain, law: ControlLaw, held: bool) -> dict[str, Shape]:
-    """Return what a system is between two steps, by name; arrays without numbers are left out.
+    """Return what a system is between two steps, by name; arrays without numbers only of the joints.
 
     Args:
         chain: the chain.
@@ -51,7 +52,7 @@ def carried_shapes(chain: ClosedChain, law: ControlLaw, held: bool) -> dict[str,
     found |= {"worst_margin": grasps, "worst_time": grasps}
     if held:  # in velocity and, where they are others, in position; see `dynamics.closed.held_rows`
         found["held_rows"] = (*grasps, 2 if any(g.of_kind.rate_rows for g in chain.grasps.values()) else 1, 6)
-    return {name: shape for name, shape in found.items() if math.prod(shape)}
+    return {name: shape for name, shape in found.items() if math.prod(shape) or name in OF_JOINTS}
 
 
 def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]:
@@ -147,7 +148,7 @@ class StepKernel:
             memory: the law's, likewise; by default as it says.
             count: how many, where no array has rows.
         """
-        count = len(state["q"]) if count is None else count
+        count = len(state["object_pose"]) if count is None else count
         found = {name: np.zeros((count, *shape)) for name, shape in self.carried.items()}
         for name, x in state.items():
             found[name][...] = x
@@ -186,7 +187,7 @@ class StepKernel:
         table = np.zeros((len(arrays), 2), dtype=np.int64)
         for row, x, (_, size, rank) in zip(table, arrays, self._layout, strict=True):
             row[:] = x.ctypes.data, size if x.ndim > rank else 0
-        (self._slopes if slopes_only else self._step).run_batch(table, len(systems["q"]), threads, repeats)
+        (self._slopes if slopes_only else self._step).run_batch(table, len(systems["object_pose"]), threads, repeats)
 
     def require_own(self, systems: Systems) -> None:
         """Refuse arrays that the machine code would read or write beyond their ends, or not at all.
@@ -194,7 +195,7 @@ class StepKernel:
         Raises:
             StateError: the systems are not of this chain and law, or cannot be written in place.
         """
-        count = len(systems["q"])
+        count = len(systems["object_pose"])
         for name, shape in self.carried.items():
             x, expected = systems.get(name), (count, *shape)
             if x is None or x.shape != expected:
