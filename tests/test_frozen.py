@@ -69,6 +69,7 @@ def examples() -> dict[str, Any]:
         ),
         hf.simulate(chain, state, hf.control.GravityCompensation(chain), 2e-3, 1e-3),
         hf.Spring(("world", [0, 0, 1]), ("object", [0, 0, 0]), 5.0),
+        hf.Anchor(hf.Pose.translation(0, 0, 1)),
         hf.Trunk([hf.Joint()], [arm.links[0]], floating=arm.links[0]),
         Primitive("box", hf.Pose.identity(), (1.0, 1.0, 1.0)),
     ]

@@ -35,6 +35,7 @@ from .errors import SingularChainError as SingularChainError
 from .errors import StateError as StateError
 from .errors import StepTooLongError as StepTooLongError
 from .io.result_reader import load_result as load_result
+from .model.anchor import Anchor as Anchor
 from .model.arm import Arm as Arm
 from .model.closed_chain import ClosedChain as ClosedChain
 from .model.contact_frame import contact_frame as contact_frame

@@ -13,8 +13,10 @@ from holdfast.dynamics.diagnose import diagnose
 from holdfast.interop.mjcf_writer import nested_order, to_mjcf
 from holdfast.robots import ROBOTS, stewart_platform, three_finger_hand
 from tests.control.two_pandas import two_pandas
+from tests.laws.test_anchors import still
 from tests.robots.arm_dynamics import mass_jacobian_bias
 from tests.systems import well_conditioned_system
+from tests.systems.anchored import by_anchor
 from tests.systems.as_chain import as_chain
 from tests.systems.trunk_runs import still_base
 
@@ -222,3 +224,17 @@ def test_massless_links_of_a_trunk():
     light = replace(chain.trunk, links=[chain.trunk.links[0], Link(0.0, name="none"), chain.trunk.links[2]])
     with pytest.raises(ModelError, match="trunk, link 'none': to_mjcf: expected links with mass"):
         to_mjcf(replace(chain, trunk=light, mounts={}))
+
+
+@pytest.mark.parametrize("kind", ["ball", "hinge", "rigid"])
+def test_anchors(kind):
+    """Bodies without joints, in the world and on a trunk: poses are ours, accelerations up to the softness."""
+    p = still(1, kind)
+    data, theirs, ours = answer(p.chain, p.state, p.tau)
+    touched = p.state.object_frame @ p.chain.grasps["pin1"].frame
+    assert data.site("pin1/tip").xpos == pytest.approx(touched.p, abs=1e-12)
+    assert 1e-12 < np.abs(theirs - ours).max() / np.abs(ours).max() < SOFTNESS
+    _, below = by_anchor(0)
+    data, theirs, ours = answer(below.chain, below.state, below.tau)
+    assert np.abs(data.efc_pos).max() <= 1e-12
+    assert 1e-12 < np.abs(theirs - ours).max() / np.abs(ours).max() < SOFTNESS

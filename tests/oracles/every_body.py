@@ -22,6 +22,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from holdfast.model.closed_chain import TRUNK
+from holdfast.spatial.pose import Pose
 from tests.oracles.arithmetic import arithmetic
 from tests.oracles.arm_kinematics import MovingFrame, centripetal, child_frame, cross, cross_matrix
 from tests.oracles.body_equations import body_equation, moved
@@ -48,17 +49,17 @@ class Crossed(NamedTuple):
 
 
 class Body(NamedTuple):
-    """A body among the unknowns.
+    """A body among the unknowns, or the base in the world that an anchor is on.
 
     Attributes:
-        frame: pose and velocities, accelerations 0.
-        alpha: its accelerations.
+        frame: pose and velocities, accelerations 0; of a base in the world its own.
+        alpha: its accelerations; None of a base in the world.
         path: the joints below it, base outward.
         on_base: whether a floating base is below it, or it is the base.
     """
 
     frame: MovingFrame
-    alpha: slice
+    alpha: slice | None
     path: tuple[Crossed, ...] = ()
     on_base: bool = False
 
@@ -70,7 +71,7 @@ class Held(NamedTuple):
         rows: (k, 6) of its wrench, world axes.
         forces: along its rows.
         point: (3,) that its wrench is about.
-        link: the arm's last.
+        link: the arm's last; what it stands on, of an anchor.
     """
 
     rows: np.ndarray
@@ -185,10 +186,12 @@ class EveryBody:
                 moving = (at.omega, at.point_velocity(p), at.omega_dot, at.point_acceleration(p))
                 base = MovingFrame(at.R @ R, at.point(p), *moving)
             self.bases[name] = base.origin
-            last[name] = self._serial(arm, base, below, pushes[len(self.joints) - before :])[-1]
+            links = self._serial(arm, base, below, pushes[len(self.joints) - before :])
+            on = (Body(base, None), arm.tip) if below is None else (below, arm.base @ arm.tip)
+            last[name] = (links[-1], arm.tip) if links else on
         frame = self._free(state.object_pose, state.object_twist)
         self.object = self._body(chain.held_object, frame, inputs.object_wrench)
-        self.held = {name: self._grasp(name, last[name]) for name in chain.grasps}
+        self.held = {name: self._grasp(name, *last[name]) for name in chain.grasps}
 
     def _trunk(self, inputs) -> list[Body]:
         """Write down the trunk's equations and return its bodies."""
@@ -238,10 +241,10 @@ class EveryBody:
             bodies.append(below)
         return bodies
 
-    def _grasp(self, name: str, link: Body) -> Held:
-        """Write down the rows of a grasp."""
-        numbers, chain = self.numbers, self.problem.chain
-        grasp, tip, held = chain.grasps[name], chain.arms[name].tip, self.object.frame
+    def _grasp(self, name: str, link: Body, tip: Pose) -> Held:
+        """Write down the rows of a grasp by a tip on a link, in whose axes it is given."""
+        numbers = self.numbers
+        grasp, held = self.problem.chain.grasps[name], self.object.frame
         point = link.frame.point(numbers.array(tip.p))
         speed = link.frame.point_velocity(numbers.array(tip.p))
         w, of_link = held.omega, link.frame.omega
@@ -255,10 +258,14 @@ class EveryBody:
         # where the object slides, another of its points is at the tip in the next instant
         passing = cross(w, speed - held.v) - centripetal(of_link, point - link.frame.origin)
         rhs = [row.n @ passing + row.m_dot @ turning + row.n_dot @ sliding for row in rows]
-        forces = self.system.unknowns(np.array(rhs, dtype=object))
         K = np.array([np.concatenate([row.m, row.n]) for row in rows])
+        carried = self._carried(point - link.frame.origin)
+        if link.alpha is None:
+            rhs = rhs - K @ carried @ np.concatenate([link.frame.omega_dot, link.frame.v_dot])
+        forces = self.system.unknowns(np.array(rhs, dtype=object))
         self.system.add_both(forces, self.object.alpha, -(K @ self._carried(point - held.origin)))
-        self.system.add_both(forces, link.alpha, K @ self._carried(point - link.frame.origin))
+        if link.alpha is not None:
+            self.system.add_both(forces, link.alpha, K @ carried)
         return Held(K, forces, point, link)
 
     def _body(self, link, frame: MovingFrame, push: np.ndarray) -> Body:
@@ -306,6 +313,9 @@ class EveryBody:
         f = {name: held.rows.T @ x[held.forces] for name, held in self.held.items()}
 
         def at_base(name: str) -> np.ndarray:
+            if name in chain.arms and not chain.arms[name].joints:
+                held = self.held.get(name)
+                return zero if held is None else moved(*np.split(f[name], 2), held.point - self.bases[name])
             joint = self.joints[chain.joints[name].start]
             moment, force = np.split(x[joint.wrench], 2)
             return moved(moment, force, joint.frame.origin - self.bases[name])

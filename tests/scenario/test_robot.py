@@ -91,8 +91,8 @@ def test_drives(folder):
     ("old", "new", "message"),
     [
         ("urdf = {", "urdfs = {", "$.arms[0]: Object contains unknown field `urdfs`. Did you mean 'urdf'?"),
-        ("urdf = {", 'robot = "panda"\nurdf = {', ": expected one of robot, urdf and joints, got robot and urdf"),
-        ("urdf = { file", "# { file", "$.arms[0]: expected one of robot, urdf and joints, got none of them"),
+        ("urdf = {", 'robot = "panda"\nurdf = {', "one of robot, urdf, joints and anchor, got robot and urdf"),
+        ("urdf = { file", "# { file", "$.arms[0]: expected one of robot, urdf, joints and anchor, got none of them"),
         ("robots/two.urdf", "robots/tow.urdf", "$.arms[0].urdf: "),
         ('tip = "left_grasp"', 'tip = "left_gasp"', "Did you mean 'left_grasp'?"),
         ("lock_others = true", "lock_others = 1", "$.arms[0].urdf.lock_others: Expected `bool`, got `int`"),

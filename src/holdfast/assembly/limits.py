@@ -29,9 +29,13 @@ def longest_reach(arm: Arm) -> float:
 
 def asked_reach(chain: ClosedChain, name: str, object_pose: Pose) -> float:
     """Return the distance from an arm's first joint to its contact point [m]."""
-    arm = chain.arms[name]
     contact = object_pose @ chain.grasps[name].frame
-    return float(np.linalg.norm(contact.p - (arm.base @ arm.joints[0].placement).p))
+    return float(np.linalg.norm(contact.p - shoulder(chain.arms[name])))
+
+
+def shoulder(arm: Arm) -> Array:
+    """Return where the first joint is, (3,) world axes [m]; an anchor's base, which has none."""
+    return (arm.base @ arm.joints[0].placement).p if arm.joints else arm.base.p
 
 
 ROOM = 0.02  # of a joint's range: more room to a limit does not count
@@ -45,7 +49,7 @@ def with_room(chain: ClosedChain, preferred: Mapping[str, Array]) -> ClosedChain
         wish, room = np.clip(preferred[name], low, high), ROOM * _spans(arm)
         limits = zip(np.minimum(low + room, wish), np.maximum(high - room, wish), strict=True)
         joints = [replace(joint, position_limits=pair) for joint, pair in zip(arm.joints, limits, strict=True)]
-        arms[name] = replace(arm, joints=joints)
+        arms[name] = arm.of(joints)
     return ClosedChain(arms, chain.held_object, chain.grasps, chain.gravity)
 
 
@@ -54,7 +58,7 @@ def room_left(chain: ClosedChain, state: State) -> float:
     low, high = np.concatenate([arm.position_limits for arm in chain.arms.values()]).T
     spans = np.concatenate([_spans(arm) for arm in chain.arms.values()])
     margin = np.minimum(state.q - low, high - state.q) / np.maximum(spans, 1e-300)
-    return float(np.clip(margin.min(), 0.0, ROOM))
+    return float(np.clip(margin.min(initial=ROOM), 0.0, ROOM))
 
 
 def _spans(arm: Arm) -> Array:

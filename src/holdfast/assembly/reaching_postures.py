@@ -35,8 +35,10 @@ def reaching_postures(arm: Arm, grasp: Grasp, object_pose: Pose, starts: Iterabl
         preferred: (N,) joint positions.
 
     Returns:
-        (found, N).
+        (found, N); the one posture of an anchor as it is, without trying.
     """
+    if not arm.joints:
+        return np.zeros((1, 0))
     contact, K = object_pose @ grasp.frame, grasp.of_kind.directions[list(grasp.of_kind.position_rows)]
     size = _size(arm)
     scale = np.array([1.0 if joint.turns else size for joint in arm.joints])

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.assembly.limits import longest_reach
+from holdfast.assembly.limits import longest_reach, shoulder
 from holdfast.dynamics.arm.posture import posture
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
@@ -108,10 +108,13 @@ def _best_fit(chain: ClosedChain, hands: Mapping[str, Pose]) -> Pose:
 
 
 def _middle_of_reach(chain: ClosedChain) -> Array:
-    """Return the point between the arms' shoulders, lifted by a third of the shortest reach along their mean z."""
-    held = [chain.arms[name] for name in chain.grasps]
-    shoulders = [arm.base @ arm.joints[0].placement for arm in held]
+    """Return the point between the arms' shoulders, lifted by a third of the shortest reach along their mean z.
+
+    Anchors, which reach nothing, count only where no arm with joints holds.
+    """
+    every = [chain.arms[name] for name in chain.grasps]
+    held = [arm for arm in every if arm.joints] or every
     up = np.mean([arm.base.R[:, 2] for arm in held], axis=0)
     reach = min(longest_reach(arm) for arm in held)
     lift = reach / 3 if np.isfinite(reach) else 0.0
-    return np.mean([shoulder.p for shoulder in shoulders], axis=0) + lift * up
+    return np.mean([shoulder(arm) for arm in held], axis=0) + lift * up

@@ -17,6 +17,7 @@ from holdfast.io.export import export_csv, export_parquet, occurrences_path
 from holdfast.io.files import require_file
 from holdfast.io.result_meta import ResultMeta, kept_robots
 from holdfast.io.result_reader import Result, load_result
+from holdfast.model.anchor import Anchor
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
@@ -115,7 +116,8 @@ def _named(meta: ResultMeta) -> ClosedChain:
             if joint.startswith(f"{name}/")
         ]
         joints = [Joint(kind, np.array([0.0, 0.0, 1.0]), Pose.identity(), name=joint) for joint, kind in kinds]
-        arms[name] = Arm(joints, [Link(1.0, np.zeros(3), np.eye(3))] * len(joints), Pose.identity(), Pose.identity())
+        links = [Link(1.0, np.zeros(3), np.eye(3))] * len(joints)
+        arms[name] = Arm(joints, links) if joints else Anchor()
     grasp_kinds: dict[str, Any] = dict(meta.grasps)
     threaded = {name for name, row in GRASP_KINDS.items() if row.threaded}
     by_hand = {name for name, row in GRASP_KINDS.items() if row.by_hand}

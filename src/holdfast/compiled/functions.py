@@ -329,7 +329,8 @@ class ChainFunctions:
         matrices = {}
         for arm, part in function.parts[name].items():
             N = self.chain.arms[arm].joint_count
-            matrices[arm] = found[..., part].reshape(*found.shape[:-1], (part.stop - part.start) // N, N)
+            rows = N if name == "mass_matrix" else 6
+            matrices[arm] = found[..., part].reshape(*found.shape[:-1], rows, N)
         return matrices
 
     def _frames(self, name: str, q: Any, parameters: Mapping[str, Any], threads: int) -> Iterator[tuple[str, Frames]]:

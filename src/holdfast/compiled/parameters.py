@@ -49,8 +49,8 @@ def parameters_of(chain: ClosedChain, generic_rank: int | None) -> dict[str, Arr
         "grasp_R": np.array([grasp.frame.R for grasp in grasps]).reshape(g, 3, 3),
         "grasp_p": np.array([grasp.frame.p for grasp in grasps]).reshape(g, 3),
         "link_mass": np.array([link.mass for link in links]),
-        "link_com": np.array([link.com for link in links]),
-        "link_inertia": np.array([link.inertia for link in links]),
+        "link_com": np.array([link.com for link in links]).reshape(-1, 3),
+        "link_inertia": np.array([link.inertia for link in links]).reshape(-1, 3, 3),
     }
 
 

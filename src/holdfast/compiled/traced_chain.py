@@ -142,7 +142,7 @@ def _with_links(structure: Structure, arm: Arm, given: Given, joints: slice) -> 
         return arm
     rows = zip(given["link_mass"][joints], given["link_com"][joints], given["link_inertia"][joints], strict=True)
     links = [replace(Link(0.0, com, I, physical=False), mass=m) for m, com, I in rows]
-    return replace(arm, links=tuple(links))
+    return arm.of(links=tuple(links))
 
 
 def _with_constants(arm: Arm, structure: Structure) -> Arm:
@@ -152,8 +152,8 @@ def _with_constants(arm: Arm, structure: Structure) -> Arm:
     """
     joints, tip = [_constant_joint(joint) for joint in arm.joints], _constant_pose(arm.tip)
     if not structure.by_links:
-        return replace(arm, joints=joints, links=(Link(0.0),) * arm.joint_count, tip=tip)
-    made = replace(arm, joints=joints, links=[_constant_link(link) for link in arm.links], tip=tip)
+        return replace(arm.of(joints, (Link(0.0),) * arm.joint_count), tip=tip)
+    made = replace(arm.of(joints, [_constant_link(link) for link in arm.links]), tip=tip)
     return made if structure.options.link_inertia else regrouped(made)
 
 

@@ -56,7 +56,7 @@ class TorqueSchedule(Frozen):
             )
         shaped = [np.atleast_2d(checks.numbers(c, None, "schedule: coefficients")) for c in self.coefficients]
         joints = {c.shape[:-1] for c in shaped}
-        if len(joints) != 1 or len(*joints) != 1 or not all(c.size for c in shaped):
+        if len(joints) != 1 or len(*joints) != 1 or not all(c.shape[-1] for c in shaped):
             raise ModelError(f"schedule: expected tables of (n, degree + 1), got {[c.shape for c in shaped]}")
         put(self, "coefficients", tuple(read_only(c) for c in shaped))
 

@@ -50,7 +50,7 @@ def coordinate_sizes(motion: ChainMotion) -> Array:
     reach = [r for arm in motion.arms.values() for r in arm.at.reach] + [c.offset for c in motion.contacts]
     if motion.trunk is not None:
         reach += [body.reach for body in motion.trunk.bodies]
-    length = max(float(np.linalg.norm(r)) for r in reach)
+    length = max((float(np.linalg.norm(r)) for r in reach), default=0.0)
     length = length if length > SMALLEST_LENGTH else 1.0
     joints = [1.0 if joint.turns else length for joint in motion.chain.all_joints]
     free_bodies = 2 if motion.chain.floats else 1

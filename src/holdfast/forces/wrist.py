@@ -41,7 +41,8 @@ def last_joint_wrenches(chain: ClosedChain, state: State, result: ForwardResult,
 
     F = phi f + M alpha + b, by Newton and Euler: the grasp wrench, and what the last link's own weight, inertia and
     external wrench ask for; in the LAST LINK's axes, [moment; force] about that link's origin, which lies on the joint.
-    Its part along the joint's axis is the drive's torque less damping, spring and rotor. O(n).
+    Its part along the joint's axis is the drive's torque less damping, spring and rotor. An anchor has no joint: what
+    it transmits is then across its base, [moment; force] about the base's origin, in the base's axes. O(n).
 
     Args:
         chain: the chain.
@@ -59,10 +60,13 @@ def last_joint_wrenches(chain: ClosedChain, state: State, result: ForwardResult,
     if trunk is not None:
         betas = trunk.accelerations(TrunkAcceleration(result.qdd[chain.joints[TRUNK]], result.base_acceleration))
     for (name, arm), f in zip(motion.arms.items(), result.grasp_wrench, strict=True):
-        R, tip, link = arm.at.R[-1], arm.arm.tip.p, arm.arm.links[-1]
+        R, tip = arm.at.end, arm.arm.tip.p
+        across_tip = shift_wrench(tip, unrotate(R, f))
+        if not arm.arm.joints:
+            found.append(across_tip)
+            continue
         beta = None if trunk is None else trunk.under(name, betas)
         by_joints = tip_acceleration(arm, result.qdd[chain.joints[name]], beta) - arm.bias.tip_acceleration
         alpha = shift_twist(-tip, unrotate(R, by_joints))  # of the link's origin; the bias wrench holds the rest
-        across_tip = shift_wrench(tip, unrotate(R, f))
-        found.append(across_tip + link.spatial_inertia.apply(alpha) + arm.bias.wrenches[-1])
+        found.append(across_tip + arm.arm.links[-1].spatial_inertia.apply(alpha) + arm.bias.wrenches[-1])
     return np.array(found)

@@ -46,7 +46,7 @@ def to_mjcf(chain: ClosedChain, state: State | None = None, *, looks: bool = Tru
     is a tendon "spring1", counted from 1, between sites "spring1/a" and "spring1/b". Inertias are
     exact; damping, springs, armature, Coulomb friction, position and effort limits go along, rate
     limits have no place. A motor on every joint takes its torque. A massless link shares the next
-    one's body. No geom collides.
+    one's body. An anchor is a body without joints. No geom collides.
 
     Not the same in MuJoCo: equalities are soft; a hinge has a sixth, redundant row; a soft
     finger passes no moment about its normal; friction cones are not written; Coulomb
@@ -165,7 +165,7 @@ def _add_arm(holder: Element, name: str, arm: Arm, looks: bool) -> None:
     solids = looks_of(arm) if looks else [[] for _ in range(arm.joint_count + 1)]
     body = _add(holder, "body", name=name, **_placed(arm.base))
     _add_solids(body, solids[0], Pose.identity())
-    *_, last = _add_links(body, name, f"arm '{name}'", arm.joints, arm.links, solids[1:])
+    *_, last = body, *_add_links(body, name, f"arm '{name}'", arm.joints, arm.links, solids[1:])
     _add(last, "site", name=f"{name}/tip", **_placed(arm.tip))
 
 

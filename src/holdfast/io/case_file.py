@@ -305,7 +305,7 @@ def _with_tip_attitudes(motion: ChainMotion) -> ClosedChain:
     """Return the chain with every tip frame turned to its contact frame."""
     arms, given = {}, motion.chain.arms
     for name, c in zip(motion.chain.grasps, motion.contacts, strict=True):
-        arms[name] = given[name].with_tip(Pose(motion.arms[name].at.R[-1].T @ c.R, given[name].tip.p))
+        arms[name] = given[name].with_tip(Pose(motion.arms[name].at.end.T @ c.R, given[name].tip.p))
     return replace(motion.chain, arms={**given, **arms})
 
 

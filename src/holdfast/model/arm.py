@@ -38,9 +38,7 @@ class Arm(Frozen):
     name: str = ""
 
     def __post_init__(self) -> None:
-        checks.instance(self.name, str, "arm: name")
-        label = f"arm '{self.name}'" if self.name else "arm"
-        put = object.__setattr__
+        label, put = self._check_frames(), object.__setattr__
         for part in ("joints", "links"):
             if not isinstance(getattr(self, part), Sequence):
                 raise ModelError(f"{label}: {part}: expected a list, got {type(getattr(self, part)).__name__}")
@@ -50,7 +48,9 @@ class Arm(Frozen):
                 if not isinstance(member, kind):
                     raise ModelError(f"{label}, {part}[{k}]: expected a {kind.__name__}, got {type(member).__name__}")
         if not self.joints:
-            raise ModelError(f"{label}: expected at least one joint, got none")
+            raise ModelError(
+                f"{label}: expected at least one joint, got none; try holdfast.Anchor(pose), an arm without joints"
+            )
         if len(self.joints) != len(self.links):
             raise ModelError(
                 f"{label}: expected one link per joint, got {len(self.joints)} joints and {len(self.links)} links"
@@ -61,8 +61,15 @@ class Arm(Frozen):
             tuple(one for joint, link in zip(self.joints, self.links, strict=True) for one in _links(joint, link)),
         )
         put(self, "joints", tuple(part for joint in self.joints for part in joint.parts))
-        put(self, "tip", checks.pose(self.tip, f"{label}: tip"))
-        put(self, "base", checks.pose(self.base, f"{label}: base"))
+
+    def _check_frames(self) -> str:
+        """Check name, tip and base, and return what messages call the arm."""
+        kind = type(self).__name__.lower()
+        checks.instance(self.name, str, f"{kind}: name")
+        label = f"{kind} '{self.name}'" if self.name else kind
+        object.__setattr__(self, "tip", checks.pose(self.tip, f"{label}: tip"))
+        object.__setattr__(self, "base", checks.pose(self.base, f"{label}: base"))
+        return label
 
     @property
     def joint_count(self) -> int:
@@ -80,9 +87,15 @@ class Arm(Frozen):
 
     def standing_at(self, base: Pose) -> Arm:
         """Return the same arm on a base that is known to be sound, for algorithms; nothing is checked or copied."""
-        arm = object.__new__(Arm)
+        arm = object.__new__(type(self))
         arm.__dict__.update(vars(self), base=base)
         return arm
+
+    def of(self, joints: Sequence[Joint] | None = None, links: Sequence[Link] | None = None) -> Arm:
+        """Return the same arm with other joints, or other links, as many as it has; None keeps them."""
+        return replace(
+            self, joints=self.joints if joints is None else joints, links=self.links if links is None else links
+        )
 
     def with_tip(self, tip: Any) -> Arm:
         """Return the same arm with another tip pose in the last link's axes (a tool)."""
@@ -91,7 +104,7 @@ class Arm(Frozen):
     @frozen_property
     def position_limits(self) -> Array:
         """(N, 2) lowest and highest joint positions [rad or m]."""
-        return np.array([j.position_limits for j in self.joints])
+        return np.array([j.position_limits for j in self.joints]).reshape(-1, 2)
 
     @frozen_property
     def armature(self) -> Array:

@@ -48,8 +48,10 @@ def way_to_tip(arm: Arm) -> Array | None:
     The way from the last joint to the tip. Where the tip lies on that joint, as a UR's does, or where both
     this way and the tip's z axis go along the joint's axis, as with an angled tool on a wrist that rolls,
     it is the axis itself, outward. None where the tip lies on the last joint and the joint before tells no
-    outward sense of the axis: such a frame is no hand.
+    outward sense of the axis: such a frame is no hand. Nor is an anchor.
     """
+    if not arm.joints:
+        return None
     joint, offset = arm.joints[-1], arm.tip.p
     lengths = [float(np.linalg.norm(part.p)) for part in (*(j.placement for j in arm.joints[1:]), arm.tip)]
     short = SHORT * math.fsum(lengths)

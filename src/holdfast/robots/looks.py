@@ -26,7 +26,8 @@ def looks_of(arm: Arm) -> list[list[Primitive]]:
 
     An arm with the joints of a built-in robot looks like it, whatever it is called and
     whatever it carries; any other is drawn from its kinematics: rods from joint to joint,
-    drums along revolute axes, bars along prismatic ones. Poses are in base or link axes.
+    drums along revolute axes, bars along prismatic ones. An anchor is the rod from its base to where it touches, if
+    that is elsewhere. Poses are in base or link axes.
     """
     robot = builtin_of(arm)
     return _of_kinematics(arm) if robot is None else [list(solids) for solids in robot.looks]
@@ -35,6 +36,12 @@ def looks_of(arm: Arm) -> list[list[Primitive]]:
 def arm_length(arm: Arm) -> float:
     """Return the length of the line through all joints to the tip, at q = 0 [m]; 1 m if that is nothing."""
     return _length([[end] for end in _ends(arm)])
+
+
+def chain_length(chain: ClosedChain) -> float:
+    """Return the length of the longest arm [m]; where none has joints, the longest edge of the object's equal box."""
+    lengths = [arm_length(arm) for arm in chain.arms.values() if arm.joints]
+    return max(lengths) if lengths else max(equal_box(chain.held_object, "grey").size)
 
 
 def looks_of_trunk(chain: ClosedChain) -> list[list[Primitive]]:
@@ -70,6 +77,8 @@ def equal_box(body: Link | HeldObject, colour: str) -> Primitive:
 
 
 def _of_kinematics(arm: Arm) -> list[list[Primitive]]:
+    if not arm.joints:
+        return [_link(arm.tip.p, THICKNESS * TAPER * arm_length(arm))]
     bodies = _of_ends([[end] for end in _ends(arm)], arm.joints, arm_length(arm))
     bodies[-1].append(sphere(arm.tip.p, 0.8 * TAPER * THICKNESS * arm_length(arm), "dark"))
     return bodies

@@ -219,6 +219,9 @@ def build_chain(
     held = parts.held_object(data.object, at / "object")
     at_first = pose(data.object.pose, at / "object" / "pose")
     below = None if trunk is None else trunk.trunk
+    for arm in data.arms:
+        if arm.anchor and arm.base is None and arm.mount is None and arm.name in grasps:
+            arms[arm.name] = arms[arm.name].at(at_first @ grasps[arm.name].frame @ arms[arm.name].tip.inverse())
     springs = [parts.spring(spring, arms, below, at / "springs" / i) for i, spring in enumerate(data.springs)]
     mounts = build_mounts(data.arms, below, at / "arms")
     with at.refusals():

@@ -1,4 +1,4 @@
-"""The arms of a scene: built in, out of URDF files, or of joints that the scene gives."""
+"""The arms of a scene: built in, out of URDF files, of joints that the scene gives, or anchors."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from holdfast.assembly.starts import preferred_posture
 from holdfast.errors import HoldfastError
 from holdfast.io.typed import Location
 from holdfast.model import checks
+from holdfast.model.anchor import Anchor
 from holdfast.model.arm import Arm
 from holdfast.model.joint import Joint
 from holdfast.robots import ROBOTS
@@ -24,7 +25,7 @@ from holdfast.scenario.scene import ArmData, TrunkData, UrdfData
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
-ORIGINS = ("robot", "urdf", "joints")
+ORIGINS = ("robot", "urdf", "joints", "anchor")
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +92,8 @@ def robot(data: ArmData, files: RobotFiles, at: Location) -> Robot:
         found = _of_file(data, files, base, at)
     elif data.joints is not None:
         found = _of_joints(data, base, at)
+    elif data.anchor:
+        found = Robot(Anchor(base, data.name), np.zeros(0))
     else:
         found = _standing(built_in(data.robot, base, at))
     return finished(found, data, at)
@@ -102,12 +105,13 @@ def require_one_origin(data: ArmData | TrunkData, at: Location) -> None:
     Raises:
         SceneError: saying which.
     """
-    given = [origin for origin in ORIGINS if getattr(data, origin) is not None]
+    given = [origin for origin in ORIGINS if getattr(data, origin, None) not in (None, False)]
     floats = isinstance(data, TrunkData) and data.floating is not None
     if len(given) > 1 or not (given or floats):
+        *known, last = (origin for origin in ORIGINS if hasattr(data, origin))
         also = " or floating" if isinstance(data, TrunkData) else ""
         got = " and ".join(given) or "none of them"
-        raise at.refuse(f"expected one of robot, urdf and joints{also}, got {got}")
+        raise at.refuse(f"expected one of {', '.join(known)} and {last}{also}, got {got}")
 
 
 def finished(found: Robot, data: ArmData, at: Location) -> Robot:

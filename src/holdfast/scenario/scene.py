@@ -106,19 +106,20 @@ class TrunkUrdfData(UrdfData, kw_only=True):
 
 
 class ArmData(_Strict):
-    """An arm: a built-in robot's name, a URDF, or joints; where it stands, its tool and where its joints begin.
+    """An arm: a built-in robot's name, a URDF, joints, or an anchor; where it stands, its tool, where its joints begin.
 
     An arm with a `mount` stands on that link of the trunk, its `base` in the link's axes. One that the trunk's
     file has a tip of is out of that file. `tip` is the pose of a massless tool's tip in the robot's own tip frame,
     or in the axes of the last link of `joints`. `q` is a guess from which the arm is moved to its grasp. Without it
     that is the robot's home posture, or the middle of its joints' ranges, and others are tried where it does not lead
-    to the grasp.
+    to the grasp. An `anchor` has no joints; without a `base` it stands where its grasp is at the start.
     """
 
     name: str
     robot: str | None = None
     urdf: UrdfData | None = None
     joints: list[JointData] | None = None
+    anchor: bool = False
     mount: str | int | None = None
     base: PoseData | None = None
     tip: PoseData | None = None

@@ -176,6 +176,6 @@ def _require_arms_of_file(tips: Mapping[str, str], arms: Sequence[ArmData], at: 
             raise (at / TRUNK / "urdf" / "tips").refuse(f"no arm '{name}'.{checks.did_you_mean(name, places)}")
         arm = arms[places[name]]
         for key in (*ORIGINS, *OWN_PLACE):
-            if getattr(arm, key) is not None:
+            if getattr(arm, key) not in (None, False):
                 where = at / "arms" / places[name] / key
                 raise where.refuse(f"expected none, as the arm is out of the file of the trunk, {TRUNK}.urdf.tips")

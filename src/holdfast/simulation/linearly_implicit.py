@@ -85,7 +85,7 @@ def with_armature(chain: ClosedChain, added: Array) -> ClosedChain:
     """Return the chain with more armature at its joints, (n,) in the order of q [kg m^2 or kg]."""
     made, put = copy.copy(chain), object.__setattr__
     of_arm = {name: added[part] for name, part in zip(chain.arms, chain.arm_joints, strict=True)}
-    arms = {name: replace(arm, joints=_heavier(arm.joints, of_arm[name])) for name, arm in chain.arms.items()}
+    arms = {name: arm.of(_heavier(arm.joints, of_arm[name])) for name, arm in chain.arms.items()}
     put(made, "arms", FrozenDict(arms))
     if chain.trunk is not None and chain.trunk.joints:
         put(made, "trunk", replace(chain.trunk, joints=_heavier(chain.trunk.joints, added[chain.joints[TRUNK]])))

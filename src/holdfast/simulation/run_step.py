@@ -215,7 +215,7 @@ def _require_step(at: RunState, found: StepMargins, until: float) -> None:
         assert end.failure is not None
         raise end.failure if settings.scheme.adaptive else explained(window, until, end.failure)
     state = end.instant.state
-    if not np.abs(state.qd).max() < FASTEST:
+    if not np.abs(state.qd).max(initial=0.0) < FASTEST:
         why = f"the motion diverges, a joint rate passes {FASTEST:g}"
         raise StateError(why) if settings.scheme.adaptive else too_long(window, until, why)
     if not settings.scheme.adaptive:

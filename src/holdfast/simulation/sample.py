@@ -120,7 +120,13 @@ def _lowest(times: Array, margins: Array) -> tuple[Array, Array]:
 
 
 def _lowest_joints(lowest: Array, when: Array) -> tuple[Array, Array, Array]:
-    """Return per quantity the joint whose margin was lowest, that margin, and when it was, (3,) each."""
+    """Return per quantity the joint whose margin was lowest, that margin, and when it was, (3,) each.
+
+    Without joints no margin is finite, and no joint is meant.
+    """
+    if not lowest.size:
+        none = np.full(len(JOINT_QUANTITIES), np.inf)
+        return np.zeros(len(none), dtype=int), none, none
     lowest, when = (array.reshape(len(JOINT_QUANTITIES), -1) for array in (lowest, when))
     k = np.argmin(lowest, axis=1)
     rows = np.arange(len(k))

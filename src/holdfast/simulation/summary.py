@@ -134,13 +134,17 @@ def _lowest_joint_margins(run: Trajectory, joints: list[str]) -> dict[str, tuple
 
 def _torque_use(chain: ClosedChain, tau: Array) -> tuple[float, str] | None:
     limits = np.array([joint.effort_limit for joint in chain.all_joints])
+    if not np.isfinite(limits).any():
+        return None
     used = np.abs(tau).max(axis=0) / limits
     worst = int(np.argmax(used))
-    return (float(used[worst]), chain.joint_names()[worst]) if np.isfinite(limits).any() else None
+    return float(used[worst]), chain.joint_names()[worst]
 
 
 def _limit_excess(chain: ClosedChain, q: Array) -> tuple[float, str] | None:
-    low, high = np.array([joint.position_limits for joint in chain.all_joints]).T
+    low, high = np.array([joint.position_limits for joint in chain.all_joints]).reshape(-1, 2).T
     beyond = np.maximum(low - q, q - high).max(axis=0)
+    if not (beyond > 0).any():
+        return None
     worst = int(np.argmax(beyond))
-    return (float(beyond[worst]), chain.joint_names()[worst]) if beyond[worst] > 0 else None
+    return float(beyond[worst]), chain.joint_names()[worst]

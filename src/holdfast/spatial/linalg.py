@@ -133,7 +133,7 @@ def cholesky(S: Array) -> Array:
         below = rest[1:, 0] * reciprocal(diagonal)  # one division a column
         columns.append(concatenate([np.zeros(j), [diagonal], below]))
         rest = rest[1:, 1:] - outer(below, below)
-    return array(columns).T
+    return array(columns).reshape(n, n).T
 
 
 def forward_substitution(L: Array, b: Array) -> Array:
@@ -142,14 +142,14 @@ def forward_substitution(L: Array, b: Array) -> Array:
     for j in range(len(L)):
         known = sum((L[j, i] * rows[i] for i in range(j)), start=0.0 * b[j])
         rows.append((b[j] - known) * reciprocal(L[j, j]))  # one division for all columns
-    return array(rows)
+    return array(rows).reshape(b.shape)
 
 
 def back_substitution(L: Array, b: Array) -> Array:
     """Return L^-T b for a lower triangular L; b is (n,) or (n, m)."""
     n = len(L)
-    rows: list[Array] = [b[0]] * n
+    rows: list[Array] = list(b)
     for j in reversed(range(n)):
         known = sum((L[i, j] * rows[i] for i in range(j + 1, n)), start=0.0 * b[j])
         rows[j] = (b[j] - known) * reciprocal(L[j, j])
-    return array(rows)
+    return array(rows).reshape(b.shape)

@@ -10,7 +10,7 @@ from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.link import Link
 from holdfast.model.trunk import Trunk
-from holdfast.robots.looks import arm_length
+from holdfast.robots.looks import arm_length, chain_length
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import cross
@@ -37,7 +37,7 @@ def cameras(film: Film) -> list[Camera]:
     chosen = np.unique(np.linspace(0, len(film) - 1, SEEN_OF).astype(int))
     near = np.concatenate([object_outline(film, k) for k in chosen])
     points = np.concatenate([near, *(arms_outline(film, k) for k in chosen)])
-    trunk, lengths = film.chain.trunk, [arm_length(arm) for arm in film.chain.arms.values()]
+    trunk, lengths = film.chain.trunk, [chain_length(film.chain)]
     if trunk is not None:
         points = np.concatenate([points, *(trunk_outline(trunk, film, k) for k in chosen)])
         lengths += [] if trunk.serial is None else [arm_length(trunk.serial)]

@@ -14,7 +14,7 @@ from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.joint import Joint
 from holdfast.model.trunk import Trunk
-from holdfast.robots.looks import arm_length, looks_of, looks_of_trunk
+from holdfast.robots.looks import arm_length, chain_length, looks_of, looks_of_trunk
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
@@ -58,7 +58,7 @@ class ChainScene:
         self.film, self.scale = film, arrow_scale(film)
         self._writer = writer
         chain = film.chain
-        self._size = self._widest = max(arm_length(arm) for arm in chain.arms.values())
+        self._size = self._widest = chain_length(chain)
         if chain.trunk is not None and chain.trunk.serial is not None:
             self._widest = max(self._size, arm_length(chain.trunk.serial))
         self._joints = {name: self._draw_arm(i, name, arm) for i, (name, arm) in enumerate(chain.arms.items())}
@@ -128,12 +128,11 @@ class ChainScene:
         chain, base = self.film.chain, Pose.from_wxyz_xyz(self.film.base_pose[0, index])
         root, colour = _root(name), arm_colour(index)
         nodes = self._draw_links(root, base, name, arm.joints, pieces_of(looks_of(arm)), colour)
-        self._writer.mesh(f"{nodes[-1]}/(own)", self._hand(arm), colour)
+        self._writer.mesh(f"{nodes[-1]}/(own)" if nodes else f"{root}/(hand)", self._hand(arm), colour)
         up = base.R.T @ upward(chain)
-        if name in chain.mounts:
-            beside = arm.joints[0].placement.p  # the base of an arm on a trunk may be far away, and that of others too
-        else:
-            beside = np.zeros(3)
+        # the base of an arm on a trunk may be far away, and that of others too
+        beside = arm.joints[0].placement.p if name in chain.mounts and arm.joints else np.zeros(3)
+        if name not in chain.mounts:
             self._writer.mesh(f"{root}/(own)", foot(self._size, up), colour)
         self._writer.label(f"{root}/(name)", name, beside - NAME_DEPTH * self._size * up)
         return nodes

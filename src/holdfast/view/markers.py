@@ -10,7 +10,7 @@ from holdfast.dynamics.constraint import length_scale
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.link import Link
-from holdfast.robots.looks import arm_length
+from holdfast.robots.looks import chain_length
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
@@ -123,7 +123,7 @@ def arrow_scale(film: Film) -> ArrowScale:
 
     A moment is as long as the force that makes it at the contacts' distance from their middle.
     """
-    size = max(arm_length(arm) for arm in film.chain.arms.values())
+    size = chain_length(film.chain)
     lever = length_scale([grasp.frame.p for grasp in film.chain.grasps.values()])
     largest = max(
         float(np.linalg.norm(film.wrench[..., 3:], axis=-1).max(initial=0.0)),

@@ -44,7 +44,7 @@ def test_tip_acceleration(seed):
     qdd = np.random.default_rng(seed).normal(size=len(given.q))
     later = moving(given, qdd, G)
     at = posture(later.arm, later.q)
-    V0 = tip_twist(later.arm, at, link_twists(later.arm, at, later.qd, later.base_twist))
+    V0 = tip_twist(later.arm, at, link_twists(later.arm, at, later.qd, later.base_twist), later.base_twist)
     motion = arm_motion(given)
     alpha = jacobian(given.arm, motion.at) @ qdd + motion.bias.tip_acceleration
     np.testing.assert_allclose(alpha + np.r_[np.zeros(3), G], slopes_of(V0), atol=1e-11)

@@ -64,7 +64,7 @@ def test_twists_are_rates(seed):
         w, v = rotate(R, V)[:3], rotate(R, V)[3:]
         np.testing.assert_allclose(slopes_of(moved_R), skew(w) @ R, atol=1e-12)
         np.testing.assert_allclose(slopes_of(there.tip.p - reach), v, atol=1e-12)
-    V0 = tip_twist(given.arm, at, twists)
+    V0 = tip_twist(given.arm, at, twists, given.base_twist)
     np.testing.assert_allclose(slopes_of(there.tip.p), V0[3:], atol=1e-12)
     np.testing.assert_allclose(slopes_of(there.tip.R), skew(V0[:3]) @ at.tip.R, atol=1e-12)
     carried = shift_twist(at.tip.p - given.arm.base.p, given.base_twist)

@@ -52,8 +52,7 @@ def bias_accelerations(
     a(k) = [w' x h qd; w' x (w' x l) + 2 w' x s qd] for a motion subspace [h; s], w' the parent's
     angular velocity (docs/theory/arm.md); with the parent's K the linear part carried over is v_dot + K l.
     """
-    zeta = unrotate(arm.base.R, base_acceleration)
-    K = acceleration_gradient(zeta[:3], base_twist[:3] @ arm.base.R)
+    zeta, K = base_acceleration_and_gradient(arm, base_twist, base_acceleration)
     for k, (joint, E, l, V, rate) in enumerate(zip(arm.joints, at.E, at.l, twists, qd, strict=True)):
         carried = concatenate([zeta[:3], zeta[3:] + K @ l])
         h, s = joint.motion_subspace
@@ -64,6 +63,12 @@ def bias_accelerations(
             zeta = zeta + expand(joint, qdd[k])
         K = acceleration_gradient(zeta[:3], V[:3])
         yield zeta, K
+
+
+def base_acceleration_and_gradient(arm: Arm, base_twist: Array, base_acceleration: Array) -> tuple[Array, Array]:
+    """Return zeta and K of the base, base axes; see `bias_accelerations`."""
+    zeta = unrotate(arm.base.R, base_acceleration)
+    return zeta, acceleration_gradient(zeta[:3], base_twist[:3] @ arm.base.R)
 
 
 def bias(
@@ -92,9 +97,9 @@ def bias(
     ]
     if link_wrenches is not None:
         wrenches = [p - unrotate(R, f) for p, R, f in zip(wrenches, at.R, link_wrenches, strict=True)]
-    zeta, K = found[-1]
+    zeta, K = found[-1] if found else base_acceleration_and_gradient(arm, base_twist, base_acceleration)
     tip = concatenate([zeta[:3], zeta[3:] + K @ arm.tip.p])
-    return Bias(tuple(wrenches), rotate(at.R[-1], tip))
+    return Bias(tuple(wrenches), rotate(at.end, tip))
 
 
 def bias_torque(arm: Arm, at: Posture, wrenches: tuple[Array, ...]) -> tuple[Array, Array]:
@@ -102,8 +107,10 @@ def bias_torque(arm: Arm, at: Posture, wrenches: tuple[Array, ...]) -> tuple[Arr
 
     Returns:
         (N,) bias torques, and (6,) wrench of the base on the first link at qdd = 0, about that
-        link's origin, in its axes.
+        link's origin, in its axes; zero without links.
     """
+    if not wrenches:
+        return np.zeros(0), np.zeros(6)
     F, torques = wrenches[-1], [project(arm.joints[-1], wrenches[-1])]
     for k in reversed(range(arm.joint_count - 1)):
         F = wrenches[k] + shift_wrench(at.l[k + 1], rotate(at.E[k + 1], F))

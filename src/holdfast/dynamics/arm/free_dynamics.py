@@ -50,7 +50,7 @@ def articulated(motion: ArmMotion, torque: Array, tip_wrench: Array) -> Array:
     arm, at = motion.arm, motion.at
     C, _ = bias_torque(arm, at, motion.bias.wrenches)
     filter = articulated_filter(arm, at)
-    eps, _ = whiten(arm, at, filter, torque - C, None, unrotate(at.R[-1], tip_wrench))
+    eps, _ = whiten(arm, at, filter, torque - C, None, unrotate(at.end, tip_wrench))
     return smooth(arm, at, filter, eps / filter.D)[0]
 
 
@@ -58,7 +58,7 @@ def three_sweep(motion: ArmMotion, torque: Array, tip_wrench: Array) -> Array:
     """Return qdd in three sweeps: the bias is whitened along with the torques (5.14). O(N)."""
     arm, at = motion.arm, motion.at
     filter = articulated_filter(arm, at)
-    eps, _ = whiten(arm, at, filter, torque, motion.bias.wrenches, unrotate(at.R[-1], tip_wrench))
+    eps, _ = whiten(arm, at, filter, torque, motion.bias.wrenches, unrotate(at.end, tip_wrench))
     return smooth(arm, at, filter, eps / filter.D)[0]
 
 

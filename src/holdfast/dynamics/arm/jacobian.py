@@ -21,4 +21,4 @@ def jacobian(arm: Arm, at: Posture) -> Array:
         else:
             axis = R @ h
             columns.append(concatenate([axis, cross(axis, reach) if along is None else cross(axis, reach) + along]))
-    return array(columns).T
+    return array(columns).reshape(-1, 6).T

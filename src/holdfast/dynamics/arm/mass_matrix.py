@@ -35,4 +35,4 @@ def mass_matrix(arm: Arm, at: Posture) -> tuple[Array, Array, RigidInertia]:
             entries[j][k] = entries[k][j] = project(arm.joints[j], F)
         at_first.insert(0, F)
         composite = composite.moved(at.E[k], at.l[k])
-    return array(entries), array(at_first).T, composite
+    return array(entries).reshape(N, N), array(at_first).reshape(N, 6).T, composite

@@ -63,7 +63,7 @@ class ArmMotion:
     @property
     def base_to_tip(self) -> Array:
         """(3,) from the base origin to the tip point, world axes [m]."""
-        return self.arm.base.R @ self.at.l[0] + self.at.reach[0]
+        return self.at.from_base
 
 
 def arm_motion(given: ArmInputs) -> ArmMotion:
@@ -73,7 +73,8 @@ def arm_motion(given: ArmInputs) -> ArmMotion:
     twists = link_twists(arm, at, given.qd, given.base_twist)
     b = bias_sweep.bias(arm, at, twists, given.qd, given.base_twist, given.base_acceleration, given.link_wrenches)
     passive = arm.damping * given.qd + arm.stiffness * (given.q - arm.rest)
-    return ArmMotion(arm, at, tip_twist(arm, at, twists), b, passive, given.tau - passive, given.mounted)
+    at_tip = tip_twist(arm, at, twists, given.base_twist)
+    return ArmMotion(arm, at, at_tip, b, passive, given.tau - passive, given.mounted)
 
 
 def resting(arm: Arm, at: Posture, *, mounted: bool = False) -> ArmMotion:

@@ -43,7 +43,7 @@ def newton_euler(motion: ArmMotion, qdd: Array, tip_wrench: Array, base: Array |
         alpha = unrotate(E, shift_twist(l, alpha)) + expand(joint, rate)
         forces.append(link.spatial_inertia.apply(alpha) + p)
 
-    F = shift_wrench(arm.tip.p, unrotate(at.R[-1], tip_wrench))
+    F = shift_wrench(arm.tip.p, unrotate(at.end, tip_wrench))
     torques = []
     for joint, E, l, force in reversed(list(zip(arm.joints, at.E, at.l, forces, strict=True))):
         F = F + force

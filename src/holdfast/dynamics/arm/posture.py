@@ -19,6 +19,8 @@ class Posture(NamedTuple):
         R: per link, (3, 3) from link axes to world axes.
         reach: per link, (3,) from O_k to the tip point, world axes [m].
         tip: pose of the tip frame in the world.
+        end: (3, 3) from the axes that the tip is given in, the last link's or an anchor's base's, to world axes.
+        from_base: (3,) from the base origin to the tip point, world axes [m].
     """
 
     E: tuple[Array, ...]
@@ -26,6 +28,8 @@ class Posture(NamedTuple):
     R: tuple[Array, ...]
     reach: tuple[Array, ...]
     tip: Pose
+    end: Array
+    from_base: Array
 
 
 def joint_placement(joint: Joint, q: Scalar) -> tuple[Array, Array]:
@@ -44,19 +48,16 @@ def posture(arm: Arm, q: Array) -> Posture:
     Positions are measured back from the tip, so that a far-off base costs no digits.
     Cost O(N).
     """
-    E, l, R = [], [], []
-    R_parent = arm.base.R
+    E, l, axes = [], [], [arm.base.R]
     for joint, qk in zip(arm.joints, q, strict=True):
         Ek, lk = joint_placement(joint, qk)
-        R_parent = R_parent @ Ek
         E.append(Ek)
         l.append(lk)
-        R.append(R_parent)
+        axes.append(axes[-1] @ Ek)
 
-    r = R[-1] @ arm.tip.p
-    reach = [r]
-    for k in range(arm.joint_count - 1, 0, -1):
-        r = R[k - 1] @ l[k] + r
+    r, reach = axes[-1] @ arm.tip.p, []
+    for lk, before in reversed(list(zip(l, axes[:-1], strict=True))):
         reach.insert(0, r)
-    tip = Pose.unchecked(R[-1] @ arm.tip.R, arm.base.p + (arm.base.R @ l[0] + reach[0]))
-    return Posture(tuple(E), tuple(l), tuple(R), tuple(reach), tip)
+        r = before @ lk + r
+    tip = Pose.unchecked(axes[-1] @ arm.tip.R, arm.base.p + r)
+    return Posture(tuple(E), tuple(l), tuple(axes[1:]), tuple(reach), tip, axes[-1], r)

@@ -10,7 +10,7 @@ no body's any more, but they are constants with more zeros.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -32,7 +32,7 @@ def regrouped(arm: Arm) -> Arm:
             inertias[k] = inertias[k].minus(rod)
             # the axis stands still in the link before, so any position of the joint will do
             inertias[k - 1] = inertias[k - 1].plus(rod.moved(joint.placement.R, joint.placement.p))
-    return replace(arm, links=[RegroupedLink(0.0, about_origin=I) for I in inertias])
+    return arm.of(links=[RegroupedLink(0.0, about_origin=I) for I in inertias])
 
 
 def rod_within(inertia: RigidInertia, joint: Joint) -> RigidInertia:

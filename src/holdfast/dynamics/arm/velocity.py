@@ -26,6 +26,7 @@ def link_twists(arm: Arm, at: Posture, qd: Array, base_twist: Array) -> tuple[Ar
     return tuple(twists)
 
 
-def tip_twist(arm: Arm, at: Posture, twists: tuple[Array, ...]) -> Array:
-    """Return V(0) = phi^T(1, 0) V(1): the twist of the tip point, world axes, (6,)."""
-    return rotate(at.R[-1], shift_twist(arm.tip.p, twists[-1]))
+def tip_twist(arm: Arm, at: Posture, twists: tuple[Array, ...], base_twist: Array) -> Array:
+    """Return V(0) = phi^T(1, 0) V(1): the twist of the tip point, world axes, (6,). An anchor's V(1) is its base's."""
+    last = twists[-1] if twists else unrotate(arm.base.R, base_twist)
+    return rotate(at.end, shift_twist(arm.tip.p, last))

@@ -30,13 +30,13 @@ class FilteredArm:
 
     def residual(self, T: Array | None, f: Array | None = None) -> Array:
         """Return eps = T - H psi (S L T + B f), (N,): the causal filter of (6.17)."""
-        tip_wrench = None if f is None else unrotate(self.motion.at.R[-1], f)
+        tip_wrench = None if f is None else unrotate(self.motion.at.end, f)
         return whiten(self.motion.arm, self.motion.at, self.filter, T, None, tip_wrench)[0]
 
     def smoothed(self, eps: Array) -> tuple[Array, Array]:
         """Return (I - H Psi L)^T D^-1 eps, (N,), and B^T psi^T H^T D^-1 eps, (6,)."""
         qdd, tip = smooth(self.motion.arm, self.motion.at, self.filter, eps / self.filter.D)
-        return qdd, rotate(self.motion.at.R[-1], tip)
+        return qdd, rotate(self.motion.at.end, tip)
 
     def free_tip(self) -> Array:
         """Return J M^-1 T', (6,): what the torques alone do at the tip (6.13)."""

@@ -175,9 +175,12 @@ def wrench_at_contact(about: Contact, from_arm: Array) -> Array:
 def initial_size(body: FreeBody, seen: list[Measurement]) -> Array:
     """Return (3,) how mobile the object is before the first arm, for judging pivots; see `size_at_centre`.
 
-    What the arms leave of a light object's mobility is of the size of their own, so it counts as no more.
+    What the arms leave of a light object's mobility is of the size of their own, so it counts as no more. Anchors do
+    not yield, and leave nothing or all of it.
     """
-    own = own_size(body)
+    own, seen = own_size(body), [m for m in seen if m.most]
+    if not seen:
+        return own
     least = LEAST_MOBILE * own  # sliding joints do not turn at all
     most, _ = scan(lambda size, m: (maximum(size, size_at_centre(m.extent)), None), least, seen)
     return minimum(own, most)

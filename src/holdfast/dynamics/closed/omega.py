@@ -50,6 +50,6 @@ def omega_from_matrices(s: Stacked) -> Omega:
 def omega_recursive(s: Stacked, arms: list[FilteredArm]) -> Omega:
     """Return Omega from the recursion (6.10) for each arm (6.11d, e)."""
     mobilities = [
-        tip_mobility(arm.motion.arm, arm.motion.at, arm.filter).rotated(arm.motion.at.R[-1]).dense() for arm in arms
+        tip_mobility(arm.motion.arm, arm.motion.at, arm.filter).rotated(arm.motion.at.end).dense() for arm in arms
     ]
     return Omega(block_diagonal(mobilities) + s.A @ s.M_C_inverse @ s.A.T)

@@ -24,7 +24,7 @@ from holdfast.spatial.inertia import RigidInertia
 from holdfast.spatial.linalg import back_substitution, cholesky, forward_substitution
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, where
 from holdfast.spatial.spatial_vector import rotate, shift_wrench, twist_shift, unrotate
-from holdfast.spatial.symmetric import Symmetric6, symmetric6
+from holdfast.spatial.symmetric import Symmetric6, symmetric6, zero6
 
 Route = Literal["recursive", "mass_matrix", "auto"]
 
@@ -79,16 +79,30 @@ class TipResponse(NamedTuple):
 
 def tip_response(motion: ArmMotion, route: Route) -> TipResponse:
     """Return the arm's answer at its tip by the chosen route."""
+    if not motion.arm.joints:
+        return prescribed(motion)
     if route == "auto":
         route = "recursive" if motion.arm.joint_count >= RECURSION_PAYS_FROM else "mass_matrix"
     return recursive(motion) if route == "recursive" else by_mass_matrix(motion)
+
+
+def prescribed(motion: ArmMotion) -> TipResponse:
+    """Return the answer of an anchor, which moves as its base does: Lambda = 0, and its base feels -f alone. O(1)."""
+    reach, none = motion.base_to_tip, np.zeros(0)
+    base = BaseResponse(twist_shift(reach), zero6(), np.zeros(6)) if motion.mounted else None
+
+    def back_substitute(f: Array, beta: Array | None = None) -> tuple[Array, Array]:
+        return none, shift_wrench(reach, f)
+
+    acceleration, length = motion.bias.tip_acceleration, motion.arm.length
+    return TipResponse(zero6(), acceleration, none, back_substitute, length, base, prescribed)
 
 
 def recursive(motion: ArmMotion) -> TipResponse:
     """Return the answer by filtering and smoothing: (5.14), (6.10), then (6.17). O(N)."""
     arm, at = motion.arm, motion.at
     filter = articulated_filter(arm, at)
-    R, base_R = at.R[-1], arm.base.R
+    R, base_R = at.end, arm.base.R
     mobility = tip_mobility(arm, at, filter).rotated(R)
     X = None
     if motion.mounted:
@@ -194,6 +208,8 @@ def responded(tip: TipResponse, f: Array, beta: Array | None = None) -> tuple[Ar
         beta: (6,) what a trunk accelerates the base by more than its motion says; None in the world.
     """
     qdd, base = tip.back_substitute(f, beta)
+    if not len(qdd):
+        return qdd, base
     largest: Scalar = 0.0
     for pivot in tip.pivots:
         largest = maximum(largest, pivot)

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.bias import bias_accelerations
+from holdfast.dynamics.arm.bias import base_acceleration_and_gradient, bias_accelerations
 from holdfast.dynamics.arm.motion import ArmInputs
 from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
@@ -77,8 +77,8 @@ class ArmCase(NamedTuple):
             "armature": lambda: arm.armature,
             "damping": lambda: arm.damping,
             "link_mass": lambda: np.array([link.mass for link in arm.links]),
-            "link_com": lambda: np.array([link.com for link in arm.links]),
-            "link_inertia": lambda: np.array([link.inertia for link in arm.links]),
+            "link_com": lambda: np.array([link.com for link in arm.links]).reshape(-1, 3),
+            "link_inertia": lambda: np.array([link.inertia for link in arm.links]).reshape(-1, 3, 3),
             "link_wrench": lambda: given.link_wrenches,
             "object_R": lambda: self.frame.R,
             "object_p": lambda: self.frame.p,
@@ -130,11 +130,11 @@ class ArmCase(NamedTuple):
             grasp = grasp.standing_at(Pose.unchecked(varied.get("grasp_R", frame.R), varied.get("grasp_p", frame.p)))
         of_object = Pose.unchecked(varied.get("object_R", self.frame.R), varied.get("object_p", self.frame.p))
         twist = varied.get("object_twist", self.twist)
-        c = contact(grasp, of_object, twist, at.tip, tip_twist(arm, at, V))
-        a, K = found[-1]
-        tip = rotate(at.R[-1], concatenate([a[:3], a[3:] + K @ arm.tip.p]))
+        c = contact(grasp, of_object, twist, at.tip, tip_twist(arm, at, V, base_twist))
+        a, K = found[-1] if found else base_acceleration_and_gradient(arm, base_twist, base_acceleration)
+        tip = rotate(at.end, concatenate([a[:3], a[3:] + K @ arm.tip.p]))
         apart = tip + c.g - c.a - shift_twist(c.offset, z.object_acceleration)
-        together = tip_twist(arm, at, U) - shift_twist(c.offset, y.object_acceleration)
+        together = tip_twist(arm, at, U, y.base) - shift_twist(c.offset, y.object_acceleration)
         if grasp.free:
             apart = apart + c.HT @ z.contact_acceleration
             together = together + c.HT @ y.contact_acceleration

@@ -125,6 +125,8 @@ def _of_trunk(trunk: TrunkMotion) -> tuple[dict[str, Array], Array, Array]:
 def _on_base(arm: ArmMotion) -> OnBase:
     """Return what the base of an arm feels of it."""
     at, base = arm.at, arm.arm.base.R
+    if not arm.arm.joints:
+        return OnBase(np.zeros((6, 0)), np.zeros((6, 6)), np.zeros(6))
     _, per_joint, locked = mass_matrix(arm.arm, at)
     _, at_rest = bias_torque(arm.arm, at, arm.bias.wrenches)
     first = base @ at.l[0]

@@ -24,6 +24,7 @@ from holdfast.forces.margins import joint_limits
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.model.grasp import WrenchLimits
+from holdfast.simulation.external_inputs import GivenInputs
 from holdfast.simulation.increment import increment_size
 from holdfast.simulation.instant import joint_friction
 from holdfast.simulation.rollout import traced_step
@@ -31,12 +32,13 @@ from holdfast.simulation.rollout.user_functions import Motions
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.spatial.scalar import Array
 
+OF_JOINTS = ("q", "qd", "qdd", "drive")
 STEP_INPUTS = ("begin", "step", "held", "least_margin", "least_joint_margin", "search")
 PARAMETERS = ("gravity", "generic_rank", "object_mass", "object_com", "object_inertia", "base_R", "base_p")
 
 
 def carried_shapes(chain: ClosedChain, law: ControlLaw, held: bool) -> dict[str, Shape]:
-    """Return what a system is between two steps, by name; arrays without numbers are left out.
+    """Return what a system is between two steps, by name; arrays without numbers only of the joints.
 
     Args:
         chain: the chain.
@@ -51,7 +53,7 @@ def carried_shapes(chain: ClosedChain, law: ControlLaw, held: bool) -> dict[str,
     found |= {"worst_margin": grasps, "worst_time": grasps}
     if held:  # in velocity and, where they are others, in position; see `dynamics.closed.held_rows`
         found["held_rows"] = (*grasps, 2 if any(g.of_kind.rate_rows for g in chain.grasps.values()) else 1, 6)
-    return {name: shape for name, shape in found.items() if math.prod(shape)}
+    return {name: shape for name, shape in found.items() if math.prod(shape) or name in OF_JOINTS}
 
 
 def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]:
@@ -80,9 +82,11 @@ def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]
     return externals(inputs, parameters, (), shapes(chain) | own | of_law) | carried
 
 
-def step_schedule(structure: Structure, law: ControlLaw, motions: Motions, tableau: Tableau) -> Schedule:
+def step_schedule(
+    structure: Structure, law: ControlLaw, motions: Motions, acting: GivenInputs | None, tableau: Tableau
+) -> Schedule:
     """Return the schedule of one step."""
-    step = partial(traced_step.step, structure, law, motions, tableau)
+    step = partial(traced_step.step, structure, law, motions, acting, tableau)
     return traced(step_externals(structure, law), step)
 
 
@@ -96,6 +100,7 @@ class StepKernel:
         chain: the chain.
         law: the control law.
         motions: of the bases that move.
+        acting: wrenches that are part of the machine code, besides those of a call.
         carried: shapes of what a system is between two steps.
         externals: the arrays its machine code takes and returns.
         parameters: the chain's own, by the machine code's names.
@@ -109,16 +114,17 @@ class StepKernel:
         generic_rank: int,
         *,
         motions: Motions | None = None,
+        acting: GivenInputs | None = None,
         options: Options | None = None,
         quick: bool = False,
     ) -> None:
         """Take what is to be stepped; compiled at the first step, sooner if `quick`."""
-        self.chain, self.law, self.motions = chain, law, dict(motions or {})
+        self.chain, self.law, self.motions, self.acting = chain, law, dict(motions or {}), acting
         held = 0 <= generic_rank < chain.constraint_row_count
         structure = Structure(chain, replace(options or Options(), held=held))
         externals = step_externals(structure, law)
         friction = hashlib.sha256(joint_friction(chain).tobytes()).hexdigest()
-        moving = exact_fingerprint(self.motions)
+        moving = exact_fingerprint([self.motions, acting])
         what = f"{law.key}/{list(law.parameters.items())}/{len(law.memory)}/{friction}/{moving}"
 
         def compiled(of: str, schedule: Callable[[], Schedule]) -> BatchKernel:
@@ -126,7 +132,7 @@ class StepKernel:
             key = key_of(f"{of}/{what}", structure, "forces", "simulation", "control", "scenario") if known else ""
             return BatchKernel(externals, schedule, key, quick=quick)
 
-        system = structure, law, self.motions
+        system = structure, law, self.motions, acting
         slopes = partial(traced_step.evaluation, *system)
         self._step = compiled(f"step/{tableau.name}", lambda: step_schedule(*system, tableau))
         self._slopes = compiled("evaluation", lambda: traced(externals, slopes))
@@ -147,7 +153,7 @@ class StepKernel:
             memory: the law's, likewise; by default as it says.
             count: how many, where no array has rows.
         """
-        count = len(state["q"]) if count is None else count
+        count = len(state["object_pose"]) if count is None else count
         found = {name: np.zeros((count, *shape)) for name, shape in self.carried.items()}
         for name, x in state.items():
             found[name][...] = x
@@ -186,7 +192,7 @@ class StepKernel:
         table = np.zeros((len(arrays), 2), dtype=np.int64)
         for row, x, (_, size, rank) in zip(table, arrays, self._layout, strict=True):
             row[:] = x.ctypes.data, size if x.ndim > rank else 0
-        (self._slopes if slopes_only else self._step).run_batch(table, len(systems["q"]), threads, repeats)
+        (self._slopes if slopes_only else self._step).run_batch(table, len(systems["object_pose"]), threads, repeats)
 
     def require_own(self, systems: Systems) -> None:
         """Refuse arrays that the machine code would read or write beyond their ends, or not at all.
@@ -194,7 +200,7 @@ class StepKernel:
         Raises:
             StateError: the systems are not of this chain and law, or cannot be written in place.
         """
-        count = len(systems["q"])
+        count = len(systems["object_pose"])
         for name, shape in self.carried.items():
             x, expected = systems.get(name), (count, *shape)
             if x is None or x.shape != expected:
