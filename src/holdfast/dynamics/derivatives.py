@@ -27,6 +27,7 @@ from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.indeterminate import free_wrenches
 from holdfast.dynamics.result import ForwardResult, Status
+from holdfast.dynamics.spring_rates import SpringRates, spring_rates
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -100,7 +101,7 @@ def forward_dynamics_vjp(
     Raises:
         StateError: wrong names, shapes or numbers; the state breaks a grasp.
         SingularChainError: the constraint's rank drops here.
-        MethodNotApplicable: the chain has a trunk, or springs between bodies.
+        MethodNotApplicable: the chain has a trunk.
     """
     what = "forward_dynamics_vjp"
     _require_names(what, by, ARGUMENTS)
@@ -112,7 +113,12 @@ def forward_dynamics_vjp(
     also: tuple[VirtualPower, ...] = ()
     if result.status is Status.INDETERMINATE_FORCES:
         bars, also = least_forces(at).backward(at, bars)
-    return Derivatives(result, backward(at, bars, by, also))
+    wrenches = spring_rates(chain, state, (inputs or Inputs()).shaped(chain), by)
+    if wrenches is None:
+        return Derivatives(result, backward(at, bars, by, also))
+    found = backward(at, bars, tuple(dict.fromkeys((*by, "object_wrench", "link_wrench"))), also)
+    more = wrenches.backward(found["object_wrench"], found["link_wrench"])
+    return Derivatives(result, {name: found[name] + more.get(name, 0.0) for name in by})
 
 
 def forward_dynamics_jvp(
@@ -144,7 +150,7 @@ def forward_dynamics_jvp(
     Raises:
         StateError: wrong names, shapes or numbers; the state breaks a grasp.
         SingularChainError: the constraint's rank drops here.
-        MethodNotApplicable: the chain has a trunk, or springs between bodies.
+        MethodNotApplicable: the chain has a trunk.
     """
     what = "forward_dynamics_jvp"
     checks.instance(along, Mapping, f"{what}: along", StateError)
@@ -159,11 +165,12 @@ def forward_dynamics_jvp(
         counts |= {len(x)} if x.ndim > len(shapes[name]) else set()
     if len(counts) > 1:
         raise StateError(f"{what}: expected one number of directions, got {', '.join(map(str, sorted(counts)))}")
+    wrenches = spring_rates(chain, state, (inputs or Inputs()).shaped(chain), list(given))
     if not counts:
-        return Derivatives(result, _forward(at, result, given))
+        return Derivatives(result, _forward(at, result, given, wrenches))
     (count,) = counts
     each = [
-        _forward(at, result, {n: x[k] if x.ndim > len(shapes[n]) else x for n, x in given.items()})
+        _forward(at, result, {n: x[k] if x.ndim > len(shapes[n]) else x for n, x in given.items()}, wrenches)
         for k in range(count)
     ]
     return Derivatives(result, {name: np.array([one[name] for one in each]) for name in RESULTS})
@@ -198,18 +205,19 @@ def forward_dynamics_jacobian(
     Raises:
         StateError: wrong names, shapes or numbers; the state breaks a grasp.
         SingularChainError: the constraint's rank drops here.
-        MethodNotApplicable: the chain has a trunk, or springs between bodies.
+        MethodNotApplicable: the chain has a trunk.
     """
     what = "forward_dynamics_jacobian"
     _require_names(what, of, RESULTS)
     _require_names(what, by, ARGUMENTS)
     at, result = _point(what, chain, state, tau, inputs, check, generic_rank)
     shapes = gradient_shapes(chain)
-    if result.status is Status.INDETERMINATE_FORCES:
+    wrenches = spring_rates(chain, state, (inputs or Inputs()).shaped(chain), by)
+    if wrenches is not None or result.status is Status.INDETERMINATE_FORCES:
         columns: dict[tuple[str, str], Array] = {}
         for name in by:
             units = np.eye(int(np.prod(shapes[name])))
-            found = [_forward(at, result, {name: direction(e, name, shapes[name])}) for e in units]
+            found = [_forward(at, result, {name: direction(e, name, shapes[name])}, wrenches) for e in units]
             columns |= {(o, name): np.array([one[o].ravel() for one in found]) for o in of}
     else:
         columns = jacobian(at, of, by, np.eye(units_needed(chain, by)))
@@ -303,8 +311,12 @@ def gradient_shapes(chain: ClosedChain) -> dict[str, tuple[int, ...]]:
     return shapes | {name: (links, *shape) for name, shape in of_links.items()}
 
 
-def _forward(at: Point, result: ForwardResult, tangents: Mapping[str, Array]) -> dict[str, Array]:
+def _forward(
+    at: Point, result: ForwardResult, tangents: Mapping[str, Array], wrenches: SpringRates | None
+) -> dict[str, Array]:
     """Return the rates of change of all results."""
+    if wrenches is not None:
+        tangents = wrenches.forward(tangents)
     found = forward(at, tangents)
     if result.status is Status.INDETERMINATE_FORCES:
         found = least_forces(at).forward(at, found, tangents)
@@ -340,9 +352,8 @@ def require_derivatives(what: str, chain: ClosedChain) -> None:
     Raises:
         MethodNotApplicable: saying why.
     """
-    if chain.trunk is not None or chain.springs:
-        lacking = "a trunk" if chain.trunk is not None else "springs between bodies"
-        raise MethodNotApplicable(f"{what}: derivatives of a chain with {lacking} are not there yet")
+    if chain.trunk is not None:
+        raise MethodNotApplicable(f"{what}: derivatives of a chain with a trunk are not there yet")
 
 
 def _require_names(what: str, names: Any, known: Sequence[str]) -> None:

@@ -177,14 +177,19 @@ class Linear:
             found.append(total)
         return [_array([0.0 if p < 0 else found[p] for p in of.places], of.shape) for of in self.results]
 
-    def gradient(self) -> tuple[Array, ...]:
-        """Return the gradient of the one number returned, by each of the arrays, in their shapes."""
-        ((_, (last,)),) = self.results
+    def gradient(self, *cotangents: Any) -> tuple[Array, ...]:
+        """Return the gradient of sum(cotangent . result) by each of the arrays varied, in their shapes.
+
+        Args:
+            cotangents: of the results, in their shapes.
+        """
         sizes = [int(np.prod(shape)) for shape in self.shapes]
         first = sum(sizes)
         found: list[Scalar] = [0.0] * (first + len(self.steps))
-        if last >= 0:
-            found[last] = 1.0
+        for (_, places), cotangent in zip(self.results, cotangents, strict=True):
+            for place, x in zip(places, np.asarray(cotangent).ravel().tolist(), strict=True):
+                if place >= 0:
+                    found[place] = found[place] + x
         for at in reversed(range(len(self.steps))):
             places, slopes = self.steps[at]
             for place, slope in zip(places, slopes, strict=True):
@@ -256,7 +261,7 @@ def linearised(f: Callable[..., Sequence[Any]], *given: Any) -> Linear:
 
 def gradient(f: Callable[..., Scalar], *given: Any) -> tuple[Array, ...]:
     """Return the gradient of a scalar text by each of its arrays, in their shapes; a few times the text's cost."""
-    return linearised(lambda *x: (f(*x),), *given).gradient()
+    return linearised(lambda *x: (f(*x),), *given).gradient(1.0)
 
 
 def _applied(operation: Operation, *operands: Any) -> Any:

@@ -109,8 +109,8 @@ def is_masked(value: Any) -> bool:
 
 
 def _of_objects(a: Array) -> Array:
-    """Return floats of an array of objects that are numbers; traced scalars stay."""
-    if any(hasattr(x, "where") for x in a.flat):
+    """Return floats of an array of objects that are numbers; traced and recorded scalars stay."""
+    if any(hasattr(x, "where") or hasattr(x, "chosen") for x in a.flat):
         return a
     for x in a.flat:
         if isinstance(x, bool) or not (isinstance(x, Real) or hasattr(x, "as_integer_ratio")):  # a decimal has that
