@@ -22,6 +22,7 @@ from .dynamics.derivatives import forward_dynamics_vjp as forward_dynamics_vjp
 from .dynamics.diagnose import diagnose as diagnose
 from .dynamics.forward import forward_dynamics as forward_dynamics
 from .dynamics.inverse import inverse_dynamics as inverse_dynamics
+from .dynamics.linearise import linearise as linearise
 from .dynamics.project import project as project
 from .errors import ClosureError as ClosureError
 from .errors import FrozenError as FrozenError

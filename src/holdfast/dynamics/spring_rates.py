@@ -34,13 +34,13 @@ class SpringRates(NamedTuple):
 
     def forward(self, tangents: Mapping[str, Array]) -> dict[str, Array]:
         """Return tangents with the rates of change of the springs' wrenches added."""
-        rates: dict[str, Array] = {name: tangents[name] for name in self.names if name not in POSES}
-        if "object_pose" in self.names:
+        rates: dict[str, Array] = {name: np.zeros_like(x) for name, x in self.numbers.items()}
+        rates |= {name: tangents[name] for name in self.names if name in tangents and name not in POSES}
+        if "object_pose" in tangents:
             rates |= rates_of(tangents, "object", self.numbers["object_R"])
-        if "base_pose" in self.names:
-            each = [
-                rates_of({"base_pose": x}, "base", R) for x, R in zip(tangents["base_pose"], self.numbers["base_R"])
-            ]
+        if "base_pose" in tangents:
+            pairs = zip(tangents["base_pose"], self.numbers["base_R"], strict=True)
+            each = [rates_of({"base_pose": x}, "base", R) for x, R in pairs]
             rates |= {name: np.array([one[name] for one in each]) for name in ("base_R", "base_p")}
         of_object, of_links = self.linear.rates(*(rates[name] for name in self.numbers))
         return {
@@ -76,7 +76,12 @@ def spring_rates(chain: ClosedChain, state: State, inputs: Inputs, names: Sequen
     if not chain.springs or not names:
         return None
     bases = [arm.base for arm in chain.arms.values()]
-    own = {"q": state.q, "qd": state.qd, "object_R": state.object_frame.R, "object_p": state.object_frame.p}
+    own: dict[str, Any] = {
+        "q": state.q,
+        "qd": state.qd,
+        "object_R": state.object_frame.R,
+        "object_p": state.object_frame.p,
+    }
     own |= {"object_twist": state.object_twist, "base_twist": inputs.base_twists}
     own |= {"base_R": np.array([b.R for b in bases]), "base_p": np.array([b.p for b in bases])}
     numbers = {name: own[name] for name in numbers_of(names)}

@@ -140,6 +140,20 @@ class ArmCase(NamedTuple):
             together = together + c.HT @ y.contact_acceleration
         return power + y.wrench @ apart + together @ z.wrench
 
+    def velocity_gap(self) -> Linear:
+        """Return K (V+ - A V(C)), what the tip moves against its contact, made linear in q, object_R and object_p."""
+        given, grasp, names = self.given, self.grasp, ("q", "object_R", "object_p")
+        assert grasp is not None
+
+        def gap(*x: Array) -> tuple[Array]:
+            q, R, p = x
+            at = posture(given.arm, q)
+            V = link_twists(given.arm, at, given.qd, given.base_twist)
+            tip = tip_twist(given.arm, at, V, given.base_twist)
+            return (-contact(grasp, Pose.unchecked(R, p), self.twist, at.tip, tip).velocity_gap,)
+
+        return linearised(gap, *self.numbers(names).values())
+
     def gradient(self, z: Unknowns, y: Unknowns, names: Sequence[str]) -> dict[str, Array]:
         """Return -dL/dtheta by the named numbers, z and y held."""
         numbers = self.numbers(names)
