@@ -12,6 +12,7 @@ from holdfast.assembly.limits import asked_reach, longest_reach, room_left, with
 from holdfast.assembly.nearest_posture import distance, nearest_posture
 from holdfast.assembly.reaching_postures import reaching_postures
 from holdfast.assembly.report import AssemblyReport, assembly_report
+from holdfast.assembly.slack import with_slack_bushings
 from holdfast.assembly.starts import object_guesses, preferred_postures, starting_postures
 from holdfast.dynamics.closing import close
 from holdfast.errors import ClosureError, ModelError
@@ -67,7 +68,7 @@ def assemble(
     if none is given; a local minimum, the best of those that a fixed list of starts leads to,
     so the same input gives the same state. Joints keep 2 % of their range away from their limits,
     as far as their preferred positions do; only where nothing closes so do they go to the limits.
-    Collisions are not checked. Tenths of a second; seconds where nothing closes.
+    Bushings come out slack. Collisions are not checked. Tenths of a second; seconds where nothing closes.
 
     Args:
         arms: arm by name, mounted (`arm.at(pose)`).
@@ -83,19 +84,20 @@ def assemble(
         StateError: preferred positions of the wrong length.
         ClosureError: an arm cannot reach its grasp: which, by how much, and what to try.
     """
-    chain = ClosedChain(arms, held_object, grasps, gravity)
+    whole = ClosedChain(arms, held_object, grasps, gravity)
+    chain = with_slack_bushings(whole)
     preferred = preferred_postures(chain, q)
     given = None if object_pose is None else checks.pose(object_pose, "object_pose")
     if given is None and not chain.grasps:
         raise ModelError("assemble: expected at least one grasp to find the object's pose, got none; try object_pose=")
     if given is None:
-        return Assembly(chain, _nearest(chain, preferred, _starts_somewhere, hold_object=False))
+        return Assembly(whole, _nearest(chain, preferred, _starts_somewhere, hold_object=False))
     _require_reach(chain, given)
     at = np.concatenate([np.clip(preferred[name], *arm.position_limits.T) for name, arm in chain.arms.items()])
     for name, grasp in chain.grasps.items():  # the object is held: each arm is alone
         alone = ClosedChain({name: chain.arms[name]}, held_object, {name: grasp}, gravity)
         at[chain.joints[name]] = _nearest(alone, preferred, partial(_starts_around, given), hold_object=True).q
-    return Assembly(chain, State(at, 0 * at, given.wxyz_xyz))
+    return Assembly(whole, State(at, 0 * at, given.wxyz_xyz))
 
 
 def _starts_around(object_pose: Pose, chain: ClosedChain, preferred: Mapping[str, Array]) -> Iterator[Iterable[State]]:

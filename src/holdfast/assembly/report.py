@@ -112,7 +112,7 @@ def assembly_report(chain: ClosedChain, state: State) -> AssemblyReport:
         StateError: a state of another chain.
     """
     require_own_bases(chain, "assembly_report")
-    gaps = {name: float(np.abs(gap.position).max()) for name, gap in closure(chain, state).items()}
+    gaps = {name: float(np.abs(gap.position).max(initial=0.0)) for name, gap in closure(chain, state).items()}
     rank = constraint_rank(chain, state)
     return AssemblyReport(
         tuple(_arm_report(chain, state, name, gaps.get(name)) for name in chain.arms),

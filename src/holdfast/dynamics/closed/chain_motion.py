@@ -8,6 +8,7 @@ import numpy as np
 
 from holdfast.dynamics.arm.motion import ArmInputs, ArmMotion, arm_motion, resting
 from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.closed.bushing_wrenches import stretched
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.closed.object_motion import ObjectMotion, object_motion
 from holdfast.dynamics.closed.spring_wrenches import with_springs
@@ -16,7 +17,8 @@ from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, Scalar, concatenate, each
+from holdfast.spatial.scalar import Array, Scalar, concatenate, each, scan
+from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.state import Inputs, State
 
 
@@ -28,7 +30,7 @@ class ChainMotion:
         chain: the chain.
         arms: every arm in motion, by name.
         contacts: the grasps in motion, in the order of the arms that have one.
-        body: the object in motion.
+        body: the object in motion; bushings' wrenches are among those on it.
         generic_rank: of the constraint away from singular configurations, where as many rows are to be held
             (`held_rows`); None: each row's pivot decides.
         trunk: what arms stand on, in motion; None without one.
@@ -120,7 +122,9 @@ def chain_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -
         given,
         [chain.grasps.get(name) for name in chain.arms],
     )
-    body = object_motion(chain.held_object, frame, state.object_twist, inputs.object_wrench)
+    known = [(c.offset, motion.known) for motion, c in found if c is not None and motion.known is not None]
+    pushed, _ = scan(lambda w, at: (w + shift_wrench(*at), None), inputs.object_wrench, known)
+    body = object_motion(chain.held_object, frame, state.object_twist, pushed)
     return _together(chain, found, body, trunk)
 
 
@@ -134,7 +138,11 @@ def arm_and_grasp(given: ArmInputs, grasp: Grasp | None, frame: Pose, twist: Arr
         twist: (6,) of C, world axes.
     """
     motion = arm_motion(given)
-    return motion, None if grasp is None else contact(grasp, frame, twist, motion.at.tip, motion.tip_twist)
+    if grasp is None:
+        return motion, None
+    held = contact(grasp, frame, twist, motion.at.tip, motion.tip_twist)
+    bushing = grasp.of_kind.bushing is not None
+    return motion.exerting(stretched(held).wrench()) if bushing else motion, held
 
 
 def chain_at_rest(chain: ClosedChain, state: State) -> ChainMotion:
