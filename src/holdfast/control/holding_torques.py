@@ -34,7 +34,8 @@ def balancing_wrenches(
 
     min |lambda - K f_wished| in the metric of the force split (moments over its length), with
     A^T K^T lambda = M(C) (alpha - [0; g]) + b(C) - w, w of springs and bushings, and
-    (J^T K^T lambda)_j = -(M qdd + C)_j at undriven joints j, and so at the six rows of a floating base, which nothing drives.
+    (J^T K^T lambda)_j = -(M qdd + C)_j at undriven joints j, and so at the six rows of a floating base, which nothing
+    drives.
 
     Args:
         motion: the chain in motion.

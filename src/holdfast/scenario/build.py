@@ -137,8 +137,8 @@ def build_scene(
         step_times(data.simulation.duration, data.simulation.step)
     trunk, robots = build_robots(data, files or RobotFiles(), at)
     chain, guess = build_chain(data, trunk, robots, at)
-    led = [arm.name for arm in data.arms if arm.q is None]
-    search = any(name in chain.grasps for name in led)
+    search = any(arm.q is None and arm.name in chain.grasps for arm in data.arms)
+    led = [arm.name for arm in data.arms if not arm.anchor]  # to where bushings are slack; an anchor stays
     try:
         state = closed(with_slack_bushings(chain, led), guess, search)
     except ClosureError as cause:
