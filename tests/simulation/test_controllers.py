@@ -61,8 +61,11 @@ def test_schedules_beside_others():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"inputs": np.zeros(6)}, "inputs: expected Inputs or a function t -> Inputs, got ndarray"),
-        ({"inputs": lambda t: np.zeros(6)}, r"inputs\(0\): expected Inputs, got ndarray"),
+        (
+            {"inputs": np.zeros(6)},
+            r"inputs: expected Inputs, or a function \(t\) -> Inputs or \(t, state\) -> Inputs, got ndarray",
+        ),
+        ({"inputs": lambda t: np.zeros(6)}, "inputs: expected the function to return Inputs, got ndarray"),
         ({"base_motion": np.zeros(6)}, "base motion: expected a mapping"),
         ({"base_motion": {"arm0": np.zeros(7)}}, "base motion 'arm0': expected a function t -> .*, got ndarray"),
         (

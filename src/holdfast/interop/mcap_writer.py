@@ -91,7 +91,7 @@ def write_mcap(
         schemas = {kind: writer.register_msgdef(kind, definition(kind)) for kind in kinds}
         for k, t in enumerate(run.t.tolist()):
             time = round(t * 1e9)
-            for topic, kind, content in _messages(world.at(t)[0], run, k, time):
+            for topic, kind, content in _messages(world.chain_at(t), run, k, time):
                 writer.write_message(topic, schemas[kind], content, log_time=time, publish_time=time, sequence=k)
         writer.finish()
 

@@ -1,10 +1,11 @@
-"""What a simulated chain lives in: base motions and external wrenches as functions of time."""
+"""What a simulated chain lives in: base motions as functions of time, external wrenches also of its state."""
 
 from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -12,9 +13,10 @@ from numpy.typing import ArrayLike
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.simulation.external_inputs import GivenInputs, inputs_at, take_state
 from holdfast.spatial.frozen import FrozenDict
 from holdfast.spatial.scalar import Array, Scalar, array
-from holdfast.state import Inputs
+from holdfast.state import Inputs, State
 
 # t [s] -> pose of the base (a Pose or wxyz_xyz), its twist (6,) and acceleration (6,), world axes
 BaseMotion = Callable[[Any], tuple[Any, ArrayLike, ArrayLike]]
@@ -27,17 +29,16 @@ class Environment:
     Attributes:
         chain: arms, object and grasps; bases that do not move stand where it has them.
         base_motion: motion of the bases that move, by arm name, or "trunk" for a trunk's.
-        inputs: external wrenches, constant or a function of time; base motion in them is
-            replaced for the bases that move.
+        inputs: external wrenches, constant or a function of t or of (t, state), see `take_state`; base motion in
+            them is replaced for the bases that move.
     """
 
     chain: ClosedChain
     base_motion: Mapping[str, BaseMotion] = field(default_factory=dict)
-    inputs: Inputs | Callable[[float], Inputs] = field(default_factory=Inputs)
+    inputs: GivenInputs = field(default_factory=Inputs)
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.inputs, Inputs) or callable(self.inputs)):
-            raise ModelError(f"inputs: expected Inputs or a function t -> Inputs, got {type(self.inputs).__name__}")
+        take_state(self.inputs)
         if not isinstance(self.base_motion, Mapping):
             raise ModelError(
                 "base motion: expected a mapping from an arm's name to a function of time, got"
@@ -67,27 +68,38 @@ class Environment:
                 f"base motion '{name}': the arm stands on the trunk and moves with it; try the motion of '{TRUNK}'"
             )
 
-    def at(self, t: Scalar) -> tuple[ClosedChain, Inputs]:
-        """Return the chain with its bases where they are at time t [s], and the inputs then."""
-        inputs = self.inputs(t) if callable(self.inputs) else self.inputs
-        if not isinstance(inputs, Inputs):
-            raise StateError(
-                f"inputs({t:g}): expected Inputs, got {type(inputs).__name__}; try Inputs(object_wrench=...)"
-            )
+    @cached_property
+    def of_state(self) -> bool:
+        """Whether the inputs depend on the state."""
+        return take_state(self.inputs)
+
+    def chain_at(self, t: Scalar) -> ClosedChain:
+        """Return the chain with its bases where they are at time t [s]."""
+        if not self.base_motion:
+            return self.chain
+        return mounted(self.chain, {name: pose for name, (pose, *_) in self._motions(t).items()})
+
+    def at(self, t: Scalar, state: State) -> tuple[ClosedChain, Inputs]:
+        """Return the chain with its bases where they are at time t [s], and the inputs then and in that state."""
+        inputs = inputs_at(self.inputs, self.of_state, t, state)
         if not self.base_motion:
             return self.chain, inputs
         shaped = inputs.shaped(self.chain)
         assert shaped.base_twists is not None and shaped.base_accelerations is not None
         twists, accelerations = list(shaped.base_twists), list(shaped.base_accelerations)
-        poses = {}
+        motions = self._motions(t)
         for i, name in enumerate(self.chain.names):
-            if name in self.base_motion:
-                poses[name], twists[i], accelerations[i] = motion_of(name, self.base_motion[name](t))
+            if name in motions:
+                _, twists[i], accelerations[i] = motions[name]
         moving = replace(shaped, base_twists=array(twists), base_accelerations=array(accelerations))
-        if TRUNK in self.base_motion:
-            poses[TRUNK], twist, acceleration = motion_of(TRUNK, self.base_motion[TRUNK](t))
+        if TRUNK in motions:
+            _, twist, acceleration = motions[TRUNK]
             moving = replace(moving, trunk_base_twist=twist, trunk_base_acceleration=acceleration)
-        return mounted(self.chain, poses), moving
+        return mounted(self.chain, {name: pose for name, (pose, *_) in motions.items()}), moving
+
+    def _motions(self, t: Scalar) -> dict[str, tuple[Any, Array, Array]]:
+        """Return poses, twists and accelerations of the bases that move."""
+        return {name: motion_of(name, motion(t)) for name, motion in self.base_motion.items()}
 
 
 def motion_of(name: str, found: Any) -> tuple[Any, Array, Array]:

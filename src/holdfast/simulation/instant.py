@@ -133,7 +133,7 @@ def evaluate(
         SingularChainError: the constraint's rank drops, or its condition passes 1e12.
         StateError: torques of a wrong shape, or not finite.
     """
-    chain, inputs = environment.at(t)
+    chain, inputs = environment.at(t, state)
     tau, memory = torques_and_memory(controller(t, state, memory))
     tau = checks.numbers(tau, (chain.joint_count,), "controller: torques", StateError)
     friction = friction_torque(joint_friction(chain), state.qd)

@@ -91,11 +91,12 @@ def _jumped(at: RunState) -> RunState:
     settings, before = segment.settings, segment.environment.chain
     t = float(settings.stops.times[saved.stop])
     t = t if t > at.now.t else just_after(at.now.t)  # where a grasp has opened just there
-    chain, inputs = segment.environment.at(t)
+    chain = segment.environment.chain_at(t)
     state, sums, tracker = at.now.state, saved.sums, saved.tracker
     happening = [event for event in settings.events[saved.event :] if event.t <= t]
     news = []
     for event in happening:
+        _, inputs = segment.environment.at(t, state)
         chain, state, one = happen(event, chain, state, inputs)
         base_impulse = sums.base_impulse
         for (name, arm), impulse in zip(chain.arms.items(), one.base_impulses, strict=False):

@@ -140,7 +140,7 @@ def first_segment(settings: RunSettings, start: Origin) -> Segment:
     """
     # judged with its neighbours; later a rank below its rank is a singularity
     environment = settings.environment
-    chain, inputs = environment.at(start.t)
+    chain, inputs = environment.at(start.t, start.state)
     tau = np.zeros(chain.joint_count)
     require_closed(chain_motion(chain, start.state, tau, inputs.shaped(chain)), start.state)
     return Segment(settings, environment, settings.controller, _rank_near(environment, settings.controller, start))
@@ -163,7 +163,7 @@ def _rank_near(environment: Environment, controller: Controller, start: Origin) 
         StateError: the controller's torques do not fit.
         SingularChainError: the configuration is singular.
     """
-    chain, inputs = environment.at(start.t)
+    chain, inputs = environment.at(start.t, start.state)
     state = closed_near(chain, start.state, inputs) or start.state
     return evaluate(environment, controller, start.t, state, start.memory).result.rank
 
@@ -177,7 +177,7 @@ def suited(segment: Segment, t: float, state: State) -> tuple[Segment, tuple[Occ
         state: the chain there.
     """
     settings = segment.settings
-    why = too_fast(segment.environment.at(t)[0], state, settings.longest_step, segment.scheme)
+    why = too_fast(segment.environment.chain_at(t), state, settings.longest_step, segment.scheme)
     if why is None:
         return segment, ()
     text = f"steps are linearly implicit from here ({IMEX.name}): {why}"

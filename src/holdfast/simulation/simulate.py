@@ -18,6 +18,7 @@ from holdfast.simulation.adaptive import RTOL, Tolerance
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.events import Event, in_order
+from holdfast.simulation.external_inputs import GivenInputs
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip, Policy
 from holdfast.simulation.rollout.compiled_steppers import stepper_for
@@ -40,7 +41,7 @@ def simulate(
     step: float,
     *,
     base_motion: Mapping[str, BaseMotion] | None = None,
-    inputs: Inputs | Callable[[float], Inputs] | None = None,
+    inputs: GivenInputs | None = None,
     events: Sequence[Event] = (),
     breakpoints: Iterable[float] = (),
     on_slip: OnSlip = "stop",
@@ -74,7 +75,8 @@ def simulate(
         step: h [s]; the last step is shorter where h does not divide the duration. An adaptive scheme
             takes shorter ones where it must, none across a multiple of h; every step is a sample.
         base_motion: t -> (pose, twist, acceleration) of moving bases, by arm name, or "trunk" for a trunk's.
-        inputs: external wrenches, constant or a function of t.
+        inputs: external wrenches, constant or a function of t, or of (t, state): one that cannot be called with t
+            alone. It is asked at every stage for the time and state there, and may give wrenches only.
         events: `Attach` and `Release` at given times.
         breakpoints: times at which torques or inputs jump or change their course; steps end there.
         on_slip: what is done about a grasp that cannot hold: "stop", "record" (and go on as if it held), or

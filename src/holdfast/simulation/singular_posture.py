@@ -199,7 +199,7 @@ def _drop(segment: Segment, way: Way, begin: float, end: float) -> RankDrop | No
 
     @cache
     def factors(t: float) -> ConstraintFactors:
-        return constraint_factors(environment.at(min(t, segment.settings.end))[0], way(t))
+        return constraint_factors(environment.chain_at(min(t, segment.settings.end)), way(t))
 
     rank = segment.generic_rank - environment.chain.contact_freedom_count
     try:
@@ -222,10 +222,11 @@ def _located(segment: Segment, now: Instant, found: RankDrop, way: Way) -> Singu
         if again is None:
             break
         at, t, found, way, nearby = nearer, float(again.at), again, _ahead(nearer), nearer.state
-    chain, inputs = segment.environment.at(min(t, segment.settings.end))
+    there = way(t)
+    chain, inputs = segment.environment.at(min(t, segment.settings.end), there)
     generic, freedoms = segment.generic_rank, chain.contact_freedom_count
     # beside the grasps what is lost there could not be told from what is never felt
     lost = lost_at(chain_at_rest(chain, nearby), found.rank, generic - freedoms)
-    gap = float(largest_gaps(chain, way(t), inputs.shaped(chain)).position)
+    gap = float(largest_gaps(chain, there, inputs.shaped(chain)).position)
     unique = through and gap <= CLOSED
     return SingularPosture(t, found.rank + freedoms, generic, tuple(lost), unique, gap)

@@ -174,7 +174,7 @@ def back_on_constraint(
     Raises:
         ClosureError: they are open by more than a step may leave them, or stay so.
     """
-    chain, inputs = environment.at(t)
+    chain, inputs = environment.at(t, state)
     given = inputs.shaped(chain)
     before = largest_gaps(chain, state, given)
     if not before.position <= FARTHEST:
@@ -197,8 +197,7 @@ def rows_held_near(environment: Environment, t: float, state: State, generic_ran
 
     They are chosen at the nearest closed state. None where no row follows from others, or nothing closes the grasps.
     """
-    chain, _ = environment.at(t)
-    return held_near(chain, state, generic_rank)
+    return held_near(environment.chain_at(t), state, generic_rank)
 
 
 def _finite(y: Array) -> Array:

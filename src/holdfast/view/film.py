@@ -119,7 +119,10 @@ def film_of_run(
     if len(k) > MOST_MOMENTS:
         raise ModelError(f"rate: expected at most {MOST_MOMENTS} moments, got {len(k)}; try a lower rate")
     world = Environment(chain, base_motion or {})
-    places = [_placed(*world.at(float(t)), run.state(int(j))) for t, j in zip(run.t[k], k, strict=True)]
+    places = []
+    for t, j in zip(run.t[k].tolist(), k.tolist(), strict=True):
+        state = run.state(j)
+        places.append(_placed(*world.at(t, state), state))
     strength = np.array([at.strength for at in places])
     strength[~run.holding[k]] = 1.0
     bases, below, tips = (np.array([getattr(at, part) for at in places]) for part in ("bases", "below", "tips"))

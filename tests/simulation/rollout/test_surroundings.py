@@ -80,7 +80,7 @@ def motions(chain: ClosedChain, every: int = 2) -> dict[str, Motion]:
 
 def carried_along(chain: ClosedChain, state: State, bases: dict[str, Motion]) -> State:
     """Return the state nearest to one whose velocities the moving bases allow at t = 0."""
-    return project(chain, state, Environment(chain, bases).at(0.0)[1])[0]
+    return project(chain, state, Environment(chain, bases).at(0.0, state)[1])[0]
 
 
 def agree(systems: RolloutSystems, row: int, run: Trajectory) -> None:
@@ -118,7 +118,7 @@ def test_moving_bases(name, scheme):
     )
     agree(systems, 0, run)
     assert systems.running.all() and systems.gap.max() <= 1e-12
-    there, _ = Environment(chain, bases).at(STEPS * STEP)
+    there = Environment(chain, bases).chain_at(STEPS * STEP)
     gaps = closure(there, state_of(systems, 1)).values()
     assert max((np.abs(gap.position).max() for gap in gaps), default=0.0) <= 1e-12
     assert not np.allclose(systems.q[0], systems.q[1], rtol=0, atol=1e-9)
@@ -133,8 +133,8 @@ def test_moving_bases_travel():
     other, there = pickle.loads(pickle.dumps((rollout, systems)))
     for name, motion in other.base_motion.items():
         (mine, *rates), (theirs, *others) = (
-            Environment(chain, {name: motion}).at(0.3),
-            Environment(chain, {name: bases[name]}).at(0.3),
+            Environment(chain, {name: motion}).at(0.3, state),
+            Environment(chain, {name: bases[name]}).at(0.3, state),
         )
         assert np.abs(mine.arms[name].base.R - theirs.arms[name].base.R).max() <= 1e-15
         assert np.array_equal(rates[0].base_twists, others[0].base_twists)

@@ -62,7 +62,7 @@ def test_rollouts_are_runs(floating):
         "trunk_link_wrench": random.normal(size=(len(chain.trunk.bodies), 6)),
     }
     inputs = Inputs(link_wrenches=wrenches["link_wrench"], trunk_link_wrenches=wrenches["trunk_link_wrench"])
-    state = project_velocity(chain, p.state, inputs=Environment(chain, bases).at(0.0)[1])
+    state = project_velocity(chain, p.state, inputs=Environment(chain, bases).at(0.0, p.state)[1])
     rollout = compile_rollout(chain, law, scheme="midpoint", base_motion=bases, parameters=["link_wrench"])
     systems = rollout.start(**elsewhere(chain, state, 3), **wrenches)
     rollout.step(systems, STEP, steps=STEPS)

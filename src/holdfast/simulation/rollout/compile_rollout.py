@@ -9,6 +9,7 @@ from holdfast.control.controller import ControlLaw, held_torques
 from holdfast.errors import ModelError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.environment import BaseMotion, Environment
+from holdfast.simulation.external_inputs import GivenInputs, take_state
 from holdfast.simulation.rollout.arguments import require_free_names
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.runge_kutta import scheme as scheme_of
@@ -21,6 +22,7 @@ def compile_rollout(
     scheme: str = "rk4",
     generic_rank: int | None = None,
     base_motion: Mapping[str, BaseMotion] | None = None,
+    inputs: GivenInputs | None = None,
     parameters: Sequence[str] = (),
 ) -> Rollout:
     """Compile steps of a chain under a control law to machine code of this computer.
@@ -36,6 +38,8 @@ def compile_rollout(
             first systems if not given.
         base_motion: t -> (pose, twist, acceleration) of moving bases, by arm name or "trunk", as for `simulate`;
             written as a control law is, as it becomes part of the machine code.
+        inputs: external wrenches that depend on t, or on (t, state), as for `simulate`; written as a control law is, as
+            they become part of the machine code. Those given to calls come on top.
         parameters: what else may be given, as for `compile`: `link_inertia` (link_mass, link_com,
             link_inertia), `link_wrench` (external wrenches on the links).
 
@@ -44,9 +48,9 @@ def compile_rollout(
 
     Raises:
         ModelError: no such scheme, or one that estimates errors; a parameter of the law is named as an argument; a base
-            motion of no arm.
+            motion of no arm, inputs that are no function of (t) or (t, state).
         StateError: no such optional parameter.
-        CompileError: (when first started) the law or a base motion does what cannot be traced; the line is named.
+        CompileError: (when first started) the law, a base motion or inputs do what cannot be traced; the line is named.
     """
     if scheme_of(scheme).adaptive:
         raise ModelError(f"rollout: scheme: expected 'rk4' or 'midpoint', got '{scheme}'; it is for `simulate`")
@@ -60,4 +64,6 @@ def compile_rollout(
         require_free_names(law.parameters)
     motions = Environment(chain, base_motion or {}).base_motion
     options = optional_parameters(parameters, "rollout")
-    return Rollout(chain, law or held_torques(chain.joint_count), scheme, generic_rank, motions, options)
+    if inputs is not None:
+        take_state(inputs)
+    return Rollout(chain, law or held_torques(chain.joint_count), scheme, generic_rank, motions, options, inputs)

@@ -8,9 +8,9 @@ environment or the controller is asked from Python at every stage (`StagewiseSte
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
+from holdfast.simulation.external_inputs import MOVING_BASES, GivenInputs
 from holdfast.simulation.increment import body_parts, no_turns, twists
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.linearly_implicit import Implicit
@@ -107,7 +108,7 @@ class FusedStepper:
         self.kernel.run(systems, inputs, {})
 
     def _instant(self, systems: Systems, row: int, t: float, memory: Any) -> Instant:
-        chain, inputs = self.environment.at(t)
+        chain, inputs = self.environment.at(t, state_of(systems, row))
         return instant_of(systems, row, Moment(t, chain, inputs.shaped(chain), None, memory))
 
 
@@ -116,7 +117,7 @@ class StagewiseStepper:
     """Steps whose environment and controller are asked from Python at every stage; see `Stepper`.
 
     Attributes:
-        environment: the chain and what acts on it; no wrenches on links.
+        environment: the chain and what acts on it; wrenches on links only where inputs depend on the state.
         controller: torques; None where they are part of the kernel.
         kernel: a step, of which only the end is used: states closed, or evaluated.
         generic_rank: rank of the constraint away from singular configurations.
@@ -143,7 +144,9 @@ class StagewiseStepper:
     ) -> StagewiseStepper:
         """Return the stepper of a controller; a `law` that gives the same torques is asked in its place."""
         ours = held_torques(environment.chain.joint_count) if law is None else law
-        options = Options(base_motion=bases_move(environment), implicit=scheme.implicit)
+        options = Options(
+            base_motion=bases_move(environment), implicit=scheme.implicit, link_wrenches=environment.of_state
+        )
         kernel = StepKernel(environment.chain, ours, EULER, generic_rank, options=options, quick=True)
         return cls(environment, controller if law is None else None, kernel, generic_rank, scheme, tolerance)
 
@@ -188,7 +191,8 @@ class StagewiseStepper:
 
     def _closed(self, times: list[float], states: list[State], rows: Array | None) -> list[tuple[State, Gaps]]:
         """Return the states projected onto the grasps, and the gaps."""
-        systems = self._run(states, [self._moment(t) for t in times], None, rows, held=False)
+        moments = [self._moment(t, state) for t, state in zip(times, states, strict=True)]
+        systems = self._run(states, moments, None, rows, held=False)
         return [(state_of(systems, row), gaps_of(systems, row)) for row in range(len(states))]
 
     def _evaluated(
@@ -200,31 +204,35 @@ class StagewiseStepper:
         implicit: Sequence[Implicit] = (),
     ) -> tuple[Systems, list[Moment]]:
         """Return what follows from the states under the controller's torques."""
-        moments = [self._moment(t, state, memory) for t, state in zip(times, states, strict=True)]
+        moments = [self._driven(self._moment(t, state), state, memory) for t, state in zip(times, states, strict=True)]
         return self._run(states, moments, memory, rows, held=True, implicit=implicit), moments
 
-    def _moment(self, t: float, state: State | None = None, memory: Any = None) -> Moment:
-        """Return what the machine code is given at a time; without a state its torques do not matter.
+    def _moment(self, t: float, state: State) -> Moment:
+        """Return what the machine code is given at a time and in a state, without torques.
 
         Raises:
-            MethodNotApplicable: there are wrenches on links; they are not ignored.
+            MethodNotApplicable: there are wrenches on links that it has no place for; they are not ignored.
         """
-        chain, inputs = self.environment.at(t)
+        chain, inputs = self.environment.at(t, state)
         shaped = inputs.shaped(chain)
-        for what in ("link_wrenches", "trunk_link_wrenches", "trunk_base_twist", "trunk_base_acceleration"):
+        on_links = () if self.environment.of_state else ("link_wrenches", "trunk_link_wrenches")
+        for what in (*on_links, "trunk_base_twist", "trunk_base_acceleration"):
             x = getattr(shaped, what)
             if x is not None and x.any():
                 raise MethodNotApplicable(
                     f"stagewise steps, t = {t:g} s: inputs: {what}: expected none, got some; a run whose inputs give"
                     " them from t = 0 on, zeros at first, is taken by the reference"
                 )
+        tau = None if self.controller is None else np.zeros(chain.joint_count)
+        return Moment(t, chain, shaped, tau, None)
+
+    def _driven(self, at: Moment, state: State, memory: Any) -> Moment:
+        """Return what the machine code is given, with the controller's torques and what it carries on."""
         if self.controller is None:
-            return Moment(t, chain, shaped, None, memory)
-        if state is None:
-            return Moment(t, chain, shaped, np.zeros(chain.joint_count), memory)
-        tau, kept = torques_and_memory(self.controller(t, state, memory))
-        tau = checks.numbers(tau, (chain.joint_count,), "controller: torques", StateError)
-        return Moment(t, chain, shaped, tau, kept)
+            return replace(at, memory=memory)
+        tau, kept = torques_and_memory(self.controller(at.t, state, memory))
+        tau = checks.numbers(tau, (at.chain.joint_count,), "controller: torques", StateError)
+        return replace(at, tau=tau, memory=kept)
 
     def _run(
         self,
@@ -254,6 +262,8 @@ class StagewiseStepper:
             "object_wrench": np.array([m.inputs.object_wrench for m in moments]),
             "keep_rows": np.array(float(rows is not None)),
         }
+        if self.environment.of_state:
+            inputs |= _on_links(self.environment.chain, [m.inputs for m in moments])
         if self.scheme.implicit:
             none = np.zeros(self.environment.chain.joint_count)
             inputs["added_armature"] = np.array([one.armature for one in implicit]) if implicit else none
@@ -279,6 +289,18 @@ def hold_rows(systems: Systems, held: Array | None) -> None:
         systems["held_rows"][...] = held
 
 
+def _on_links(chain: ClosedChain, acting: Sequence[Inputs]) -> dict[str, Array]:
+    """Return the wrenches on links at some moments, by the machine code's names; zeros where none are given."""
+    bodies = 0 if chain.trunk is None else len(chain.trunk.bodies)
+    counts = {"link_wrench": sum(arm.joint_count for arm in chain.arms.values()), "trunk_link_wrench": bodies}
+    found = {name: np.zeros((len(acting), count, 6)) for name, count in counts.items()}
+    for row, one in enumerate(acting):
+        for name, given in (("link_wrench", one.link_wrenches), ("trunk_link_wrench", one.trunk_link_wrenches)):
+            if given is not None:
+                found[name][row] = given
+    return found if bodies else {"link_wrench": found["link_wrench"]}
+
+
 def _slope(found: Array, at: Stage) -> Array:
     """Return the slope at a stage; the machine took the attitude there for a step's start."""
     slope = found.copy()
@@ -288,16 +310,13 @@ def _slope(found: Array, at: Stage) -> Array:
 
 
 def bases_move(environment: Environment) -> bool:
-    """Return whether bases move, or what acts on the chain changes with time."""
-    return bool(environment.base_motion) or unsteady(environment.inputs)
+    """Return whether bases move, or may do so as what acts on the chain changes with time."""
+    return bool(environment.base_motion) or (unsteady(environment.inputs) and not environment.of_state)
 
 
-def unsteady(given: Inputs | Callable[[float], Inputs]) -> bool:
-    """Return whether inputs move bases, or change with time."""
-    if callable(given):
-        return True
-    moving = ("base_twists", "base_accelerations", "trunk_base_twist", "trunk_base_acceleration")
-    return any(getattr(given, name) is not None for name in moving)
+def unsteady(given: GivenInputs) -> bool:
+    """Return whether inputs move bases, or change with time or state."""
+    return not isinstance(given, Inputs) or any(getattr(given, name) is not None for name in MOVING_BASES)
 
 
 def stepper_for(
@@ -326,7 +345,7 @@ def stepper_for(
         CompileError: a law does what cannot be traced.
     """
     few = steps * (LOOKED_AT if len(Signals(environment.chain).limited) else 1) < WORTH_COMPILING
-    acting = environment.inputs(0.0) if callable(environment.inputs) else environment.inputs
+    acting = _acting_at_first(environment)
     on_links = any(x is not None for x in (acting.link_wrenches, acting.trunk_link_wrenches))
     if (few and not scheme.adaptive) or on_links:
         return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)
@@ -338,6 +357,14 @@ def stepper_for(
             return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)
         return StagewiseStepper.of(environment, controller, generic_rank, scheme, tolerance, law)
     return FusedStepper.of(environment, law, scheme, generic_rank)
+
+
+def _acting_at_first(environment: Environment) -> Inputs:
+    """Return what acts at t = 0; nothing where that depends on the state, for which any wrench has a place."""
+    given = environment.inputs
+    if isinstance(given, Inputs):
+        return given
+    return Inputs() if environment.of_state else cast(Callable[[float], Inputs], given)(0.0)
 
 
 def _moves_trunk_base(environment: Environment, acting: Inputs) -> bool:

@@ -24,6 +24,7 @@ from holdfast.forces.margins import joint_limits
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.model.grasp import WrenchLimits
+from holdfast.simulation.external_inputs import GivenInputs
 from holdfast.simulation.increment import increment_size
 from holdfast.simulation.instant import joint_friction
 from holdfast.simulation.rollout import traced_step
@@ -81,9 +82,11 @@ def step_externals(structure: Structure, law: ControlLaw) -> dict[str, External]
     return externals(inputs, parameters, (), shapes(chain) | own | of_law) | carried
 
 
-def step_schedule(structure: Structure, law: ControlLaw, motions: Motions, tableau: Tableau) -> Schedule:
+def step_schedule(
+    structure: Structure, law: ControlLaw, motions: Motions, acting: GivenInputs | None, tableau: Tableau
+) -> Schedule:
     """Return the schedule of one step."""
-    step = partial(traced_step.step, structure, law, motions, tableau)
+    step = partial(traced_step.step, structure, law, motions, acting, tableau)
     return traced(step_externals(structure, law), step)
 
 
@@ -97,6 +100,7 @@ class StepKernel:
         chain: the chain.
         law: the control law.
         motions: of the bases that move.
+        acting: wrenches that are part of the machine code, besides those of a call.
         carried: shapes of what a system is between two steps.
         externals: the arrays its machine code takes and returns.
         parameters: the chain's own, by the machine code's names.
@@ -110,16 +114,17 @@ class StepKernel:
         generic_rank: int,
         *,
         motions: Motions | None = None,
+        acting: GivenInputs | None = None,
         options: Options | None = None,
         quick: bool = False,
     ) -> None:
         """Take what is to be stepped; compiled at the first step, sooner if `quick`."""
-        self.chain, self.law, self.motions = chain, law, dict(motions or {})
+        self.chain, self.law, self.motions, self.acting = chain, law, dict(motions or {}), acting
         held = 0 <= generic_rank < chain.constraint_row_count
         structure = Structure(chain, replace(options or Options(), held=held))
         externals = step_externals(structure, law)
         friction = hashlib.sha256(joint_friction(chain).tobytes()).hexdigest()
-        moving = exact_fingerprint(self.motions)
+        moving = exact_fingerprint([self.motions, acting])
         what = f"{law.key}/{list(law.parameters.items())}/{len(law.memory)}/{friction}/{moving}"
 
         def compiled(of: str, schedule: Callable[[], Schedule]) -> BatchKernel:
@@ -127,7 +132,7 @@ class StepKernel:
             key = key_of(f"{of}/{what}", structure, "forces", "simulation", "control", "scenario") if known else ""
             return BatchKernel(externals, schedule, key, quick=quick)
 
-        system = structure, law, self.motions
+        system = structure, law, self.motions, acting
         slopes = partial(traced_step.evaluation, *system)
         self._step = compiled(f"step/{tableau.name}", lambda: step_schedule(*system, tableau))
         self._slopes = compiled("evaluation", lambda: traced(externals, slopes))

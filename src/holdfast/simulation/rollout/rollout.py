@@ -20,6 +20,7 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.environment import Environment
+from holdfast.simulation.external_inputs import GivenInputs
 from holdfast.simulation.rollout.arguments import (
     StopMargins,
     call_inputs,
@@ -38,7 +39,7 @@ from holdfast.simulation.rollout.parts import contradicted, subdivided
 from holdfast.simulation.rollout.stiff import stiff_systems
 from holdfast.simulation.rollout.systems import RolloutRecord, RolloutSystems
 from holdfast.simulation.rollout.traced_step import BROKEN, LIMITED, OPEN, SINGULAR, SLIPPED, TOO_LONG
-from holdfast.simulation.rollout.user_functions import Motions, travelling_law, travelling_motion
+from holdfast.simulation.rollout.user_functions import Motions, travelling_inputs, travelling_law, travelling_motion
 from holdfast.simulation.runge_kutta import IMEX, Tableau
 from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.spatial.scalar import Array
@@ -58,6 +59,7 @@ class Rollout:
         scheme: the Runge-Kutta scheme's name.
         generic_rank: rank of the grasp constraint in general, or None while it is not known.
         base_motion: of the bases that move, by arm name.
+        inputs: wrenches that act besides those given to calls; None without.
         options: what the machine code takes.
     """
 
@@ -69,9 +71,10 @@ class Rollout:
         generic_rank: int | None,
         base_motion: Motions,
         options: Options,
+        inputs: GivenInputs | None = None,
     ) -> None:
         self.chain, self.law, self.scheme, self.generic_rank = chain, law, scheme, generic_rank
-        self.base_motion, self.options = base_motion, options
+        self.base_motion, self.options, self.inputs = base_motion, options, inputs
         self._kernels = self._kernels_for(generic_rank)
 
     @property
@@ -84,7 +87,8 @@ class Rollout:
         rank = -1 if generic_rank is None else generic_rank
 
         def of(tableau: Tableau) -> StepKernel:
-            return StepKernel(self.chain, self.law, tableau, rank, motions=self.base_motion, options=self.options)
+            surroundings: Any = {"motions": self.base_motion, "acting": self.inputs, "options": self.options}
+            return StepKernel(self.chain, self.law, tableau, rank, **surroundings)
 
         return {False: of(scheme_of(self.scheme)), True: of(IMEX)}
 
@@ -92,7 +96,8 @@ class Rollout:
         """Return what makes the rollout again: machine code is compiled, or found on disk."""
         law = travelling_law(self.law, self.chain)
         motions = {name: travelling_motion(name, motion) for name, motion in self.base_motion.items()}
-        return Rollout, (self.chain, law, self.scheme, self.generic_rank, motions, self.options)
+        inputs = travelling_inputs(self.inputs, self.chain)
+        return Rollout, (self.chain, law, self.scheme, self.generic_rank, motions, self.options, inputs)
 
     def start(
         self,
@@ -127,7 +132,7 @@ class Rollout:
         """
         every = (q, qd, object_pose, object_twist, floating_pose, floating_twist)
         systems = self._systems_at(state_arguments(self.chain, *every), memory, number("t", t))
-        systems.keep_inputs(call_inputs(self._kernel, given, len(systems)), self.law)
+        systems.keep_inputs(call_inputs(self._kernel, given, len(systems)), self.law, self.inputs)
         return self._started(systems, whole_number("threads", threads))
 
     def take_over(self, systems: RolloutSystems, *, threads: int = 1, **given: Any) -> RolloutSystems:
@@ -166,7 +171,7 @@ class Rollout:
             if x is not None and x.shape == array.shape:
                 array[~begun.running] = x[~begun.running]
         made = RolloutSystems(self.chain, found, begun.t, np.zeros(len(systems)))
-        made.keep_inputs(kept | call_inputs(self._kernel, given, len(systems)), self.law)
+        made.keep_inputs(kept | call_inputs(self._kernel, given, len(systems)), self.law, self.inputs)
         made = self._started(made, whole_number("threads", threads))
         made.arrays["work"][...] = begun.arrays["work"]
         apart = made.running & (made.drift[:, 0] > POSITION_TOLERANCE)
@@ -219,7 +224,7 @@ class Rollout:
         inputs, parameters = kernel_arguments(self._kernel, systems.call_inputs | new)
         self._kernel.require_own(systems.arrays)  # nothing is changed before the last refusal
         systems.set_step_length(lengths)
-        if systems.keep_inputs(new, self.law):  # the slope where the step begins was found under other torques
+        if systems.keep_inputs(new, self.law, self.inputs):  # slopes were found under other torques
             inputs |= _step_inputs(systems, NO_STOPS)
             self._kernel.run(systems.arrays, inputs, parameters, 1, threads, slopes_only=True)
         going = systems.running
@@ -233,7 +238,7 @@ class Rollout:
         if stopped.any():
             wrong = contradicted(
                 systems.copy(stopped),
-                _freed(systems, stopped),
+                systems.freed(stopped),
                 least,
                 lambda some, h: self._advance(some, h, 1, NO_STOPS),
             )
@@ -315,7 +320,7 @@ class Rollout:
 
         Which of both a system does first becomes its status.
         """
-        begin = _freed(at, rows)
+        begin = at.freed(rows)
         low, high, code = np.zeros(len(begin)), np.full(len(begin), step), at.arrays["code"][rows]
         for _ in range(HALVINGS):
             middle, trial = 0.5 * (low + high), begin.copy()
@@ -377,7 +382,7 @@ class Rollout:
         _, parameters = kernel_arguments(self._kernel, systems.call_inputs)
         at = {name: systems.arrays[name] for name in state_fields(self.chain)} | self._kernel.parameters | parameters
         chain, state = system(self.chain, at, row)
-        return Environment(chain, self.base_motion).at(float(systems.t[row]))[0], state
+        return Environment(chain, self.base_motion).chain_at(float(systems.t[row])), state
 
 
 def _step_inputs(systems: RolloutSystems, least: StopMargins) -> dict[str, Array]:
@@ -389,10 +394,3 @@ def _step_inputs(systems: RolloutSystems, least: StopMargins) -> dict[str, Array
         "least_margin": np.array(least[SLIPPED]),
         "least_joint_margin": np.array(least[LIMITED]),
     }
-
-
-def _freed(systems: RolloutSystems, rows: Array) -> RolloutSystems:
-    """Return copies of some systems that go on from where they stand."""
-    found = systems.copy(rows)
-    found.arrays["code"][...] = 0.0
-    return found

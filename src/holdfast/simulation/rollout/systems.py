@@ -30,7 +30,7 @@ class RolloutStatus(Enum):
     LIMITED = "a joint passes a limit of its position, rate or effort within the next step"
 
 
-_ATTRIBUTES = ("chain", "arrays", "begin", "step_length", "call_inputs", "law")
+_ATTRIBUTES = ("chain", "arrays", "begin", "step_length", "call_inputs", "under")
 _STATUSES = np.array(list(RolloutStatus))
 
 
@@ -57,7 +57,7 @@ class RolloutSystems:
         step_length: (systems,) their length [s].
         call_inputs: the arguments of calls so far, by the machine code's names, (1 or systems, ...) each; each acts
             until a call gives it anew.
-        law: the law under which their slopes were found.
+        under: the law and the wrenches under which their slopes were found.
     """
 
     q: Array = _carried("q", "(systems, n) joint positions [rad or m].")
@@ -98,7 +98,7 @@ class RolloutSystems:
     def __init__(self, chain: ClosedChain, arrays: Systems, begin: Array, step_length: Array) -> None:
         self.chain, self.arrays, self.begin, self.step_length = chain, arrays, begin, step_length
         self.call_inputs: dict[str, Array] = {}
-        self.law: object = None
+        self.under: tuple[object, ...] = ()
 
     def __len__(self) -> int:
         return len(self.begin)
@@ -154,16 +154,16 @@ class RolloutSystems:
             self.arrays["count"][changed] = 0.0
             self.step_length = step
 
-    def keep_inputs(self, given: Mapping[str, Array], law: object) -> bool:
+    def keep_inputs(self, given: Mapping[str, Array], *under: object) -> bool:
         """Keep the arguments of a call until they are given anew; return whether anything may act that did not before.
 
         Args:
             given: arrays by the machine code's names, (1 or systems, ...) each.
-            law: the law that acts.
+            under: the law and the wrenches that act besides.
         """
         new = {name: np.array(x) for name, x in given.items() if not np.array_equal(x, self.call_inputs.get(name, ()))}
-        changed = bool(new) or self.law is not law
-        self.call_inputs, self.law = self.call_inputs | new, law
+        changed = bool(new) or [*map(id, self.under)] != [*map(id, under)]
+        self.call_inputs, self.under = self.call_inputs | new, under
         return changed
 
     def copy(self, rows: Any = None) -> RolloutSystems:
@@ -172,8 +172,14 @@ class RolloutSystems:
         arrays = {name: x[which].copy() for name, x in self.arrays.items()}
         made = RolloutSystems(self.chain, arrays, self.begin[which].copy(), self.step_length[which].copy())
         made.call_inputs = {name: x if len(x) == 1 else x[which] for name, x in self.call_inputs.items()}
-        made.law = self.law
+        made.under = self.under
         return made
+
+    def freed(self, rows: Array) -> RolloutSystems:
+        """Return copies of some systems that go on from where they stand."""
+        found = self.copy(rows)
+        found.arrays["code"][...] = 0.0
+        return found
 
     def put(self, rows: Array, other: RolloutSystems) -> None:
         """Set some systems, by number, to others."""
@@ -183,7 +189,7 @@ class RolloutSystems:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is pickled: a law may be a function without a name, and slopes can be found anew."""
-        return vars(self) | {"law": None}
+        return vars(self) | {"under": ()}
 
 
 @dataclass(frozen=True, eq=False)

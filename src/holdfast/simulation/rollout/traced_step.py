@@ -33,10 +33,11 @@ from holdfast.model.grasp_kinds import GRASP_KINDS
 from holdfast.model.wrench_condition import largest_force_and_moment
 from holdfast.simulation.balance import work_rates
 from holdfast.simulation.environment import Environment
+from holdfast.simulation.external_inputs import GivenInputs
 from holdfast.simulation.increment import increment_rate, no_turns, twists
 from holdfast.simulation.instant import WORST_CONDITION, friction_torque, joint_friction, passive_at
 from holdfast.simulation.linearly_implicit import Implicit, with_armature
-from holdfast.simulation.rollout.user_functions import Motions, checked_motion, law_outputs
+from holdfast.simulation.rollout.user_functions import Motions, checked_motion, law_outputs, with_wrenches
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import Arrival, Question, Stage, answered, take_step
 from holdfast.spatial.scalar import (
@@ -114,17 +115,20 @@ class TracedSystem:
     Attributes:
         real: the chain as the caller has it.
         given: the caller's arrays.
-        environment: its chain, parameters in place, and what acts on it.
+        environment: its chain, parameters in place, and what calls say acts on it.
+        acting: what acts on it besides.
         law: its law.
         worst: (2,) the worst condition and status of any evaluation so far.
         conditions: of every evaluation so far.
     """
 
-    def __init__(self, structure: Structure, law: ControlLaw, motions: Motions, given: Given) -> None:
+    def __init__(
+        self, structure: Structure, law: ControlLaw, motions: Motions, acting: GivenInputs | None, given: Given
+    ) -> None:
         self.real, self.law, self.given = structure.chain, law, given
         chain = traced_chain(structure, given)
         moving = {name: checked_motion(name, motion) for name, motion in motions.items()}
-        self.environment = Environment(chain, moving, traced_inputs(chain, given))
+        self.environment, self.acting = Environment(chain, moving, traced_inputs(chain, given)), acting
         self.route: Route = structure.options.route
         self.friction = joint_friction(structure.chain)
         self.worst = np.zeros(2)
@@ -172,7 +176,9 @@ class TracedSystem:
             held = select(self.given["keep_rows"][()] > 0.5, held, np.ones(held.shape))
         drive, kept = law_outputs(self.law, self.real, t, state, memory, self.given)
         lost = friction_torque(self.friction, state.qd)
-        chain, inputs = self.environment.at(t)
+        chain, inputs = self.environment.at(t, state)
+        if self.acting is not None:
+            inputs = with_wrenches(inputs, self.acting, chain, t, state)
         net, solved = drive - lost, chain
         if implicit is not None:
             net, solved = net + implicit.torque, with_armature(chain, implicit.armature)
@@ -200,15 +206,17 @@ class TracedSystem:
         if isinstance(question, Stage):
             found = self.evaluate(t, at, self.last("memory"), False, question.implicit)
             return found.slope(question.turns)
-        chain, inputs = self.environment.at(t)
+        chain, inputs = self.environment.at(t, at)
         closed = after_step(chain, at, inputs, self.held)
         end = State(**{field: select(still, getattr(at, field), getattr(closed, field)) for field in fields.values()})
         return end, [largest_gaps(chain, one, inputs) for one in (at, end)]
 
 
-def step(structure: Structure, law: ControlLaw, motions: Motions, tableau: Tableau, given: Given) -> dict[str, Any]:
+def step(
+    structure: Structure, law: ControlLaw, motions: Motions, acting: GivenInputs | None, tableau: Tableau, given: Given
+) -> dict[str, Any]:
     """Return what a system carries on after one step: `take_step`, refused systems staying where they are."""
-    system = TracedSystem(structure, law, motions, given)
+    system = TracedSystem(structure, law, motions, acting, given)
     times = [system.time(c) for c in (*tableau.c.tolist(), 1.0)]
     passive = passive_at(structure.chain, system.last("qd")) if tableau.implicit else None
     course = take_step(system.state, system.last("slope"), given["step"][()], times, tableau, passive)
@@ -356,9 +364,11 @@ def carried(
     return {f"last.{name}": x for name, x in found.items()}
 
 
-def evaluation(structure: Structure, law: ControlLaw, motions: Motions, given: Given) -> dict[str, Array]:
+def evaluation(
+    structure: Structure, law: ControlLaw, motions: Motions, acting: GivenInputs | None, given: Given
+) -> dict[str, Array]:
     """Return the slope where a system is, under other torques or parameters; the law's memory moves on anew."""
-    system = TracedSystem(structure, law, motions, given)
+    system = TracedSystem(structure, law, motions, acting, given)
     now = system.evaluate(system.time(0.0), system.state, system.last("before"), choose=False)
     on = system.last("code")[()] < 0.5
     return {

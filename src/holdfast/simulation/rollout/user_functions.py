@@ -1,6 +1,6 @@
-"""Functions of the user's that become machine code: control laws and the motions of bases.
+"""Functions of the user's that become machine code: control laws, external wrenches and the motions of bases.
 
-Both are traced to programs. A program also travels to other processes as plain data where a function cannot: a lambda,
+All are traced to programs. A program also travels to other processes as plain data where a function cannot: a lambda,
 or a function made by another, has no name that a second process could find it by.
 """
 
@@ -24,12 +24,14 @@ from holdfast.control.controller import ControlLaw
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.environment import BaseMotion, motion_of
+from holdfast.simulation.external_inputs import GivenInputs, inputs_at, require_wrenches, take_state
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, array, cos, sin, where
-from holdfast.state import State
+from holdfast.state import Inputs, State
 
 Motions = Mapping[str, BaseMotion]  # of the bases that move, by arm name
+WRENCHES = ("object_wrench", "link_wrenches", "trunk_link_wrenches")  # in `Inputs`
 
 
 def law_outputs(
@@ -89,6 +91,45 @@ def checked_motion(name: str, motion: BaseMotion) -> Callable[[Scalar], tuple[Po
     return found
 
 
+def with_wrenches(inputs: Inputs, acting: GivenInputs, chain: ClosedChain, t: Scalar, state: State) -> Inputs:
+    """Return inputs, and the wrenches that act besides, together.
+
+    Args:
+        inputs: what a call gives.
+        acting: what acts besides.
+        chain: what it acts on.
+        t: time [s].
+        state: positions and velocities.
+
+    Raises:
+        StateError: what acts besides moves bases, or has other shapes.
+    """
+    found = inputs_at(acting, take_state(acting), t, state)
+    require_wrenches(found, "of a rollout")
+    own = found.shaped(chain)
+    return replace(inputs, **{name: _sum(getattr(inputs, name), getattr(own, name)) for name in WRENCHES})
+
+
+def _sum(a: Array | None, b: Array | None) -> Array | None:
+    return b if a is None else a if b is None else a + b
+
+
+def travelling_inputs(acting: GivenInputs | None, chain: ClosedChain) -> GivenInputs | None:
+    """Return inputs themselves if they can be pickled, else wrenches of the same meaning that can."""
+    if acting is None or _travels(acting):
+        return acting
+    fields, size = state_fields(chain), shapes(chain)
+    given: list[str] = []
+
+    def outputs(t: Array, *arrays: Array) -> tuple[Array, ...]:
+        state = State(**dict(zip(fields.values(), arrays, strict=True)))
+        found = with_wrenches(Inputs(), acting, chain, t[()], state)
+        given[:] = [name for name in WRENCHES if getattr(found, name) is not None]
+        return tuple(getattr(found, name) for name in given)
+
+    return TracedInputs(trace(outputs, [(), *(size[name] for name in fields)]), tuple(given))
+
+
 def travelling_law(law: ControlLaw, chain: ClosedChain) -> ControlLaw:
     """Return the law itself if it can be pickled, else one of the same meaning that can."""
     if _travels(law.torque):
@@ -122,9 +163,7 @@ class TracedTorque:
 
     def __call__(self, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
         """Return the torques (n,) and the memory (m,)."""
-        every = (state.q, state.qd, state.object_pose, state.object_twist, state.base_pose, state.base_twist)
-        parts = [part for part in every if part is not None]
-        torques, kept = replayed(self.program, t, *parts, memory, *(given[name] for name in self.parameters))
+        torques, kept = replayed(self.program, t, *_parts(state), memory, *(given[name] for name in self.parameters))
         return torques, kept
 
 
@@ -142,6 +181,30 @@ class TracedMotion:
         """Return pose, twist and acceleration at a time [s]."""
         R, p, twist, acceleration = replayed(self.program, t)
         return Pose.unchecked(R, p), twist, acceleration
+
+
+@dataclass(frozen=True, eq=False)
+class TracedInputs:
+    """External wrenches: (t, state) -> Inputs.
+
+    Attributes:
+        program: takes t and the state's arrays; returns the wrenches.
+        given: the fields of `Inputs` that these are, in order.
+    """
+
+    program: Program
+    given: tuple[str, ...]
+
+    def __call__(self, t: Scalar, state: State) -> Inputs:
+        """Return the wrenches at a time [s] in a state."""
+        found = replayed(self.program, t, *_parts(state))
+        return Inputs(**dict(zip(self.given, found, strict=True)))
+
+
+def _parts(state: State) -> list[Array]:
+    """Return a state's arrays, in the order of `state_fields`."""
+    every = (state.q, state.qd, state.object_pose, state.object_twist, state.base_pose, state.base_twist)
+    return [part for part in every if part is not None]
 
 
 def replayed(program: Program, *arrays: Any) -> list[Array]:
