@@ -1,0 +1,105 @@
+"""The public benchmarks, each script as it stands: its figures are the published ones, and exact ones where known."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import mpmath
+import numpy as np
+import pytest
+
+import holdfast as hf
+from tests.systems.n_four_bar import passing_times
+
+FOLDER = Path(__file__).parents[2] / "examples" / "benchmarks"
+
+
+def script(name: str) -> ModuleType:
+    """Return an example as a module."""
+    spec = importlib.util.spec_from_file_location(f"benchmark_{name}", FOLDER / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_all_are_listed():
+    """Four scripts, none longer than 120 lines, each in the table of the folder above."""
+    names = sorted(path.stem for path in FOLDER.glob("*.py"))
+    assert names == ["andrews", "bricard", "four_bar", "n_four_bar"]
+    table = (FOLDER.parent / "README.md").read_text()
+    for name in names:
+        assert f"](benchmarks/{name}.py)" in table
+        assert len((FOLDER / f"{name}.py").read_text().splitlines()) <= 120, name
+
+
+def test_four_bar(capsys):
+    """The published angle and eigenvalues to 1e-9, and those of the one equation of the linkage in 30 digits."""
+    four_bar = script("four_bar")
+    found = four_bar.main()
+    assert capsys.readouterr().out.count("published") == 3
+    assert found["angle"] == pytest.approx(four_bar.ANGLE, abs=1e-10)
+    for name, published in (("spring", four_bar.SPRING), ("damper", four_bar.DAMPER)):
+        assert abs(found[name] - published) < 1e-9
+
+    mp = mpmath.mp.clone()
+    mp.dps = 30
+
+    def length(x):
+        return 2 * mp.cos(x / 2)
+
+    def energy(x):
+        return 2 * mp.mpf("9.81") * mp.sin(x) + mp.mpf(25) / 2 * (length(x) - mp.sqrt(2)) ** 2
+
+    angle, inertia = mp.findroot(lambda x: mp.diff(energy, x), 2.234), mp.mpf(5) / 3
+    stiffness, resistance = mp.diff(energy, angle, 2) / inertia, mp.diff(length, angle) ** 2 / inertia
+    assert found["angle"] == pytest.approx(float(angle), abs=1e-13)
+    assert found["spring"].imag == pytest.approx(float(mp.sqrt(stiffness)), abs=1e-11)
+    assert found["damper"].real == pytest.approx(float(-resistance / 2), abs=1e-11)
+    assert found["damper"].imag == pytest.approx(float(mp.sqrt(stiffness - resistance**2 / 4)), abs=1e-11)
+
+
+def test_andrews(capsys):
+    """The published angles within 1e-9 of the largest, and the published accelerations at the start to 1e-13."""
+    andrews = script("andrews")
+    chain, state = andrews.andrews()
+    tau, _ = andrews.motor(0.0, state, None)
+    start = hf.forward_dynamics(chain, state, tau)
+    assert start.qdd[0] == pytest.approx(14222.4439199541138705911625887, rel=1e-13)
+    assert start.object_acceleration[2] == pytest.approx(14222.44391995411387 - 10666.83293996558540, rel=1e-13)
+    assert np.abs(start.qdd[1:]).max() < 1e-9
+    found = andrews.main()
+    assert capsys.readouterr().out.count("published") == 7
+    off = [abs(found[name] - end) for name, end in zip(andrews.NAMES, andrews.END, strict=True)]
+    assert max(off) < 1e-9 * np.abs(andrews.END).max()
+
+
+def test_bricard(capsys):
+    """The printed sum, of a scheme of second order, to 5e-6; a freedom and a redundant row; energy is kept."""
+    found = script("bricard").main()
+    assert "freedoms 1, redundant rows 1" in capsys.readouterr().out
+    assert found["mobility"] == found["redundant"] == 1
+    assert found["sum"] == pytest.approx(4.172189649307425, abs=5e-6)
+    assert found["energy_error"] < 1e-13 * found["kinetic"]
+    assert found["gap"] < 1e-14
+
+
+def test_n_four_bar_folds(capsys):
+    """Two flat postures, where two more freedoms open, are passed when the parallelogram's one equation says so."""
+    run = script("n_four_bar").main(2.0)
+    assert "2 times flat" in capsys.readouterr().out
+    assert run.stopped is None
+    assert [(one.rank, one.generic_rank) for one in run.occurrences] == [(10, 12)] * 2
+    assert np.abs(np.array([one.t for one in run.occurrences]) - passing_times(3, 2)).max() < 1e-9
+    assert np.ptp(run.kinetic + run.potential) < 1e-10
+
+
+@pytest.mark.long
+def test_n_four_bar():
+    """After ten seconds within 5e-8 m of what the published places tend to."""
+    n_four_bar = script("n_four_bar")
+    run = n_four_bar.main()
+    assert run.stopped is None and len(run.occurrences) == 10
+    assert np.abs([np.cos(run.q[-1, 0]), np.sin(run.q[-1, 0])] - n_four_bar.limit()).max() < 5e-8
