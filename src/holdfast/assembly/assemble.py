@@ -10,6 +10,7 @@ import numpy as np
 
 from holdfast.assembly.limits import asked_reach, longest_reach, room_left, with_room
 from holdfast.assembly.nearest_posture import distance, nearest_posture
+from holdfast.assembly.on_trunk import brought_on_trunk
 from holdfast.assembly.reaching_postures import reaching_postures
 from holdfast.assembly.report import AssemblyReport, assembly_report
 from holdfast.assembly.slack import with_slack_bushings
@@ -21,6 +22,7 @@ from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import STANDARD_GRAVITY, ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
+from holdfast.model.trunk import Trunk
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -58,6 +60,9 @@ def assemble(
     object_pose: Any = None,
     q: Mapping[str, Any] | None = None,
     gravity: Any = STANDARD_GRAVITY,
+    trunk: Trunk | None = None,
+    mounts: Mapping[str, Any] | None = None,
+    base_pose: Any = None,
 ) -> Assembly:
     """Return the chain, and the closed state whose arms are nearest to their preferred postures.
 
@@ -68,36 +73,50 @@ def assemble(
     if none is given; a local minimum, the best of those that a fixed list of starts leads to,
     so the same input gives the same state. Joints keep 2 % of their range away from their limits,
     as far as their preferred positions do; only where nothing closes so do they go to the limits.
-    Bushings come out slack. Collisions are not checked. Tenths of a second; seconds where nothing closes.
+    Bushings come out slack. A trunk stands in its preferred posture while the arms are brought to the object; where they
+    cannot reach from there, in the nearest one found from which they can. Collisions are not checked. Tenths of a
+    second; seconds where nothing closes.
 
     Args:
         arms: arm by name, mounted (`arm.at(pose)`).
         held_object: the object.
         grasps: grasp by arm name.
         object_pose: where the object is (a Pose or wxyz_xyz); None: found.
-        q: preferred joint positions by arm name [rad or m]; where missing, a built-in robot's
+        q: preferred joint positions by arm name, or "trunk" [rad or m]; where missing, a built-in robot's
             home posture, or the middle of the joint limits.
         gravity: (3,) world axes [m/s^2].
+        trunk: what arms stand on, as for `ClosedChain`.
+        mounts: on which of its links, by arm name.
+        base_pose: where a trunk's floating base is, and stays; None: at the world's origin.
 
     Raises:
         ModelError: parts that cannot be put together, or neither grasps nor an object pose.
         StateError: preferred positions of the wrong length.
         ClosureError: an arm cannot reach its grasp: which, by how much, and what to try.
     """
-    whole = ClosedChain(arms, held_object, grasps, gravity)
+    whole = ClosedChain(arms, held_object, grasps, gravity, trunk, mounts or {})
     chain = with_slack_bushings(whole)
-    preferred = preferred_postures(chain, q)
     given = None if object_pose is None else checks.pose(object_pose, "object_pose")
     if given is None and not chain.grasps:
         raise ModelError("assemble: expected at least one grasp to find the object's pose, got none; try object_pose=")
+    if chain.trunk is not None:
+        return Assembly(whole, brought_on_trunk(chain, q, given, base_pose, partial(_brought, given)))
+    if base_pose is not None:
+        raise ModelError("assemble: base_pose: expected none without a trunk that floats; try arm.at(pose)")
+    return Assembly(whole, _brought(given, chain, q))
+
+
+def _brought(given: Pose | None, chain: ClosedChain, q: Mapping[str, Any] | None) -> State:
+    """Return the closed state of arms on bases of their own, the object where it is given."""
+    preferred = preferred_postures(chain, q)
     if given is None:
-        return Assembly(whole, _nearest(chain, preferred, _starts_somewhere, hold_object=False))
+        return _nearest(chain, preferred, _starts_somewhere, hold_object=False)
     _require_reach(chain, given)
     at = np.concatenate([np.clip(preferred[name], *arm.position_limits.T) for name, arm in chain.arms.items()])
     for name, grasp in chain.grasps.items():  # the object is held: each arm is alone
-        alone = ClosedChain({name: chain.arms[name]}, held_object, {name: grasp}, gravity)
+        alone = ClosedChain({name: chain.arms[name]}, chain.held_object, {name: grasp}, chain.gravity)
         at[chain.joints[name]] = _nearest(alone, preferred, partial(_starts_around, given), hold_object=True).q
-    return Assembly(whole, State(at, 0 * at, given.wxyz_xyz))
+    return State(at, 0 * at, given.wxyz_xyz)
 
 
 def _starts_around(object_pose: Pose, chain: ClosedChain, preferred: Mapping[str, Array]) -> Iterator[Iterable[State]]:

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from holdfast.assembly.limits import asked_reach, longest_reach
+from holdfast.assembly.on_trunk import on_own_bases
 from holdfast.dynamics.consistency import closure
 from holdfast.dynamics.rank import constraint_rank
-from holdfast.model.closed_chain import ClosedChain, require_own_bases
+from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.tip_direction import advice_for, tip_angle
 from holdfast.spatial.frozen import Frozen
 from holdfast.state import State
@@ -70,14 +71,40 @@ class ArmReport(Frozen):
 
 
 @dataclass(frozen=True)
+class TrunkReport(Frozen):
+    """How a trunk stands.
+
+    Attributes:
+        joint: the joint nearest to a limit; "" if none has limits.
+        margin: how far that joint is from it [rad or m]; infinite if none has limits.
+        unit: "rad" or "m", of the margin.
+        floats: whether its base is free.
+    """
+
+    joint: str
+    margin: float
+    unit: str
+    floats: bool
+
+    def __str__(self) -> str:
+        base = "a base that floats" if self.floats else "a base in the world"
+        if not self.joint:
+            return f"trunk: {base}, no joint limits"
+        at = "stands at its limit" if self.margin <= AT_LIMIT else f"nearest to a limit ({self.margin:.3g} {self.unit})"
+        return f"trunk: {base}, {self.joint} {at}"
+
+
+@dataclass(frozen=True)
 class AssemblyReport(Frozen):
     """How a closed chain stands.
 
     Attributes:
         arms: arm by arm.
-        mobility: dimension of the velocities that the grasps allow, n + 6 - rank of K [J, -A].
+        mobility: dimension of the velocities that the grasps allow, n + 6 - rank of K [J, -A]; six more of a base that
+            floats.
         rank: independent rows of the grasp constraint.
         rows: all its rows, six a grasp.
+        trunk: what they stand on; None without one.
         not_checked: what may still be wrong.
     """
 
@@ -85,6 +112,7 @@ class AssemblyReport(Frozen):
     mobility: int
     rank: int
     rows: int
+    trunk: TrunkReport | None = None
     not_checked: tuple[str, ...] = (
         "collisions between arms, object and surroundings",
         "whether the drives can bear the load",
@@ -92,7 +120,7 @@ class AssemblyReport(Frozen):
     )
 
     def __str__(self) -> str:
-        lines = [str(arm) for arm in self.arms]
+        lines = [*([] if self.trunk is None else [str(self.trunk)]), *map(str, self.arms)]
         lines += [f"  note: {arm.name}: {arm.tip_note}" for arm in self.arms if arm.tip_note]
         lines.append(f"mobility {self.mobility}, rank {self.rank} of {self.rows}")
         if self.rank < self.rows:
@@ -111,15 +139,28 @@ def assembly_report(chain: ClosedChain, state: State) -> AssemblyReport:
     Raises:
         StateError: a state of another chain.
     """
-    require_own_bases(chain, "assembly_report")
     gaps = {name: float(np.abs(gap.position).max(initial=0.0)) for name, gap in closure(chain, state).items()}
-    rank = constraint_rank(chain, state)
+    rank, (alone, there) = constraint_rank(chain, state), on_own_bases(chain, state)
     return AssemblyReport(
-        tuple(_arm_report(chain, state, name, gaps.get(name)) for name in chain.arms),
-        chain.joint_count + 6 + chain.contact_freedom_count - rank,
+        tuple(_arm_report(alone, there, name, gaps.get(name)) for name in chain.arms),
+        chain.velocity_count + chain.contact_freedom_count - rank,
         rank,
         chain.constraint_row_count,
+        _trunk_report(chain, state),
     )
+
+
+def _trunk_report(chain: ClosedChain, state: State) -> TrunkReport | None:
+    if chain.trunk is None:
+        return None
+    q, joints = state.q[chain.joints[TRUNK]], chain.trunk.joints
+    margins = [min(x - low, high - x) for x, (low, high) in zip(q, (j.position_limits for j in joints), strict=True)]
+    nearest = int(np.argmin(margins)) if margins else 0
+    if not margins or not np.isfinite(margins[nearest]):
+        return TrunkReport("", np.inf, "rad", chain.floats)
+    joint = joints[nearest]
+    unit = "rad" if joint.turns else "m"
+    return TrunkReport(joint.name or f"joint {nearest + 1}", float(margins[nearest]), unit, chain.floats)
 
 
 def _arm_report(chain: ClosedChain, state: State, name: str, gap: float | None) -> ArmReport:

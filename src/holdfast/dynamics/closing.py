@@ -33,6 +33,7 @@ def close(
     guess: State,
     *,
     hold_object: bool = False,
+    hold_trunk: bool = True,
     hold_base: bool = False,
     limits: bool = True,
     inputs: Inputs | None = None,
@@ -47,6 +48,7 @@ def close(
         chain: the chain.
         guess: positions and velocities to stay near.
         hold_object: keep the object's pose and twist, and those of a trunk; move the arms only.
+        hold_trunk: False: with the object held, a trunk may move as well.
         hold_base: keep pose and twist of a floating base.
         limits: keep joints within their position limits.
         inputs: base motion, if the bases move.
@@ -60,12 +62,15 @@ def close(
         low, high = np.full_like(low, -np.inf), np.full_like(high, np.inf)
     # the object where it is: a turn by nothing may cost the last bit
     state = replace(guess, q=np.clip(guess.q, low, high))
-    if hold_object:
+    alone = hold_object and (hold_trunk or chain.trunk is None)
+    if alone:
         state = _arms_brought(chain, state, low, high)
     else:
-        state = _brought_together(chain, state, low, high, hold_base=hold_base)
+        held = _held_columns(chain, hold_object=hold_object, hold_trunk=False, hold_base=hold_base)
+        state = _brought_together(chain, state, low, high, held)
     _require_reached(chain, state)
-    return project_velocity(chain, state, hold_object=hold_object, hold_base=hold_base, inputs=inputs)
+    held = _held_columns(chain, hold_object=hold_object, hold_trunk=alone, hold_base=hold_base)
+    return _with_velocities(chain, state, held, inputs)
 
 
 def project_velocity(
@@ -92,34 +97,38 @@ def project_velocity(
         StateError: a state or inputs of the wrong shape for the chain.
     """
     state.fits(chain)
+    held = _held_columns(chain, hold_object=hold_object, hold_trunk=hold_object, hold_base=hold_base)
+    return _with_velocities(chain, state, held, inputs)
+
+
+def _with_velocities(chain: ClosedChain, state: State, hold: Array, inputs: Inputs | None) -> State:
+    """Return the state with the nearest velocities that keep every grasp, some coordinates held; see above."""
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), (inputs or Inputs()).shaped(chain))
     if not any(c.rows for c in motion.contacts):
         return state
     n, sizes = chain.joint_count, coordinate_sizes(motion)
     gap = np.concatenate([c.velocity_gap for c in motion.contacts])
-    hold = _held_columns(chain, hold_object=hold_object, hold_base=hold_base)
     U, s, Vt = np.linalg.svd(_velocity_rows(motion, hold), full_matrices=False)
     rank = int((s > NULL_SINGULAR_VALUE * s[0]).sum())
     position_gap = np.abs(_position_gaps(motion, state)).max(initial=0.0)
     if rank > 0 and s[rank - 1] < NULL_PER_GAP * position_gap * s[0]:
         # a row that follows from others does so where the grasps are closed; beside it, it would stop the motion
         free = np.full(n, np.inf)
-        closed = chain_at_rest(chain, _brought_together(chain, state, -free, free))
+        none = np.zeros(chain.velocity_count, dtype=bool)
+        closed = chain_at_rest(chain, _brought_together(chain, state, -free, free, none))
         there = np.linalg.svd(_velocity_rows(closed, hold), compute_uv=False)
         rank = min(rank, int((there > NULL_SINGULAR_VALUE * there[0]).sum()))
     step = sizes * (Vt[:rank].T @ ((U[:, :rank].T @ gap) / s[:rank]))
     return quickened(state, Change(step[:n], step[n : n + 6], step[n + 6 :] if chain.floats else None))
 
 
-def _held_columns(chain: ClosedChain, *, hold_object: bool, hold_base: bool = False) -> Array:
+def _held_columns(chain: ClosedChain, *, hold_object: bool, hold_trunk: bool, hold_base: bool) -> Array:
     """Return which columns of `ConstraintRows.matrix` are kept from moving, (n + 6,) or (n + 12,) booleans."""
     n, held = chain.joint_count, np.zeros(chain.velocity_count, dtype=bool)
-    if hold_object:
-        held[n:] = True
-        if chain.trunk is not None:
-            held[chain.joints[TRUNK]] = True
-    if hold_base:
-        held[n + 6 :] = True
+    held[n : n + 6] = hold_object
+    held[n + 6 :] = hold_base or hold_trunk
+    if chain.trunk is not None:
+        held[chain.joints[TRUNK]] = hold_trunk
     return held
 
 
@@ -135,15 +144,13 @@ def _arms_brought(chain: ClosedChain, state: State, low: Array, high: Array) -> 
         part = chain.joints[name]
         alone = ClosedChain({name: arms[name].arm}, chain.held_object, {name: grasp})
         start = State(q[part], state.qd[part], state.object_pose)
-        q[part] = _brought_together(alone, start, low[part], high[part], hold_object=True).q
+        held = np.arange(alone.velocity_count) >= alone.joint_count
+        q[part] = _brought_together(alone, start, low[part], high[part], held).q
     return replace(state, q=q)
 
 
-def _brought_together(
-    chain: ClosedChain, state: State, low: Array, high: Array, *, hold_object: bool = False, hold_base: bool = False
-) -> State:
-    """Return the state with the grasps closed, as far as they can be."""
-    held = _held_columns(chain, hold_object=hold_object, hold_base=hold_base)
+def _brought_together(chain: ClosedChain, state: State, low: Array, high: Array, held: Array) -> State:
+    """Return the state with the grasps closed, as far as they can be; coordinates that are held stay."""
     motion, gap = _gap(chain, state)
     damping = 1e-6
     for _ in range(MAX_ITERATIONS):

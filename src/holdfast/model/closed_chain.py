@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from holdfast.errors import MethodNotApplicable, ModelError
+from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.fingerprint import ADDED
@@ -200,20 +200,3 @@ class ClosedChain(Frozen):
         if name not in self.grasps:
             raise ModelError(f"grasp '{name}': no such grasp.{checks.did_you_mean(name, self.grasps)}")
         return replace(self, grasps={n: g for n, g in self.grasps.items() if n != name})
-
-
-def require_own_bases(chain: ClosedChain, what: str) -> None:
-    """Refuse a chain whose arms stand on a trunk, for what does not cover trunks yet.
-
-    Args:
-        chain: the chain.
-        what: what was asked for.
-
-    Raises:
-        MethodNotApplicable: naming it, and what there is.
-    """
-    if chain.trunk is not None:
-        raise MethodNotApplicable(
-            f"{what}: expected arms on bases of their own, got a chain with a trunk, which is not covered yet; the"
-            " reference's dynamics, simulate, rollouts, controllers and compiled forward dynamics are"
-        )

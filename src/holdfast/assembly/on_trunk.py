@@ -1,0 +1,109 @@
+"""Arms on a trunk brought together: the trunk in its preferred posture, or in one from which they reach."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from holdfast.assembly.starts import preferred_posture, preferred_postures, starting_postures
+from holdfast.dynamics.closing import close
+from holdfast.dynamics.trunk.trunk_motion import standing
+from holdfast.errors import ClosureError, ModelError, StateError
+from holdfast.model import checks
+from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+from holdfast.state import Inputs, State
+
+STARTS = 12  # postures of a trunk that it is moved from, if the arms do not reach from the preferred one
+ENOUGH = 3  # found from which they do, to try the nearest first
+
+# a chain of arms on bases of their own, and their preferred postures -> a closed state of it
+Bring = Callable[[ClosedChain, Mapping[str, Any]], State]
+
+
+def on_own_bases(chain: ClosedChain, state: State) -> tuple[ClosedChain, State]:
+    """Return the arms of a chain on bases that stand where its trunk has them, and the state without the trunk."""
+    if chain.trunk is None:
+        return chain, state
+    arms = dict(zip(chain.names, standing(chain, state, Inputs().shaped(chain)).arms, strict=True))
+    alone = ClosedChain(arms, chain.held_object, chain.grasps, chain.gravity)
+    first = chain.joint_count - alone.joint_count
+    return alone, State(state.q[first:], state.qd[first:], state.object_pose, state.object_twist)
+
+
+def brought_on_trunk(
+    chain: ClosedChain, q: Mapping[str, Any] | None, object_pose: Pose | None, base_pose: Any, bring: Bring
+) -> State:
+    """Return a closed state of a chain with a trunk, at rest.
+
+    Args:
+        chain: the chain.
+        q: preferred joint positions by arm name, and of "trunk".
+        object_pose: where the object is; None: found.
+        base_pose: where a floating base is, and stays; None: at the world's origin.
+        bring: brings arms on bases of their own together.
+
+    Raises:
+        ModelError: a pose of a base that does not float.
+        StateError: preferred positions of the wrong length.
+        ClosureError: no posture of the trunk is found from which every arm reaches its grasp.
+    """
+    given = dict(q) if isinstance(q, Mapping) else q
+    own = given.pop(TRUNK, None) if isinstance(given, dict) else None
+    wanted, preferred = _trunk_posture(chain, own), preferred_postures(chain, given)
+    if base_pose is not None and not chain.floats:
+        raise ModelError("assemble: base_pose: expected none, as the trunk's base does not float; try trunk.base")
+    base = (Pose.identity() if base_pose is None else checks.pose(base_pose, "base_pose")) if chain.floats else None
+    place = Pose.identity() if object_pose is None else object_pose
+    guess = State(np.concatenate([wanted, *preferred.values()]), np.zeros(chain.joint_count), place, base_pose=base)
+    try:
+        return _arms_brought(chain, guess, preferred, bring)
+    except ClosureError as cause:
+        for moved in _trunk_moved(chain, guess, object_pose is not None):
+            try:
+                return _arms_brought(chain, moved, preferred, bring)
+            except ClosureError:
+                continue
+        raise ClosureError(f"{cause} (the trunk in its preferred posture; no other was found to help)") from cause
+
+
+def _trunk_posture(chain: ClosedChain, given: Any) -> Array:
+    """Return the trunk's preferred joint positions: those given, or the middle of the limits; 0 without any."""
+    assert chain.trunk is not None
+    if given is not None:
+        return checks.numbers(given, (chain.trunk.joint_count,), f"q of '{TRUNK}'", StateError)
+    serial = chain.trunk.serial
+    return np.zeros(0) if serial is None else preferred_posture(serial)
+
+
+def _arms_brought(chain: ClosedChain, at: State, preferred: Mapping[str, Any], bring: Bring) -> State:
+    """Return the state with the arms brought to the object while the trunk stays."""
+    found = bring(on_own_bases(chain, at)[0], preferred)
+    first = chain.joint_count - len(found.q)
+    q = np.concatenate([at.q[:first], found.q])
+    return State(q, 0.0 * q, found.object_pose, base_pose=at.base_pose)
+
+
+def _trunk_moved(chain: ClosedChain, guess: State, hold_object: bool) -> Iterator[State]:
+    """Yield closed states whose trunks have moved too, the nearest to the preferred posture first."""
+    assert chain.trunk is not None
+    serial, own = chain.trunk.serial, chain.joints[TRUNK]
+    if serial is None:
+        return
+    found = []
+    for start in starting_postures(serial, guess.q[own], STARTS):
+        q = np.array(guess.q)
+        q[own] = start
+        try:
+            closed = close(chain, replace(guess, q=q), hold_object=hold_object, hold_trunk=False, hold_base=True)
+        except ClosureError:
+            continue
+        found.append(closed)
+        if len(found) == ENOUGH:
+            break
+    found.sort(key=lambda at: float(np.linalg.norm(at.q[own] - guess.q[own])))
+    yield from found
