@@ -10,7 +10,6 @@ redundant rows.
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -24,11 +23,11 @@ AXES = [Y, Z, X, Y, Z, X]  # of the hinges
 WIDTH = 0.1  # of a rod [m]
 
 
-def rod(i: int, j: int) -> hf.Link:
-    """Return the rod between two hinges, its origin at the first of them; world axes at the start."""
-    along = np.abs(POINTS[j] - POINTS[i])  # a unit vector
-    across = np.diag(1.0 - along)
-    return hf.Link(1.0, (POINTS[j] - POINTS[i]) / 2, (across * (1 + WIDTH**2) + np.diag(along) * 2 * WIDTH**2) / 12)
+def rod(i: int) -> hf.Link:
+    """Return the rod from one hinge to the next, its origin at the first of them; world axes at the start."""
+    way = POINTS[i + 1] - POINTS[i]  # along an axis, 1 m
+    along, across = np.diag(np.abs(way)), np.diag(1.0 - np.abs(way))
+    return hf.Link(1.0, way / 2, (across * (1 + WIDTH**2) + along * 2 * WIDTH**2) / 12)
 
 
 def hinge(i: int, origin: np.ndarray) -> hf.Pose:
@@ -37,23 +36,19 @@ def hinge(i: int, origin: np.ndarray) -> hf.Pose:
     return hf.Pose(np.column_stack([x, y, np.cross(x, y)]), POINTS[i] - origin)
 
 
-def from_ground(*points: int) -> hf.Arm:
-    """Return the arm of rods through some hinges, the first on the ground."""
-    before = [np.zeros(3), *POINTS[list(points)]]
-    joints = [
-        hf.Joint("revolute", AXES[i], hf.Pose.translation(*(POINTS[i] - origin)))
-        for i, origin in zip(points[:-1], before, strict=False)
-    ]
-    return hf.Arm(joints, [rod(i, j) for i, j in pairwise(points)], tip=hinge(points[-1], POINTS[points[-2]]))
-
-
 def bricard() -> tuple[hf.ClosedChain, hf.State]:
-    """Return the mechanism at rest: two rods from either side of the ground, and the object between them."""
-    middle, centre = rod(2, 3), (POINTS[2] + POINTS[3]) / 2
-    grasps = {"left": hf.Grasp("hinge", hinge(2, centre)), "right": hf.Grasp("hinge", hinge(3, centre))}
-    arms = {"left": from_ground(0, 1, 2), "right": from_ground(5, 4, 3)}
-    chain = hf.ClosedChain(arms, hf.HeldObject(middle.mass, middle.inertia), grasps, gravity=(0, -9.81, 0))
-    return chain, hf.State(np.zeros(4), np.zeros(4), hf.Pose.translation(*centre))
+    """Return the mechanism at rest: four rods in a row from the ground, the fifth, the object, hinged to it again."""
+    first = np.vstack([np.zeros(3), POINTS])  # what each hinge is measured from
+    joints = [hf.Joint("revolute", AXES[i], hf.Pose.translation(*(POINTS[i] - first[i]))) for i in range(4)]
+    arms = {
+        "rods": hf.Arm(joints, [rod(i) for i in range(4)], tip=hinge(4, POINTS[3])),
+        "ground": hf.Anchor(hinge(5, np.zeros(3))),
+    }
+    last = rod(4)
+    grasps = {"rods": hf.Grasp("hinge", hinge(4, POINTS[4])), "ground": hf.Grasp("hinge", hinge(5, POINTS[4]))}
+    held = hf.HeldObject(last.mass, last.inertia, last.com)
+    chain = hf.ClosedChain(arms, held, grasps, gravity=(0, -9.81, 0))
+    return chain, hf.State(np.zeros(4), np.zeros(4), hf.Pose.translation(*POINTS[4]))
 
 
 def free(t: float, state: hf.State, memory: Any) -> tuple[np.ndarray, Any]:
@@ -61,22 +56,15 @@ def free(t: float, state: hf.State, memory: Any) -> tuple[np.ndarray, Any]:
     return 0.0 * state.qd, memory
 
 
-def rods(chain: hf.ClosedChain, state: hf.State) -> list[tuple[hf.Pose, np.ndarray]]:
-    """Return the five rods' poses, and where in their axes the benchmark has their origins [m]."""
-    poses = {name: hf.dynamics.link_poses(chain.arms[name], state.q[chain.joints[name]]) for name in chain.names}
-    left, right = ([(pose, np.zeros(3)) for pose in poses["left"]], poses["right"][::-1])
-    first = zip(right, (POINTS[3] - POINTS[4], POINTS[4] - POINTS[5]), strict=True)
-    return [*left, (state.object_frame, (POINTS[2] - POINTS[3]) / 2), *first]
-
-
 def main(duration: float = 1.0) -> dict[str, float]:
     """Print the figures beside the published one, and return them."""
     chain, state = bricard()
     diagnosis = hf.diagnose(chain, state)
     run = hf.simulate(chain, state, free, duration, 2e-2, scheme="dop853", rtol=1e-12)
-    moved = []
-    for (pose, origin), at in zip(rods(chain, run.state(-1)), POINTS, strict=False):
-        moved += [pose.p + pose.R @ origin - at, pose.wxyz_xyz[:4] - np.array([1, 0, 0, 0])]
+    moved, end = [], run.state(-1)
+    rods = [*hf.dynamics.link_poses(chain.arms["rods"], end.q), end.object_frame]
+    for pose, begun in zip(rods, POINTS[:5], strict=True):
+        moved += [pose.p - begun, pose.wxyz_xyz[:4] - np.array([1, 0, 0, 0])]
     redundant = chain.constraint_row_count - diagnosis.rank
     total = float(np.linalg.norm(np.concatenate(moved))) + diagnosis.mobility + redundant
     energy = run.kinetic + run.potential

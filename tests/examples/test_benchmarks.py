@@ -68,8 +68,8 @@ def test_andrews(capsys):
     tau, _ = andrews.motor(0.0, state, None)
     start = hf.forward_dynamics(chain, state, tau)
     assert start.qdd[0] == pytest.approx(14222.4439199541138705911625887, rel=1e-13)
-    assert start.object_acceleration[2] == pytest.approx(14222.44391995411387 - 10666.83293996558540, rel=1e-13)
-    assert np.abs(start.qdd[1:]).max() < 1e-9
+    assert start.qdd[1] == pytest.approx(-10666.8329399655854029433719415, rel=1e-13)
+    assert max(np.abs(start.qdd[2:]).max(), np.abs(start.object_acceleration).max()) < 1e-9
     found = andrews.main()
     assert capsys.readouterr().out.count("published") == 7
     off = [abs(found[name] - end) for name, end in zip(andrews.NAMES, andrews.END, strict=True)]
