@@ -124,3 +124,13 @@ def test_close_with_a_trunk_that_moves():
     assert np.abs(state.qd[:2]).max() > 1e-3 and not state.object_twist.any()
     held = hf.close(chain, guess, hold_object=True)
     assert held.q[:2].tolist() == HOME and held.qd[:2] == pytest.approx([1.0, 1.0])
+
+
+def test_with_an_anchor_on_the_trunk():
+    """One corner of the tray is pinned to the torso, which turns with both: the arm is brought to it there."""
+    arms = {"left": ARMS["left"], "pin": hf.Anchor(hf.Pose.translation(0.5, -0.1, 0.6))}
+    grasps = {"left": GRASPS["left"], "pin": hf.Grasp("ball", hf.Pose.translation(0, -0.2, -0.05))}
+    found = hf.assemble(arms, TRAY, grasps, q={"trunk": HOME}, trunk=TORSO, mounts={"left": 1, "pin": 1})
+    assert gap(found) < 1e-10 and found.state.q[:2].tolist() == HOME
+    assert "pin: an anchor, closed to" in str(found.report)
+    assert found.report.mobility == hf.diagnose(*found).mobility
