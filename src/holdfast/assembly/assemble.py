@@ -73,9 +73,9 @@ def assemble(
     if none is given; a local minimum, the best of those that a fixed list of starts leads to,
     so the same input gives the same state. Joints keep 2 % of their range away from their limits,
     as far as their preferred positions do; only where nothing closes so do they go to the limits.
-    Bushings come out slack. A trunk stands in its preferred posture while the arms are brought to the object; where they
-    cannot reach from there, in the nearest one found from which they can. Collisions are not checked. Tenths of a
-    second; seconds where nothing closes.
+    Bushings come out slack. A trunk stands in its preferred posture while the arms are brought to the object; where
+    they cannot reach from there, in the nearest one found from which they can. Collisions are not checked. Tenths of
+    a second; seconds where nothing closes.
 
     Args:
         arms: arm by name, mounted (`arm.at(pose)`).
