@@ -13,6 +13,7 @@ from holdfast.assembly.nearest_posture import distance, nearest_posture
 from holdfast.assembly.on_trunk import brought_on_trunk
 from holdfast.assembly.reaching_postures import reaching_postures
 from holdfast.assembly.report import AssemblyReport, assembly_report
+from holdfast.assembly.slack import with_slack_bushings
 from holdfast.assembly.starts import object_guesses, preferred_postures, starting_postures
 from holdfast.dynamics.closing import close
 from holdfast.errors import ClosureError, ModelError
@@ -72,9 +73,9 @@ def assemble(
     if none is given; a local minimum, the best of those that a fixed list of starts leads to,
     so the same input gives the same state. Joints keep 2 % of their range away from their limits,
     as far as their preferred positions do; only where nothing closes so do they go to the limits.
-    Collisions are not checked. A trunk stands in its preferred posture while the arms are brought to the object; where
-    they cannot reach from there, in the nearest one found from which they can. Tenths of a second; seconds where
-    nothing closes.
+    Bushings come out slack. A trunk stands in its preferred posture while the arms are brought to the object; where
+    they cannot reach from there, in the nearest one found from which they can. Collisions are not checked. Tenths of
+    a second; seconds where nothing closes.
 
     Args:
         arms: arm by name, mounted (`arm.at(pose)`).
@@ -93,15 +94,16 @@ def assemble(
         StateError: preferred positions of the wrong length.
         ClosureError: an arm cannot reach its grasp: which, by how much, and what to try.
     """
-    chain = ClosedChain(arms, held_object, grasps, gravity, trunk, mounts or {})
+    whole = ClosedChain(arms, held_object, grasps, gravity, trunk, mounts or {})
+    chain = with_slack_bushings(whole)
     given = None if object_pose is None else checks.pose(object_pose, "object_pose")
     if given is None and not chain.grasps:
         raise ModelError("assemble: expected at least one grasp to find the object's pose, got none; try object_pose=")
     if chain.trunk is not None:
-        return Assembly(chain, brought_on_trunk(chain, q, given, base_pose, partial(_brought, given)))
+        return Assembly(whole, brought_on_trunk(chain, q, given, base_pose, partial(_brought, given)))
     if base_pose is not None:
         raise ModelError("assemble: base_pose: expected none without a trunk that floats; try arm.at(pose)")
-    return Assembly(chain, _brought(given, chain, q))
+    return Assembly(whole, _brought(given, chain, q))
 
 
 def _brought(given: Pose | None, chain: ClosedChain, q: Mapping[str, Any] | None) -> State:

@@ -139,7 +139,7 @@ def assembly_report(chain: ClosedChain, state: State) -> AssemblyReport:
     Raises:
         StateError: a state of another chain.
     """
-    gaps = {name: float(np.abs(gap.position).max()) for name, gap in closure(chain, state).items()}
+    gaps = {name: float(np.abs(gap.position).max(initial=0.0)) for name, gap in closure(chain, state).items()}
     rank, (alone, there) = constraint_rank(chain, state), on_own_bases(chain, state)
     return AssemblyReport(
         tuple(_arm_report(alone, there, name, gaps.get(name)) for name in chain.arms),

@@ -121,12 +121,14 @@ def _named(meta: ResultMeta) -> ClosedChain:
     grasp_kinds: dict[str, Any] = dict(meta.grasps)
     threaded = {name for name, row in GRASP_KINDS.items() if row.threaded}
     by_hand = {name for name, row in GRASP_KINDS.items() if row.by_hand}
+    compliant = {name for name, row in GRASP_KINDS.items() if row.compliant}
     grasps = {
         name: Grasp(
             kind,
             Pose.identity(),
             pitch=1.0 if kind in threaded else None,
             motion=np.eye(6)[:, :1] if kind in by_hand else None,
+            stiffness=np.zeros(6) if kind in compliant else None,
         )
         for name, kind in grasp_kinds.items()
     }

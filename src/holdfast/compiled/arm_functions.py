@@ -60,6 +60,7 @@ class Computation:
         by_links: whether the links' inertias matter.
         acting: whether wrenches on the links do.
         closes: whether it returns a state, its arrays named with `CLOSED`.
+        elastic: whether what bushings store matters.
     """
 
     inputs: tuple[str, ...]
@@ -71,11 +72,16 @@ class Computation:
     by_links: bool = True
     acting: bool = False
     closes: bool = False
+    elastic: bool = False
 
     def structure(self, chain: ClosedChain, options: Options) -> Structure:
         """Return the chain as this computation sees it; options that do not matter are left out."""
         own = Options("auto", options.link_inertia and self.by_links, options.link_wrenches and self.acting, True)
-        return Structure(chain, own, self.by_grasp, self.by_links)
+        return Structure(chain, own, self.by_grasp or self._by_bushings(chain), self.by_links)
+
+    def _by_bushings(self, chain: ClosedChain) -> bool:
+        """Return whether it depends on the grasps of this chain because bushings are among them."""
+        return self.elastic and bool(chain.bushings)
 
     def externals(self, structure: Structure) -> dict[str, External]:
         """Return the arrays it takes and returns."""
@@ -84,6 +90,7 @@ class Computation:
         if options.link_wrenches:
             inputs += ["link_wrench", *(["trunk_link_wrench"] if chain.trunk is not None else ())]
         parameters += LINKS if options.link_inertia else ()
+        parameters += ("grasp_R", "grasp_p") if self._by_bushings(chain) else ()
         inputs += self.of_base(chain)
         if chain.trunk is not None and self.parameters:
             parameters += [name for name in ("base_R", "base_p") if name not in parameters]
@@ -139,6 +146,8 @@ def _closure(chain: ClosedChain, x: Given) -> Found:
     origin = state.object_frame.p
 
     def parts(c: Contact, tip: Pose) -> tuple[Array, Array, Array]:
+        if not c.rows:
+            return np.zeros(0), np.zeros(0), c.velocity_gap
         seen = tip_from_contact(c, origin + c.origin, tip)
         attitude = seen.R.ravel() if c.grasp.of_kind.closed_angles else np.zeros(0)
         return attitude, -seen.p, c.velocity_gap
@@ -201,7 +210,7 @@ COMPUTATIONS: dict[str, Computation] = {
         _closure,
         {
             "attitude": lambda _, kind: 9 if kind and kind.closed_angles else 0,
-            "shift": lambda _, kind: 3 if kind else 0,
+            "shift": lambda _, kind: 3 if kind and kind.transmitted else 0,
             "velocity": lambda _, kind: len(kind.transmitted) if kind else 0,
         },
         by_grasp=True,
@@ -218,6 +227,7 @@ COMPUTATIONS: dict[str, Computation] = {
         ("gravity", *_OBJECT, "base_R", "base_p"),
         _potential_energy,
         whole={"energy": ()},
+        elastic=True,
     ),
     "momentum": Computation(
         STATE,

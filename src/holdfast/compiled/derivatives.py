@@ -21,7 +21,7 @@ from holdfast.compiled.result import INDETERMINATE, UNDECIDED, CompiledResult, R
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiler.kernel import Bound
 from holdfast.dynamics.closed.forward_derivatives import ARGUMENTS, RESULTS
-from holdfast.dynamics.derivatives import STATE_AND_TORQUES
+from holdfast.dynamics.derivatives import STATE_AND_TORQUES, without_derivatives
 from holdfast.dynamics.result import Status
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -267,7 +267,7 @@ class ChainDerivatives:
         Raises:
             StateError: wrong names, shapes or numbers; a cotangent of forces that are not unique.
             SingularChainError: for a single call, the constraint's rank drops here.
-            NotCompiledError: the chain has a trunk, or springs between bodies.
+            NotCompiledError: the chain has a trunk, bushings, or springs between bodies.
         """
         cotangents = {n: x for n, x in cotangents_and_parameters.items() if n in RESULTS}
         parameters = {n: x for n, x in cotangents_and_parameters.items() if n not in RESULTS}
@@ -310,7 +310,7 @@ class ChainDerivatives:
         Raises:
             StateError: wrong names, shapes or numbers; forces are wanted that are not unique.
             SingularChainError: for a single call, the constraint's rank drops here.
-            NotCompiledError: the chain has a trunk, or springs between bodies.
+            NotCompiledError: the chain has a trunk, bushings, or springs between bodies.
         """
         checks.instance(along, Mapping, "forward_dynamics_jvp: along", StateError)
         code = self._derivatives("jvp", of, tuple(along), parameters)
@@ -352,7 +352,7 @@ class ChainDerivatives:
         Raises:
             StateError: wrong names, shapes or numbers; forces are wanted that are not unique.
             SingularChainError: for a single call, the constraint's rank drops here.
-            NotCompiledError: the chain has a trunk, or springs between bodies.
+            NotCompiledError: the chain has a trunk, bushings, or springs between bodies.
         """
         code = self._derivatives("jacobian", of, by, parameters)
         given: dict[str, Any] = dict(zip(STATE_AND_TORQUES, (q, qd, tau, object_pose, object_twist), strict=True))
@@ -376,7 +376,7 @@ class ChainDerivatives:
 
         Raises:
             StateError: wrong names, shapes or numbers.
-            NotCompiledError: the chain has a trunk, or springs between bodies.
+            NotCompiledError: the chain has a trunk, bushings, or springs between bodies.
         """
         if kind not in ("vjp", "jvp", "jacobian"):
             raise StateError(f"bind_derivatives: expected vjp, jvp or jacobian, got {kind!r}")
@@ -392,9 +392,14 @@ class ChainDerivatives:
     ) -> CompiledDerivatives:
         """Return the code for some derivatives, compiled when first asked for."""
         what = f"forward_dynamics_{kind}"
-        if self.chain.trunk is not None or self.chain.springs:
-            lacking = "a trunk" if self.chain.trunk is not None else "springs between bodies"
+        lacking = without_derivatives(self.chain)
+        if lacking:
             raise NotCompiledError(f"compile: '{what}' of a chain with {lacking} is not there yet")
+        if self.chain.springs:
+            raise NotCompiledError(
+                f"compile: '{what}' of a chain with springs between bodies runs as reference only, since their wrenches"
+                f" are made linear apart; holdfast.{what} computes it from the chain"
+            )
         for names, known, side in ((of, RESULTS, "results"), (by, ARGUMENTS, "arguments")):
             checks.instance(names, (list, tuple), f"{what}: {side}", StateError)
             if not names:

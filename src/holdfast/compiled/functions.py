@@ -69,18 +69,18 @@ class ChainFunctions:
 
         Raises:
             StateError: wrong shapes or numbers, or a wrench on an arm that holds nothing.
-            NotCompiledError: the chain has springs between bodies, whose forces these arguments do not tell, or a
-                floating base.
+            NotCompiledError: the chain has springs between bodies or bushings, whose forces these arguments do not
+                tell, or a floating base.
         """
         if self.chain.floats:
             raise NotCompiledError(
                 "compile: 'inverse_dynamics' of a chain whose base floats runs as reference only, which tells whether"
                 " the base, that has no drive, could accelerate so; holdfast.inverse_dynamics computes it"
             )
-        if self.chain.springs:
+        if self.chain.springs or self.chain.bushings:
             raise NotCompiledError(
-                "compile: 'inverse_dynamics' of a chain with springs between bodies runs as reference only, since they"
-                " ask where the object is; holdfast.inverse_dynamics computes it from the chain"
+                "compile: 'inverse_dynamics' of a chain with springs between bodies or bushings runs as reference only,"
+                " since they ask where the object is; holdfast.inverse_dynamics computes it from the chain"
             )
         f = arrays.floats("grasp_wrench", grasp_wrench, (len(self.chain.arms), 6))
         self._require_holding(f)

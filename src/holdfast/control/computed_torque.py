@@ -50,7 +50,7 @@ def joint_accelerations(
     """Return the least joint accelerations that go with the object's, (n,); those of a trunk are damped only.
 
     K (J qdd + Jdot qd) = K (A alpha(C) + a(C) - g), arm by arm; what moves no tip is
-    damped. Arms that cannot follow do so as nearly as they can.
+    damped. Arms that cannot follow do so as nearly as they can; those that hold by bushings go along, K = 1.
 
     Args:
         motion: the chain in motion.
@@ -73,7 +73,8 @@ def joint_accelerations(
             below = None if trunk is None else trunk.under(name, betas)
             if below is not None:
                 tip = tip - shift_twist(arm.base_to_tip, below)
-            rows = c.K @ jacobian(arm.arm, arm.at)
-            damped = damped + least_solution(rows, c.K @ tip - rows @ damped)
+            K = np.eye(6) if c.grasp.of_kind.compliant else c.K
+            rows = K @ jacobian(arm.arm, arm.at)
+            damped = damped + least_solution(rows, K @ tip - rows @ damped)
         qdd.append(damped)
     return concatenate(qdd)

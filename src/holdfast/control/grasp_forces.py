@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from holdfast.dynamics.closed.bushing_wrenches import bushings
 from holdfast.dynamics.closed.chain_motion import pseudo_gravity
 from holdfast.dynamics.closed.object_motion import object_motion
 from holdfast.dynamics.closed.spring_wrenches import with_springs
@@ -22,7 +23,7 @@ def commanded_wrenches(chain: ClosedChain, state: State, acceleration: Array, sq
     Every arm pushes along its contact's normal z; the smallest transmissible wrenches (in
     the metric of the force split) then make the sum what the motion needs,
 
-        A^T f = M(C) (alpha - [0; g]) + b(C) - w,  w of springs on the object.
+        A^T f = M(C) (alpha - [0; g]) + b(C) - w,  w of springs and bushings on the object.
 
     So the squeeze is the internal part of the pushes: contacts that face each other keep
     all of it.
@@ -35,17 +36,22 @@ def commanded_wrenches(chain: ClosedChain, state: State, acceleration: Array, sq
 
     Returns:
         [moment; force] of each arm on the object about its contact, world axes; zero for
-        an arm without a grasp.
+        an arm without a grasp, and for a bushing, which exerts what the state says.
     """
     if not chain.grasps:
         return np.zeros((len(chain.arms), 6))
     places = contact_places(chain, state)
-    push = np.array([0.0, 0.0, 0.0, 0.0, 0.0, squeeze])
-    pushes = array([rotate(place.R, push) for place in places])
+    push, none = np.array([0.0, 0.0, 0.0, 0.0, 0.0, squeeze]), np.zeros(6)
+    soft = [place.grasp.of_kind.compliant for place in places]  # what these exert is no matter of choice
+    pushes = array([none if of_state else rotate(at.R, push) for at, of_state in zip(places, soft, strict=True)])
     pushed = sum((shift_wrench(at.offset, f) for at, f in zip(places, pushes, strict=True)), start=np.zeros(6))
 
-    pulled = with_springs(chain, state, Inputs().shaped(chain)).object_wrench
+    still = Inputs().shaped(chain)
+    pulled = with_springs(chain, state, still).object_wrench
     assert pulled is not None
+    offsets = [at.offset for at, of_state in zip(places, soft, strict=True) if of_state]
+    for offset, one in zip(offsets, bushings(chain, state, still), strict=True):
+        pulled = pulled + shift_wrench(offset, one.wrench())
     body = object_motion(chain.held_object, state.object_frame, state.object_twist, pulled)
     needed = body.inertia.apply(acceleration - pseudo_gravity(chain)) + body.bias - body.wrench
     length = length_scale([grasp.frame.p for grasp in chain.grasps.values()])

@@ -33,8 +33,9 @@ def balancing_wrenches(
     """Return the transmissible wrenches nearest to the wished ones that balance, (arms, 6).
 
     min |lambda - K f_wished| in the metric of the force split (moments over its length), with
-    A^T K^T lambda = M(C) (alpha - [0; g]) + b(C) - w, w of springs, and (J^T K^T lambda)_j = -(M qdd + C)_j at
-    undriven joints j, and so at the six rows of a floating base, which nothing drives.
+    A^T K^T lambda = M(C) (alpha - [0; g]) + b(C) - w, w of springs and bushings, and
+    (J^T K^T lambda)_j = -(M qdd + C)_j at undriven joints j, and so at the six rows of a floating base, which nothing
+    drives.
 
     Args:
         motion: the chain in motion.
@@ -168,6 +169,8 @@ def _wished(motion: ChainMotion, internal: Any) -> Array:
     push = np.array([0.0, 0.0, 0.0, 0.0, 0.0, float(checks.numbers(internal, (), "internal", StateError))])
     wished = np.zeros((len(chain.arms), 6))
     for name, c in zip(chain.grasps, motion.contacts, strict=True):
+        if c.grasp.of_kind.compliant:
+            continue  # it exerts what the state says
         wished[chain.names.index(name)] = rotate(c.R, push)
     return wished
 
@@ -179,7 +182,7 @@ def _require_followed(motion: ChainMotion, qdd: Array, alpha: Array) -> None:
         arm = motion.arms[name]
         tip = shift_twist(c.offset, alpha) + c.a - c.g - arm.bias.tip_acceleration
         gap = c.transmitted(tip - jacobian(arm.arm, arm.at) @ qdd[motion.chain.joints[name]])  # no trunk accelerates
-        if float(np.abs(gap).max()) > POSSIBLE * max(1.0, float(np.abs(tip).max())):
+        if float(np.abs(gap).max(initial=0.0)) > POSSIBLE * max(1.0, float(np.abs(tip).max())):
             missed.append(f"arm '{name}' misses {np.abs(gap).max():.3g} (m/s^2 or rad/s^2)")
     if missed:
         raise StateError(

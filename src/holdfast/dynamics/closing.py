@@ -104,7 +104,7 @@ def project_velocity(
 def _with_velocities(chain: ClosedChain, state: State, hold: Array, inputs: Inputs | None) -> State:
     """Return the state with the nearest velocities that keep every grasp, some coordinates held; see above."""
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), (inputs or Inputs()).shaped(chain))
-    if not motion.contacts:
+    if not any(c.rows for c in motion.contacts):
         return state
     n, sizes = chain.joint_count, coordinate_sizes(motion)
     gap = np.concatenate([c.velocity_gap for c in motion.contacts])
@@ -232,7 +232,7 @@ def _require_reached(chain: ClosedChain, state: State) -> None:
     motion, gap = _gap(chain, state)
     if float(np.abs(gap).max(initial=0.0)) <= ACCEPTED:
         return
-    missed = {name: float(np.abs(gap.position).max()) for name, gap in residuals(motion, state).items()}
+    missed = {name: float(np.abs(gap.position).max(initial=0.0)) for name, gap in residuals(motion, state).items()}
     worst = max(missed.values())
     named = [
         f"arm '{name}' misses its grasp by {gap:.3g} (m or rad)"

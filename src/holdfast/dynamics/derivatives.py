@@ -101,7 +101,7 @@ def forward_dynamics_vjp(
     Raises:
         StateError: wrong names, shapes or numbers; the state breaks a grasp.
         SingularChainError: the constraint's rank drops here.
-        MethodNotApplicable: the chain has a trunk.
+        MethodNotApplicable: the chain has a trunk or bushings.
     """
     what = "forward_dynamics_vjp"
     _require_names(what, by, ARGUMENTS)
@@ -150,7 +150,7 @@ def forward_dynamics_jvp(
     Raises:
         StateError: wrong names, shapes or numbers; the state breaks a grasp.
         SingularChainError: the constraint's rank drops here.
-        MethodNotApplicable: the chain has a trunk.
+        MethodNotApplicable: the chain has a trunk or bushings.
     """
     what = "forward_dynamics_jvp"
     checks.instance(along, Mapping, f"{what}: along", StateError)
@@ -205,7 +205,7 @@ def forward_dynamics_jacobian(
     Raises:
         StateError: wrong names, shapes or numbers; the state breaks a grasp.
         SingularChainError: the constraint's rank drops here.
-        MethodNotApplicable: the chain has a trunk.
+        MethodNotApplicable: the chain has a trunk or bushings.
     """
     what = "forward_dynamics_jacobian"
     _require_names(what, of, RESULTS)
@@ -352,8 +352,15 @@ def require_derivatives(what: str, chain: ClosedChain) -> None:
     Raises:
         MethodNotApplicable: saying why.
     """
+    if lacking := without_derivatives(chain):
+        raise MethodNotApplicable(f"{what}: derivatives of a chain with {lacking} are not there yet")
+
+
+def without_derivatives(chain: ClosedChain) -> str:
+    """Return what of a chain has no derivatives yet, in words; empty if all has."""
     if chain.trunk is not None:
-        raise MethodNotApplicable(f"{what}: derivatives of a chain with a trunk are not there yet")
+        return "a trunk"
+    return "bushings" if any(grasp.of_kind.bushing is not None for grasp in chain.grasps.values()) else ""
 
 
 def _require_names(what: str, names: Any, known: Sequence[str]) -> None:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.posture import Posture, posture
 from holdfast.dynamics.arm.velocity import link_twists
+from holdfast.dynamics.closed.bushing_wrenches import Stretched, bushing_energy, bushings
 from holdfast.dynamics.closed.spring_wrenches import Stretch, stretches
 from holdfast.dynamics.result import ForwardResult
 from holdfast.dynamics.trunk.trunk_motion import Standing, standing
@@ -124,7 +125,7 @@ def arm_kinetic_energy(arm: Arm, q: Array, qd: Array, base_twist: Array) -> Scal
 def potential_energy(chain: ClosedChain, state: State) -> float:
     """Return U = -sum m g . r over links and object, zero at the world's origin, and what springs store [J]. O(n).
 
-    A joint's spring stores 1/2 stiffness (q - rest)^2, another one 1/2 stiffness (s - length)^2.
+    A joint's spring stores 1/2 stiffness (q - rest)^2, another one 1/2 stiffness (s - length)^2, a bushing 1/2 x . K x.
 
     Args:
         chain: the chain.
@@ -146,7 +147,7 @@ def total_potential_energy(chain: ClosedChain, state: State) -> Scalar:
     if chain.trunk is not None:
         arms.append(_trunk_elastic_energy(chain.trunk, state.q[chain.joints[TRUNK]]))
     held = held_body(chain.held_object, state.object_frame, np.zeros(6)).potential_energy(chain.gravity)
-    return sum(arms) + held + spring_energy(chain, state)
+    return sum(arms) + held + spring_energy(chain, state) + bushing_energy(chain, state)
 
 
 def arm_potential_energy(arm: Arm, q: Array, gravity: Array) -> Scalar:
@@ -161,11 +162,11 @@ def arm_elastic_energy(arm: Arm, q: Array) -> Scalar:
 
 
 def elastic_energy(chain: ClosedChain, state: State) -> Scalar:
-    """Return what all springs store [J]."""
+    """Return what all springs and bushings store [J]."""
     in_joints = [arm_elastic_energy(arm, state.q[chain.joints[name]]) for name, arm in chain.arms.items()]
     if chain.trunk is not None:
         in_joints.append(_trunk_elastic_energy(chain.trunk, state.q[chain.joints[TRUNK]]))
-    return sum(in_joints) + spring_energy(chain, state)
+    return sum(in_joints) + spring_energy(chain, state) + bushing_energy(chain, state)
 
 
 def rotor_energy(chain: ClosedChain, state: State) -> Scalar:
@@ -241,7 +242,8 @@ class Power(NamedTuple):
 
     Attributes:
         drives: tau . qd.
-        damping: -sum d qd^2 of the joints' viscous damping, and -sum c (ds/dt)^2 of the springs', <= 0.
+        damping: -sum d qd^2 of the joints' viscous damping, -sum c (ds/dt)^2 of the springs' and -sum V . C V of the
+            bushings', <= 0.
         base: sum F_b . V_b of the base wrenches.
         external: of the external wrenches on object and links.
     """
@@ -293,6 +295,7 @@ def power_of(
     if chain.trunk is not None:
         damping = concatenate([[joint.damping for joint in chain.trunk.joints], damping])
     lost = sum(map(Stretch.loss, stretches(chain, state, inputs), chain.springs))
+    lost = lost + sum(map(Stretched.loss, bushings(chain, state, inputs)))
     external, base = inputs.object_wrench @ state.object_twist, base_wrench.ravel() @ inputs.base_twists.ravel()
     moving = [] if inputs.link_wrenches is None else [*inputs.link_wrenches]
     if inputs.trunk_link_wrenches is not None:

@@ -200,7 +200,7 @@ def _require_velocities(stopped: Attachment, given: Inputs) -> None:
     """Refuse bases that move as no closed chain can follow."""
     chain, state = stopped.chain, stopped.state
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), given)
-    left = max(float(np.abs(c.velocity_gap).max()) for c in motion.contacts)
+    left = max(float(np.abs(c.velocity_gap).max(initial=0.0)) for c in motion.contacts)
     limit = VELOCITY_TOLERANCE * max(1.0, float(np.linalg.norm(state.qd)))
     if not left <= limit:
         raise ClosureError(

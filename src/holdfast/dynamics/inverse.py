@@ -14,6 +14,8 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array, concatenate, each
 from holdfast.state import Inputs, State
 
+SAME = 1e-9  # of a bushing's wrench: what is given is the one that it exerts
+
 
 def inverse_dynamics(
     chain: ClosedChain,
@@ -33,7 +35,7 @@ def inverse_dynamics(
         state: positions and velocities.
         qdd: (n,) joint accelerations.
         grasp_wrench: (arms, 6) of each arm on the object, about the contact, world axes;
-            rows of arms without a grasp must be zero.
+            rows of arms without a grasp must be zero, those of bushings what these exert, or zero for the same.
         inputs: external wrenches and base motion.
         base_acceleration: (6,) true acceleration of a trunk's floating base, world axes; it is needed with one.
 
@@ -41,7 +43,8 @@ def inverse_dynamics(
         (n,) joint torques [N m or N].
 
     Raises:
-        StateError: wrong shapes, a wrench on an arm that holds nothing, or a floating base that would need a drive.
+        StateError: wrong shapes, a wrench on an arm that holds nothing, one that a bushing does not exert, or a
+            floating base that would need a drive.
     """
     state.fits(chain)
     qdd = checks.numbers(qdd, (chain.joint_count,), "qdd", StateError)
@@ -50,6 +53,7 @@ def inverse_dynamics(
     for i, name in enumerate(chain.names):
         if name not in chain.grasps and f[i].any():
             raise StateError(f"grasp_wrench: arm '{name}' holds nothing, expected zeros, got {f[i]}")
+    f = _without_known(motion, f)
     if motion.trunk is not None:
         if chain.floats != (base_acceleration is not None):
             wanted = "the acceleration of the floating base" if chain.floats else "none, as no base floats"
@@ -60,6 +64,26 @@ def inverse_dynamics(
             require_undriven(found)
             return found.tau
     return torques(motion, qdd, f)
+
+
+def _without_known(motion: ChainMotion, f: Array) -> Array:
+    """Return grasp wrenches without those of bushings, which are in the arms' bias already.
+
+    Raises:
+        StateError: a wrench that a bushing does not exert.
+    """
+    left = np.array(f)
+    for i, (name, arm) in enumerate(motion.arms.items()):
+        if arm.known is None:
+            continue
+        off = np.abs(f[i] - arm.known).max()
+        if f[i].any() and off > SAME * max(1.0, float(np.abs(arm.known).max())):
+            raise StateError(
+                f"grasp_wrench: arm '{name}' holds by a bushing, which exerts {arm.known} in this state, got {f[i]};"
+                " try zeros, which stand for that"
+            )
+        left[i] = 0.0
+    return left
 
 
 def torques(motion: ChainMotion, qdd: Array, f: Array) -> Array:

@@ -90,7 +90,7 @@ def linearise(
     Raises:
         StateError: wrong shapes, or the state breaks a grasp.
         SingularChainError: the constraint's rank drops here.
-        MethodNotApplicable: the chain has a trunk.
+        MethodNotApplicable: the chain has a trunk or bushings.
     """
     by = ("q", "object_pose", "qd", "object_twist", "tau")
     found = forward_dynamics_jacobian(

@@ -62,7 +62,7 @@ def _rank_somewhere(arm: Arm, grasp: Grasp, random: np.random.Generator) -> int:
 
 
 def _rows(grasp: Grasp, R: Array) -> Array:
-    return np.array([rotate(R, row) for row in grasp.transmission])
+    return np.array([rotate(R, row) for row in grasp.transmission]).reshape(-1, 6)
 
 
 def chain_strength(condition: Array) -> Array:

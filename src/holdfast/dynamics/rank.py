@@ -160,7 +160,7 @@ def may_mislead(condition: float, gap: float) -> bool:
 
 def _largest_gap(gaps: Mapping[str, GraspResidual]) -> float:
     """Return the largest position gap of any grasp [m or rad]."""
-    return max((float(np.abs(gap.position).max()) for gap in gaps.values()), default=0.0)
+    return max((float(np.abs(gap.position).max(initial=0.0)) for gap in gaps.values()), default=0.0)
 
 
 def generic_rank_near(chain: ClosedChain, state: State, here: int) -> int:

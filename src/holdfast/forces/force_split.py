@@ -12,6 +12,7 @@ from holdfast.dynamics.contact_places import ContactPlace, contact_places
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp import Grasp
 from holdfast.spatial.linalg import least_solution
 from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import rotate, shift_wrench
@@ -41,6 +42,8 @@ class Split(NamedTuple):
 def split(chain: ClosedChain, state: State, grasp_wrench: ArrayLike, length: float | None = None) -> Split:
     """Return the motion and internal parts of grasp wrenches, both of which can be transmitted. O(l^3).
 
+    A bushing counts as one that transmits all of a wrench.
+
     Args:
         chain: the chain.
         state: where the object is.
@@ -52,7 +55,7 @@ def split(chain: ClosedChain, state: State, grasp_wrench: ArrayLike, length: flo
     """
     state.fits(chain)
     f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
-    places = contact_places(chain, state)
+    places = [_firm(place) for place in contact_places(chain, state)]
     offsets = [place.offset for place in places]
     L = length_scale(offsets) if length is None else checks.number(length, "length", above=0.0)
     rows = [chain.names.index(name) for name in chain.grasps]
@@ -62,6 +65,12 @@ def split(chain: ClosedChain, state: State, grasp_wrench: ArrayLike, length: flo
         motion[rows] = motion_wrenches(places, net, L)
         internal[rows] = f[rows] - motion[rows]
     return Split(motion, internal, _load_share(motion[:, 3:]), L)
+
+
+def _firm(place: ContactPlace) -> ContactPlace:
+    """Return a bushing's place as a rigid grasp's; any other as it is."""
+    compliant = place.grasp.of_kind.compliant
+    return place._replace(grasp=Grasp("rigid", place.grasp.frame)) if compliant else place
 
 
 def motion_wrenches(places: list[ContactPlace], net: Array, length: float) -> Array:
@@ -77,8 +86,8 @@ def motion_wrenches(places: list[ContactPlace], net: Array, length: float) -> Ar
     """
     columns, weights = [], []
     for grasp, axes, offset in places:
-        K = array([rotate(axes, row) for row in grasp.transmission])
-        columns.append((K, array([shift_wrench(offset, row) for row in K])))
+        K = array([rotate(axes, row) for row in grasp.transmission]).reshape(-1, 6)
+        columns.append((K, array([shift_wrench(offset, row) for row in K]).reshape(-1, 6)))
         weights.extend(scale**2 for scale in grasp.of_kind.row_scales(length))
     to_C = np.concatenate([at_C for _, at_C in columns]).T  # A^T K^T, (6, rows)
     unit = np.r_[np.full(3, 1 / length), np.ones(3)]  # moments in newtons

@@ -61,9 +61,9 @@ def last_joint_wrenches(chain: ClosedChain, state: State, result: ForwardResult,
         betas = trunk.accelerations(TrunkAcceleration(result.qdd[chain.joints[TRUNK]], result.base_acceleration))
     for (name, arm), f in zip(motion.arms.items(), result.grasp_wrench, strict=True):
         R, tip = arm.at.end, arm.arm.tip.p
-        across_tip = shift_wrench(tip, unrotate(R, f))
+        across_tip = shift_wrench(tip, unrotate(R, arm.unknown(f)))  # a known one is in the bias
         if not arm.arm.joints:
-            found.append(across_tip)
+            found.append(across_tip if arm.bias.of_base is None else across_tip + arm.bias.of_base)
             continue
         beta = None if trunk is None else trunk.under(name, betas)
         by_joints = tip_acceleration(arm, result.qdd[chain.joints[name]], beta) - arm.bias.tip_acceleration

@@ -129,6 +129,11 @@ class ClosedChain(Frozen):
         }
 
     @frozen_property
+    def bushings(self) -> tuple[str, ...]:
+        """The names of the arms whose grasp is a bushing: known wrenches, no constraints."""
+        return tuple(name for name, grasp in self.grasps.items() if grasp.of_kind.bushing is not None)
+
+    @frozen_property
     def joint_count(self) -> int:
         """n, over trunk and all arms; a floating base is not among them."""
         return sum(arm.joint_count for arm in self.arms.values()) + (

@@ -8,6 +8,8 @@ from typing import Literal
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
+from holdfast.model.bushing import bushing
+from holdfast.model.fingerprint import ADDED
 from holdfast.model.grasp_kinds import GRASP_KINDS, GraspKind
 from holdfast.model.motion_subspace import motion_subspace
 from holdfast.spatial.converted import NOT_GIVEN, OptionalArrayField, making
@@ -16,7 +18,17 @@ from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array
 
 GraspName = Literal[
-    "rigid", "hinge", "softfinger", "ball", "universal", "slider", "cylinder", "screw", "planar", "subspace"
+    "rigid",
+    "hinge",
+    "softfinger",
+    "ball",
+    "universal",
+    "slider",
+    "cylinder",
+    "screw",
+    "planar",
+    "subspace",
+    "bushing",
 ]
 
 LEAST_PITCH = 1e-6  # [m/rad]
@@ -74,11 +86,12 @@ class Grasp(Frozen):
     f.z >= 0. A hinge turns about the frame's x axis, a soft finger about x and y, a universal joint about the
     tip's x and the frame's y. A slider slides along x, a cylinder does and turns about it, a screw does
     both at once; a planar grasp slides along x and y and turns about z. A subspace is any of these, or another
-    group of motions, given by hand.
+    group of motions, given by hand. A bushing constrains nothing: a spring and damper in all six directions, slack
+    where the tip is at the contact frame, whose wrench is known from the state.
 
     Attributes:
-        kind: "rigid", "hinge", "softfinger", "ball", "universal", "slider", "cylinder", "screw", "planar" or
-            "subspace".
+        kind: "rigid", "hinge", "softfinger", "ball", "universal", "slider", "cylinder", "screw", "planar",
+            "subspace" or "bushing".
         frame: pose of the contact frame in object axes.
         contact: None for a two-sided grasp, or a `Friction` for a one-sided one.
         wrench_limits: the largest moment and force it takes, or None.
@@ -86,6 +99,10 @@ class Grasp(Frozen):
             negative for a left-handed one.
         motion: (6, k) twists [turn; slide] of the object against the tip that are free, tip axes about the tip's
             origin, for a subspace; closed under the bracket, as those of a joint are.
+        stiffness: K of a bushing, (6,) or (6, 6), tip axes: it stores 1/2 x . K x, and its wrench is the exact gradient
+            of that; x = [2 sin(t / 2) axis; shift] of the contact frame, turned by t, against the tip [N m, N, N/m].
+        damping: C of a bushing, likewise: V . C V is lost, V = [turn; slide] the rates of the object against the tip at
+            the contact's origin, tip axes [N m s, N s, N s/m]; None: none.
     """
 
     kind: GraspName
@@ -94,6 +111,8 @@ class Grasp(Frozen):
     wrench_limits: WrenchLimits | None = None
     pitch: float | None = None
     motion: OptionalArrayField = NOT_GIVEN
+    stiffness: OptionalArrayField = field(default=NOT_GIVEN, metadata=ADDED)
+    damping: OptionalArrayField = field(default=NOT_GIVEN, metadata=ADDED)
 
     def __post_init__(self) -> None:
         if not isinstance(self.kind, str) or self.kind not in GRASP_KINDS:
@@ -116,6 +135,7 @@ class Grasp(Frozen):
         if self.motion is not None:
             object.__setattr__(self, "motion", checks.numbers(self.motion, None, "grasp: motion"))
             _ = self.of_kind  # refuses what is no group's
+        self._check_bushing()
 
     def _check_pitch(self) -> None:
         if (self.pitch is not None) != GRASP_KINDS[self.kind].threaded:
@@ -126,6 +146,22 @@ class Grasp(Frozen):
             if not abs(pitch) >= LEAST_PITCH:
                 raise ModelError(f"grasp: pitch: expected at least {LEAST_PITCH:g} m/rad, got {pitch!r}; try a hinge")
             object.__setattr__(self, "pitch", pitch)
+
+    def _check_bushing(self) -> None:
+        compliant = GRASP_KINDS[self.kind].compliant
+        for name in ("stiffness", "damping"):
+            given = getattr(self, name)
+            if given is not None and not compliant:
+                raise ModelError(f"grasp: a {self.kind} grasp has no {name}; try a bushing")
+            if given is None and compliant and name == "stiffness":
+                raise ModelError(
+                    "grasp: a bushing grasp needs a stiffness, (6,) or (6, 6), turns first; try np.zeros(6) for a"
+                    " damper alone"
+                )
+            if given is not None:
+                object.__setattr__(self, name, checks.numbers(given, None, f"grasp: {name}"))
+        if compliant:
+            _ = self.of_kind  # refuses what stores or loses less than nothing
 
     def _check_contact(self, contact: Friction) -> None:
         if self.of_kind.friction is None:
@@ -145,10 +181,12 @@ class Grasp(Frozen):
 
     @frozen_property
     def of_kind(self) -> GraspKind:
-        """The row of its kind, with its pitch or its motion."""
+        """The row of its kind, with its pitch, its motion or its bushing."""
         row = GRASP_KINDS[self.kind]
         if self.motion is not None:
             return row.with_motion(motion_subspace(self.motion))
+        if row.compliant:
+            return replace(row, bushing=bushing(self.stiffness, self.damping))
         return row if self.pitch is None else replace(row, pitch=self.pitch)
 
     @property

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from holdfast.model.bushing import Bushing
 from holdfast.model.motion_subspace import MotionSubspace
 from holdfast.model.wrench_condition import MOMENT_Y, MOMENT_Z, NORMAL, Condition, friction_cone
 from holdfast.spatial import rotation
@@ -159,6 +160,8 @@ class GraspKind(Frozen):
         pitch: that travel [m/rad].
         by_hand: whether the grasp's own motion subspace takes the place of free axes.
         given: that subspace, carried by the tip.
+        compliant: whether it holds by the force of the grasp's own bushing, and constrains nothing.
+        bushing: that bushing.
     """
 
     free: tuple[int, ...]
@@ -176,6 +179,8 @@ class GraspKind(Frozen):
     pitch: float = 0.0
     by_hand: bool = False
     given: MotionSubspace | None = None
+    compliant: bool = False
+    bushing: Bushing | None = None
 
     def with_motion(self, given: MotionSubspace) -> GraspKind:
         """Return the kind with a motion subspace given by hand."""
@@ -369,4 +374,5 @@ GRASP_KINDS: dict[str, GraspKind] = {
         regrasped=attitude_about_tip_normal,
     ),
     "subspace": GraspKind((), (), (0, 1, 2), axes=tip_attitude, regrasped=tip_attitude, by_hand=True),
+    "bushing": GraspKind((0, 1, 2, 3, 4, 5), ("tip",) * 6, axes=tip_attitude, regrasped=tip_attitude, compliant=True),
 }

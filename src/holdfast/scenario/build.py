@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.assembly.assemble import assemble
+from holdfast.assembly.slack import with_slack_bushings
 from holdfast.control.controller import Controller
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closing import close
@@ -137,8 +138,9 @@ def build_scene(
     trunk, robots = build_robots(data, files or RobotFiles(), at)
     chain, guess = build_chain(data, trunk, robots, at)
     search = any(arm.q is None and arm.name in chain.grasps for arm in data.arms)
+    led = [arm.name for arm in data.arms if not arm.anchor]  # to where bushings are slack; an anchor stays
     try:
-        state = closed(chain, guess, search)
+        state = closed(with_slack_bushings(chain, led), guess, search)
     except ClosureError as cause:
         raise ClosureError((at / "object" / "pose").message(str(cause))) from cause
     _require_velocities(chain, state, at)

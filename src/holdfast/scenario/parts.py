@@ -48,7 +48,7 @@ def grasp(data: GraspData, at: Location) -> Grasp:
             limits = WrenchLimits(*(math.inf if limit is None else limit for limit in (given.moment, given.force)))
     motion = None if data.motion is None else np.array(data.motion, dtype=float).T
     with at.refusals():
-        return Grasp(data.kind, frame, contact, limits, data.pitch, motion)
+        return Grasp(data.kind, frame, contact, limits, data.pitch, motion, data.stiffness, data.damping)
 
 
 def spring(data: SpringData, arms: Mapping[str, Arm], trunk: Trunk | None, at: Location) -> Spring:

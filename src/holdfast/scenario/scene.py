@@ -183,6 +183,8 @@ class GraspData(_Strict):
     rpy: Vector3 | None = None
     pitch: float | None = None
     motion: list[Twist] | None = None
+    stiffness: list[float | list[float]] | None = None
+    damping: list[float | list[float]] | None = None
     contact: ContactData | None = None
     wrench_limits: WrenchLimitsData | None = None
 

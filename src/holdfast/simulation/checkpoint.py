@@ -166,9 +166,13 @@ def _origin(name: str, memory: Any, arrays: Mapping[str, Array]) -> Origin:
     return Origin(float(arrays[f"{name}.t"]), exact_state(saved), unpacked(memory, arrays))
 
 
+_OF_GRASP = ("motion", "stiffness", "damping")  # the arrays that some kinds have
+
+
 def _grasp_data(name: str, grasp: Grasp, arrays: dict[str, Array]) -> dict[str, Any]:
     arrays |= {f"grasps.{name}.R": grasp.frame.R, f"grasps.{name}.p": grasp.frame.p}
-    arrays |= {} if grasp.motion is None else {f"grasps.{name}.motion": grasp.motion}
+    own = {part: getattr(grasp, part) for part in _OF_GRASP}
+    arrays |= {f"grasps.{name}.{part}": x for part, x in own.items() if x is not None}
     parts = {
         part: None if of is None else {f.name: getattr(of, f.name) for f in fields(of)}
         for part, of in (("contact", grasp.contact), ("wrench_limits", grasp.wrench_limits))
@@ -191,7 +195,7 @@ def _grasp(given: Mapping[str, Any], arrays: Mapping[str, Array]) -> tuple[str, 
         None if contact is None else Friction(**contact),
         None if limits is None else WrenchLimits(**limits),
         given.get("pitch"),
-        arrays.get(f"grasps.{name}.motion"),
+        *(arrays.get(f"grasps.{name}.{part}") for part in _OF_GRASP),
     )
 
 

@@ -111,6 +111,8 @@ def least_solution(A: Array, b: Array) -> Array:
         A: (m, n), rows in one unit; singular values below 1e-6 of the largest count as zero.
         b: (m,).
     """
+    if not len(A):
+        return np.zeros(A.shape[1])
     S = A @ A.T
     largest: Scalar = 0.0
     for entry in np.diag(S):

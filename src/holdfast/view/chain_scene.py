@@ -98,7 +98,13 @@ class ChainScene:
                 self._writer.paint(f"/object/cones/{_node(name)}", cone_colour(float(reserve[k])))
 
     def _coils(self, k: int) -> list[Array]:
-        """Return the lines of every spring at moment k, world axes."""
+        """Return the lines of every spring, and of every bushing from tip to contact, at moment k, world axes."""
+        film, chain, held = self.film, self.film.chain, Pose.from_wxyz_xyz(self.film.object_pose[k])
+        ends = [(film.tip[k, chain.names.index(n)], (held @ chain.grasps[n].frame).p) for n in chain.bushings]
+        return self._springs(k) + [coil(a, b, COIL * self._size) for a, b in ends]
+
+    def _springs(self, k: int) -> list[Array]:
+        """Return the lines of every spring between bodies at moment k, world axes."""
         film, chain = self.film, self.film.chain
         if not chain.springs:
             return []

@@ -30,10 +30,12 @@ class Bias(NamedTuple):
     Attributes:
         wrenches: per link, p(k) about O_k in link axes, external wrenches taken off.
         tip_acceleration: (6,) Jdot qd of the tip point, world axes.
+        of_base: (6,) what an anchor's base exerts whatever its grasp does, about its origin, base axes; None: nothing.
     """
 
     wrenches: tuple[Array, ...]
     tip_acceleration: Array
+    of_base: Array | None = None
 
 
 def bias_accelerations(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from holdfast.dynamics.arm.posture import Posture, posture
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
 from holdfast.model.arm import Arm
 from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import shift_wrench, unrotate
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +51,7 @@ class ArmMotion:
         passive: (N,) what dampers and springs take of it: damping qd + stiffness (q - rest).
         torque: (N,) T: tau less that.
         mounted: whether it stands on a trunk, which accelerates its base.
+        known: (6,) wrench of the tip on the object that the state decides, world axes; it is in the bias. None: none.
     """
 
     arm: Arm
@@ -59,6 +61,24 @@ class ArmMotion:
     passive: Array
     torque: Array
     mounted: bool = False
+    known: Array | None = None
+
+    def exerting(self, f: Array) -> ArmMotion:
+        """Return the arm with a known wrench f (6,) of its tip on the object, whose reaction its last link feels.
+
+        Args:
+            f: about the tip point, world axes.
+        """
+        arm, bias = self.arm, self.bias
+        felt = shift_wrench(arm.tip.p, unrotate(self.at.end, f))
+        if not arm.joints:
+            return replace(self, bias=bias._replace(of_base=felt), known=f)
+        wrenches = (*bias.wrenches[:-1], bias.wrenches[-1] + felt)
+        return replace(self, bias=bias._replace(wrenches=wrenches), known=f)
+
+    def unknown(self, f: Array) -> Array:
+        """Return what is left of a whole wrench f (6,) of the tip on the object without the known one."""
+        return f if self.known is None else f - self.known
 
     @property
     def base_to_tip(self) -> Array:

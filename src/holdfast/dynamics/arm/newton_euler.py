@@ -49,5 +49,7 @@ def newton_euler(motion: ArmMotion, qdd: Array, tip_wrench: Array, base: Array |
         F = F + force
         torques.insert(0, project(joint, F))
         F = shift_wrench(l, rotate(E, F))
+    if motion.bias.of_base is not None:
+        F = F + motion.bias.of_base
     # the drive's own inertia turns with the joint and loads only its drive
     return array(torques) + arm.armature * qdd, rotate(arm.base.R, F)

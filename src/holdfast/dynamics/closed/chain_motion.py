@@ -9,6 +9,7 @@ import numpy as np
 
 from holdfast.dynamics.arm.motion import ArmInputs, ArmMotion, arm_motion, resting
 from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.closed.bushing_wrenches import stretched
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.closed.object_filter import Again
 from holdfast.dynamics.closed.object_motion import ObjectMotion, object_motion
@@ -20,7 +21,8 @@ from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, Scalar, concatenate, each
+from holdfast.spatial.scalar import Array, Scalar, concatenate, each, scan
+from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.state import Inputs, State
 
 
@@ -32,7 +34,7 @@ class ChainMotion:
         chain: the chain.
         arms: every arm in motion, by name.
         contacts: the grasps in motion, in the order of the arms that have one.
-        body: the object in motion.
+        body: the object in motion; bushings' wrenches are among those on it.
         generic_rank: of the constraint away from singular configurations, where as many rows are to be held
             (`held_rows`); None: each row's pivot decides.
         trunk: what arms stand on, in motion; None without one.
@@ -132,11 +134,12 @@ def chain_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -
         given,
         [chain.grasps.get(name) for name in chain.arms],
     )
-    body = object_motion(chain.held_object, frame, state.object_twist, inputs.object_wrench)
+    known = [(c.offset, motion.known) for motion, c, _ in found if c is not None and motion.known is not None]
+    pushed, _ = scan(lambda w, at: (w + shift_wrench(*at), None), inputs.object_wrench, known)
+    body = object_motion(chain.held_object, frame, state.object_twist, pushed)
     motion = _together(chain, [(arm, held) for arm, held, _ in found], body, trunk)
     cases = {name: case for name, (_, _, case) in zip(chain.arms, found, strict=True)}
-    of_object = ObjectCase(chain.held_object, frame, state.object_twist, inputs.object_wrench)
-    return replace(motion, cases=cases, object_case=of_object)
+    return replace(motion, cases=cases, object_case=ObjectCase(chain.held_object, frame, state.object_twist, pushed))
 
 
 def arm_and_grasp(case: ArmCase) -> tuple[ArmMotion, Contact | None, ArmCase]:
@@ -144,7 +147,9 @@ def arm_and_grasp(case: ArmCase) -> tuple[ArmMotion, Contact | None, ArmCase]:
     motion = arm_motion(case.given)
     if case.grasp is None:
         return motion, None, case
-    return motion, contact(case.grasp, case.frame, case.twist, motion.at.tip, motion.tip_twist), case
+    held = contact(case.grasp, case.frame, case.twist, motion.at.tip, motion.tip_twist)
+    bushing = case.grasp.of_kind.bushing is not None
+    return motion.exerting(stretched(held).wrench()) if bushing else motion, held, case
 
 
 def chain_at_rest(chain: ClosedChain, state: State) -> ChainMotion:

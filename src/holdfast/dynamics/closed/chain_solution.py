@@ -78,7 +78,8 @@ def chain_solution(motion: ChainMotion, found: Solution, route: Route) -> ChainS
             holds,
         )
         rates = concatenate(parts)
-    holding = zip(chain.grasps, zip(found.qdd, found.wrenches, bases, strict=True), strict=True)
+    whole = [f if arm.known is None else f + arm.known for arm, f in zip(motion.holding, found.wrenches, strict=True)]
+    holding = zip(chain.grasps, zip(found.qdd, whole, bases, strict=True), strict=True)
     none = np.zeros(6)
     of_arm = dict(holding) | {name: (qdd, none, base) for name, (qdd, base, _) in zip(lone, alone, strict=True)}
     of_trunk = () if found.trunk is None else (found.trunk.qdd,)

@@ -64,6 +64,8 @@ class Contact:
         """Return K^T K f: a wrench about the contact, world axes, free moments taken as exactly 0."""
         if len(self.rows) == 6:
             return f
+        if not self.rows:
+            return np.zeros(6)
         if self.rows == (3, 4, 5) and self.grasp.of_kind.aligned:
             return concatenate([np.zeros(3), f[3:]])
         kind = self.grasp.of_kind
@@ -89,7 +91,7 @@ class Contact:
     @property
     def K(self) -> Array:
         """(6 - n_g, 6) orthonormal rows along the transmitted directions, world axes."""
-        return array([rotate(self.R, row) for row in self.grasp.of_kind.directions[list(self.rows)]])
+        return array([rotate(self.R, row) for row in self.grasp.of_kind.directions[list(self.rows)]]).reshape(-1, 6)
 
     @property
     def HT(self) -> Array:

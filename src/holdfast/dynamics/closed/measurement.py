@@ -130,7 +130,7 @@ def measurement(c: Contact, tip: TipResponse) -> Measurement:
         at_centre = column_wise(lambda one: shift_twist(-c.offset, one), r)
         return Measurement(np.eye(6), R, at_centre, extent, ANGULAR, most, True)
     rows = list(c.rows)
-    C = array([shift_wrench(c.offset, row) for row in c.K])  # (K A)^T = A^T K^T
+    C = array([shift_wrench(c.offset, row) for row in c.K]).reshape(-1, 6)  # (K A)^T = A^T K^T
     kind, R = c.grasp.of_kind, tip.mobility.rotated(c.R.T).dense()
     R = kind.along(kind.along(R).T)[rows][:, rows]
     r = column_wise(c.transmitted, r)

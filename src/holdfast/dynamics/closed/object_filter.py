@@ -176,9 +176,9 @@ def initial_size(body: FreeBody, seen: list[Measurement]) -> Array:
     """Return (3,) how mobile the object is before the first arm, for judging pivots; see `size_at_centre`.
 
     What the arms leave of a light object's mobility is of the size of their own, so it counts as no more. Anchors do
-    not yield, and leave nothing or all of it.
+    not yield, and leave nothing or all of it; bushings have no rows.
     """
-    own, seen = own_size(body), [m for m in seen if m.most]
+    own, seen = own_size(body), [m for m in seen if m.most and len(m.r)]
     if not seen:
         return own
     least = LEAST_MOBILE * own  # sliding joints do not turn at all

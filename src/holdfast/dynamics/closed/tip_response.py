@@ -88,11 +88,12 @@ def tip_response(motion: ArmMotion, route: Route) -> TipResponse:
 
 def prescribed(motion: ArmMotion) -> TipResponse:
     """Return the answer of an anchor, which moves as its base does: Lambda = 0, and its base feels -f alone. O(1)."""
-    reach, none = motion.base_to_tip, np.zeros(0)
-    base = BaseResponse(twist_shift(reach), zero6(), np.zeros(6)) if motion.mounted else None
+    reach, none, of_base = motion.base_to_tip, np.zeros(0), motion.bias.of_base
+    known = np.zeros(6) if of_base is None else rotate(motion.arm.base.R, of_base)
+    base = BaseResponse(twist_shift(reach), zero6(), known) if motion.mounted else None
 
     def back_substitute(f: Array, beta: Array | None = None) -> tuple[Array, Array]:
-        return none, shift_wrench(reach, f)
+        return none, known + shift_wrench(reach, f)
 
     acceleration, length = motion.bias.tip_acceleration, motion.arm.length
     return TipResponse(zero6(), acceleration, none, back_substitute, length, base, prescribed)

@@ -126,7 +126,8 @@ def _on_base(arm: ArmMotion) -> OnBase:
     """Return what the base of an arm feels of it."""
     at, base = arm.at, arm.arm.base.R
     if not arm.arm.joints:
-        return OnBase(np.zeros((6, 0)), np.zeros((6, 6)), np.zeros(6))
+        of_base = arm.bias.of_base
+        return OnBase(np.zeros((6, 0)), np.zeros((6, 6)), np.zeros(6) if of_base is None else rotate(base, of_base))
     _, per_joint, locked = mass_matrix(arm.arm, at)
     _, at_rest = bias_torque(arm.arm, at, arm.bias.wrenches)
     first = base @ at.l[0]

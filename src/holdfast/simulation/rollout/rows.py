@@ -96,9 +96,10 @@ def _smallest_forces(motion: ChainMotion, x: dict[str, Array]) -> dict[str, Arra
     chain, trunk = motion.chain, None
     if motion.trunk is not None:
         trunk = TrunkAcceleration(x["qdd"][chain.joints[TRUNK]], x.get("floating_acceleration"))
+    whole = [x["grasp_wrench"][chain.names.index(name)] for name in chain.grasps]
     found = Solution(
         [x["qdd"][chain.joints[name]] for name in chain.grasps],
-        [x["grasp_wrench"][chain.names.index(name)] for name in chain.grasps],
+        [arm.unknown(f) for arm, f in zip(motion.holding, whole, strict=True)],
         x["object_acceleration"] - pseudo_gravity(chain),
         rank=int(x["rank"]),
         trunk=trunk,

@@ -1,0 +1,119 @@
+"""Bushings: wrenches known from the state, the gradients of what they store (docs/theory/contacts.md).
+
+With the contact frame's attitude and its origin p seen from the tip, n and e scalar and vector of the attitude's unit
+quaternion, and V = [w; v] the twist of the object against the tip at that origin,
+
+    x = [2 e; p],   U = 1/2 x . K x,   dx/dt = [(n 1 - e~) w; v]
+
+2 e is the axis times 2 sin(t / 2) of a turn by t: smooth for turns below half a turn, and off from t by no more than
+t^2 / 24 of it. So the tip exerts on the object, about that origin and in tip axes, with [a; b] = K x,
+
+    -[n a + e x a; b] - C V
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.velocity import link_twists, tip_twist
+from holdfast.dynamics.closed.contact import Contact, contact
+from holdfast.dynamics.trunk.trunk_motion import standing
+from holdfast.model.arm import Arm
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp import Grasp
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each, sqrt
+from holdfast.spatial.spatial_vector import rotate, shift_wrench
+from holdfast.spatial.vector import cross
+from holdfast.state import Inputs, State
+
+
+class Stretched(NamedTuple):
+    """A bushing at one instant, tip axes.
+
+    Attributes:
+        stiffness, damping: (6, 6).
+        n, e: scalar and vector (3,) of the unit quaternion that turns the tip's axes into the contact frame's.
+        x: (6,) [2 e; p].
+        V: (6,) twist of the object against the tip at the contact's origin.
+        R: (3, 3) tip axes to world axes.
+    """
+
+    stiffness: Array
+    damping: Array
+    n: Scalar
+    e: Array
+    x: Array
+    V: Array
+    R: Array
+
+    def energy(self) -> Scalar:
+        """Return 1/2 x . K x [J]."""
+        return 0.5 * (self.x @ (self.stiffness @ self.x))
+
+    def loss(self) -> Scalar:
+        """Return V . C V [W]."""
+        return self.V @ (self.damping @ self.V)
+
+    def wrench(self) -> Array:
+        """Return the wrench of the tip on the object, (6,) about the tip's point, world axes."""
+        a, b = np.split(self.stiffness @ self.x, 2)
+        at_contact = -concatenate([self.n * a + cross(self.e, a), b]) - self.damping @ self.V
+        return rotate(self.R, shift_wrench(self.x[3:], at_contact))
+
+
+def stretched(c: Contact) -> Stretched:
+    """Return the bushing of a contact that is one."""
+    made = c.grasp.of_kind.bushing
+    assert made is not None
+    Q, p = c.R.T @ c.frame, (c.origin - c.offset) @ c.R
+    n = sqrt(1.0 + Q[0, 0] + Q[1, 1] + Q[2, 2]) * 0.5
+    e = array([Q[2, 1] - Q[1, 2], Q[0, 2] - Q[2, 0], Q[1, 0] - Q[0, 1]]) / (4.0 * n)
+    w, v = c.W[:3], c.W[3:]  # of the object's point at the tip
+    return Stretched(
+        np.array(made.stiffness),
+        np.array(made.damping),
+        n,
+        e,
+        concatenate([2.0 * e, p]),
+        concatenate([w, v + cross(w, p)]),
+        c.R,
+    )
+
+
+def bushings(chain: ClosedChain, state: State, inputs: Inputs) -> list[Stretched]:
+    """Return every bushing at one instant, in the order of the chain's grasps. O(n).
+
+    Args:
+        chain: the chain.
+        state: positions and velocities.
+        inputs: shaped inputs; base motion enters.
+    """
+    names = chain.bushings
+    if not names:
+        return []
+    at, frame, twist = standing(chain, state, inputs), state.object_frame, state.object_twist
+    rows = [chain.names.index(name) for name in names]
+    return each(
+        lambda arm, q, qd, base, grasp: _of_arm(arm, q, qd, base, grasp, frame, twist),
+        [at.arms[row] for row in rows],
+        [state.q[chain.joints[name]] for name in names],
+        [state.qd[chain.joints[name]] for name in names],
+        [at.base_twists[row] for row in rows],
+        [chain.grasps[name] for name in names],
+    )
+
+
+def bushing_energy(chain: ClosedChain, state: State) -> Scalar:
+    """Return what the bushings store [J]."""
+    return sum(one.energy() for one in bushings(chain, state, Inputs().shaped(chain)))
+
+
+def _of_arm(arm: Arm, q: Array, qd: Array, base_twist: Array, grasp: Grasp, frame: Pose, twist: Array) -> Stretched:
+    """Return an arm's bushing; the object's frame and its twist are in world axes."""
+    at = posture(arm, q)
+    of_tip = tip_twist(arm, at, link_twists(arm, at, qd, base_twist), base_twist)
+    return stretched(contact(grasp, frame, twist, at.tip, of_tip))

@@ -1,0 +1,68 @@
+"""What a bushing is made of: the stiffness and the damping of a grasp that holds by force, not by constraint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from holdfast.errors import ModelError
+from holdfast.model import checks
+from holdfast.spatial.scalar import Array
+
+SEMIDEFINITE = 1e-9  # of a matrix of unit diagonal: an eigenvalue above minus this is not negative
+Rows = tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
+class Bushing:
+    """A spring and damper in six directions, tip axes about the tip's origin.
+
+    Attributes:
+        stiffness: (6, 6) symmetric, over [turn; shift] [N m, N, N/m].
+        damping: (6, 6) symmetric, over their rates [N m s, N s, N s/m].
+    """
+
+    stiffness: Rows
+    damping: Rows
+
+
+def bushing(stiffness: Any, damping: Any) -> Bushing:
+    """Return a bushing.
+
+    Args:
+        stiffness: (6,) along the axes, turns first, or (6, 6) symmetric and positive semidefinite.
+        damping: likewise; None: none.
+
+    Raises:
+        ModelError: another shape, or a matrix that would give energy away.
+    """
+    none = np.zeros(6)
+    return Bushing(_rows(stiffness, "stiffness"), _rows(none if damping is None else damping, "damping"))
+
+
+def _rows(given: Any, what: str) -> Rows:
+    what = f"grasp: {what}"
+    x = checks.numbers(given, None, what)
+    if x.shape not in ((6,), (6, 6)):
+        raise ModelError(f"{what}: expected shape (6,) or (6, 6), got shape {x.shape}")
+    matrix = np.diag(x) if x.ndim == 1 else np.array(x)
+    _require_semidefinite(matrix, what)
+    return tuple(tuple(row) for row in (0.5 * matrix + 0.5 * matrix.T).tolist())
+
+
+def _require_semidefinite(matrix: Array, what: str) -> None:
+    size = np.abs(matrix).max()
+    if np.abs(matrix - matrix.T).max() > SEMIDEFINITE * size:
+        raise ModelError(f"{what}: expected a symmetric matrix, got asymmetry {np.abs(matrix - matrix.T).max():.3g}")
+    diagonal = np.diag(matrix)
+    if (diagonal < 0).any():
+        raise ModelError(f"{what}: expected numbers >= 0 on the diagonal, got {diagonal.min():.6g}")
+    unit = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))  # turns and shifts have different units
+    least = float(np.linalg.eigvalsh(matrix / unit / unit[:, None])[0])
+    if least < -SEMIDEFINITE:
+        raise ModelError(
+            f"{what}: expected a positive semidefinite matrix, got one that is negative in some direction (by"
+            f" {-least:.3g} of its diagonal)"
+        )
