@@ -227,7 +227,7 @@ def test_damped_oscillator(steps):
 def test_a_turn_is_a_pendulums():
     """Of one stiffness k about all axes it stores k (1 - cos t) of a turn by t, and turns back by k sin t."""
     k, n = 3.0, np.array([0.36, 0.48, 0.8])
-    for t in (0.1, 1.0, 3.0):
+    for t in (0.1, 1.0, 3.0, np.pi):
         p = oscillator([k, k, k, 0, 0, 0], pose=hf.Pose(rotation.exp(t * n), np.zeros(3)))
         assert potential_energy(p.chain, p.state) == pytest.approx(k * (1 - np.cos(t)), rel=1e-12)
         found = p.solved()

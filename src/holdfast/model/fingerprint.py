@@ -79,7 +79,9 @@ def _parts(value: Any, exact: bool) -> Iterator[bytes]:
 
 
 def _same(x: Any, default: Any) -> bool:
-    return x is None or (isinstance(x, Mapping) and not x) or bool(np.array_equal(x, default))
+    if isinstance(x, Mapping):
+        return not x
+    return x is None or bool(np.array_equal(x, default))
 
 
 def _name_of(own: Any) -> str:

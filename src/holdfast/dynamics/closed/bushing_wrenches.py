@@ -25,7 +25,7 @@ from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each, sqrt
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each, maximum, select, sqrt, where
 from holdfast.spatial.spatial_vector import rotate, shift_wrench
 from holdfast.spatial.vector import cross
 from holdfast.state import Inputs, State
@@ -70,8 +70,7 @@ def stretched(c: Contact) -> Stretched:
     made = c.grasp.of_kind.bushing
     assert made is not None
     Q, p = c.R.T @ c.frame, (c.origin - c.offset) @ c.R
-    n = sqrt(1.0 + Q[0, 0] + Q[1, 1] + Q[2, 2]) * 0.5
-    e = array([Q[2, 1] - Q[1, 2], Q[0, 2] - Q[2, 0], Q[1, 0] - Q[0, 1]]) / (4.0 * n)
+    n, e = unit_quaternion(Q)
     w, v = c.W[:3], c.W[3:]  # of the object's point at the tip
     return Stretched(
         np.array(made.stiffness),
@@ -82,6 +81,26 @@ def stretched(c: Contact) -> Stretched:
         concatenate([w, v + cross(w, p)]),
         c.R,
     )
+
+
+def unit_quaternion(Q: Array) -> tuple[Scalar, Array]:
+    """Return scalar >= 0 and vector (3,) of a rotation matrix's unit quaternion, to the last digit at half a turn too.
+
+    The row of 4 q q^T with the largest component, as `rotation.to_quaternion` takes it, on traced numbers too.
+    """
+    x, y, z = np.diag(Q)
+    a, b, c = Q[2, 1] - Q[1, 2], Q[0, 2] - Q[2, 0], Q[1, 0] - Q[0, 1]
+    d, f, g = Q[1, 0] + Q[0, 1], Q[0, 2] + Q[2, 0], Q[2, 1] + Q[1, 2]
+    largest, q = x + y + z, array([1.0 + x + y + z, a, b, c])
+    for size, row in (
+        (x, [a, 1.0 + x - y - z, d, f]),
+        (y, [b, d, 1.0 - x + y - z, g]),
+        (z, [c, f, g, 1.0 - x - y + z]),
+    ):
+        q = select(size > largest, array(row), q)
+        largest = maximum(largest, size)
+    q = q * (where(q[0] < 0.0, -1.0, 1.0) / sqrt(q @ q))
+    return q[0], q[1:]
 
 
 def bushings(chain: ClosedChain, state: State, inputs: Inputs) -> list[Stretched]:
