@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import holdfast as hf
+from holdfast.compiled import arrays
+from holdfast.compiled.externals import FLOATING
 from holdfast.compiled.not_compiled import NotCompiledError
 from holdfast.dynamics import Status
 from holdfast.dynamics.arm.jacobian import jacobian
@@ -76,6 +78,26 @@ def test_bound():
     np.testing.assert_array_equal(bound.result.base_acceleration, alone.base_acceleration)
     bound.floating_pose[0] += 0.1
     assert bound() is Status.INVALID
+
+
+def test_by_the_builtin(monkeypatch):
+    """A repeated call with a floating base leaves the Python code out, its names in any order, for the same bits."""
+    case = cases()["space_hinge_ball"]
+    arguments, parameters = given(case.chain, case.state, case.tau, case.inputs)
+    arguments = [np.array(x, dtype=float) for x in arguments]
+    base = {name: np.array(parameters[name]) for name in FLOATING}
+    fast = hf.compile(case.chain)
+    expected = fast.forward_dynamics(*arguments, **base)
+    out = fast.forward_dynamics(*arguments, **{name: x + 0.0 for name, x in base.items()})
+    fast.forward_dynamics(*arguments, **base, out=out)
+    monkeypatch.setattr(arrays, "floats", None)
+    for names in (base, dict(reversed(base.items()))):
+        out.memory[...] = 0.0
+        assert fast.forward_dynamics(*arguments, out=out, **names) is out
+        np.testing.assert_array_equal(out.qdd, expected.qdd)
+        np.testing.assert_array_equal(out.base_acceleration, expected.base_acceleration)
+    with pytest.raises(TypeError, match="not callable"):  # otherwise the checks are not left out
+        fast.forward_dynamics(*arguments, floating_pose=base["floating_pose"], out=out)
 
 
 def test_not_unique_forces():
