@@ -25,7 +25,8 @@ class ArmInputs:
         base_twist: (6,) of the base origin, world axes.
         base_acceleration: (6,) of the base origin minus [0; g], world axes.
         link_wrenches: (N, 6) external wrenches about the link origins, world axes, or None.
-        mounted: whether the arm stands on a trunk.
+        base_columns: (6, c) what a trunk's columns add to the acceleration of the base origin, world axes; None in the
+            world.
     """
 
     arm: Arm
@@ -35,7 +36,7 @@ class ArmInputs:
     base_twist: Array
     base_acceleration: Array
     link_wrenches: Array | None = None
-    mounted: bool = False
+    base_columns: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +50,7 @@ class ArmMotion:
         bias: wrenches and tip acceleration at qdd = 0.
         passive: (N,) what dampers and springs take of it: damping qd + stiffness (q - rest).
         torque: (N,) T: tau less that.
-        mounted: whether it stands on a trunk, which accelerates its base.
+        base_columns: (6, c) what a trunk's columns add to the acceleration of its base; None in the world.
     """
 
     arm: Arm
@@ -58,7 +59,7 @@ class ArmMotion:
     bias: Bias
     passive: Array
     torque: Array
-    mounted: bool = False
+    base_columns: Array | None = None
 
     @property
     def base_to_tip(self) -> Array:
@@ -73,15 +74,15 @@ def arm_motion(given: ArmInputs) -> ArmMotion:
     twists = link_twists(arm, at, given.qd, given.base_twist)
     b = bias_sweep.bias(arm, at, twists, given.qd, given.base_twist, given.base_acceleration, given.link_wrenches)
     passive = arm.damping * given.qd + arm.stiffness * (given.q - arm.rest)
-    return ArmMotion(arm, at, tip_twist(arm, at, twists), b, passive, given.tau - passive, given.mounted)
+    return ArmMotion(arm, at, tip_twist(arm, at, twists), b, passive, given.tau - passive, given.base_columns)
 
 
-def resting(arm: Arm, at: Posture, *, mounted: bool = False) -> ArmMotion:
+def resting(arm: Arm, at: Posture, base_columns: Array | None = None) -> ArmMotion:
     """Return an arm in a posture without torque, motion, gravity or external wrenches."""
     none, n = np.zeros(6), arm.joint_count
-    return ArmMotion(arm, at, none, Bias((none,) * n, none), np.zeros(n), np.zeros(n), mounted)
+    return ArmMotion(arm, at, none, Bias((none,) * n, none), np.zeros(n), np.zeros(n), base_columns)
 
 
 def at_rest(motion: ArmMotion) -> ArmMotion:
     """Return the same posture without torque, motion, gravity or external wrenches."""
-    return resting(motion.arm, motion.at, mounted=motion.mounted)
+    return resting(motion.arm, motion.at, motion.base_columns)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -31,24 +32,29 @@ class TerminalUpdate(NamedTuple):
     """The update by the last arm, a rigidly held one, after which only back-substitution is left.
 
     Attributes:
-        acceleration: (6,) alpha(G), the external wrench on the object included.
-        wrench: (6,) of the arm on the object, about G.
+        answer: beta (c,) of the trunk's columns, or None -> (6,) alpha(G), the external wrench on the object included,
+            and (6,) the wrench of the arm on the object, about G.
+        nu: S^-1 (r - x), with its columns.
         mobility: (6, 6) P after it.
         kept: how many of its rows are independent of those before.
         weakest: the smallest pivot kept, relative to a typical one.
+        on_trunk: (c, 1 + c) [load | inertia] that the arm adds to what the trunk's columns feel, and the load of the
+            external wrench through all arms.
     """
 
-    acceleration: Array
-    wrench: Array
+    answer: Callable[..., tuple[Array, Array]]
+    nu: Array
     mobility: Array
     kept: Scalar
     weakest: Scalar
+    on_trunk: Array | None
 
 
 def terminal_update(x: Array, P: Array, m: Measurement, size: Array, w: Array) -> TerminalUpdate:
     """Return what `rigid_update` and its way back come to at the last arm: two solves instead of seven.
 
-    z = S^-1 P w:  lambda = nu - z,  alpha(G) = x + P nu + R z, as P S^-1 R = R S^-1 P.
+    z = S^-1 P w:  lambda = nu - z,  alpha(G) = x + P nu + R z, as P S^-1 R = R S^-1 P. On a trunk's columns w weighs
+    as X^T w does after the arm, X^T w + (E - X)^T z.
 
     Args:
         x: acceleration of G of the object and the arms before.
@@ -58,5 +64,15 @@ def terminal_update(x: Array, P: Array, m: Measurement, size: Array, w: Array) -
         w: (6,) external wrench on the object about G.
     """
     S = ldl(P + m.R, m.pivot_sizes(size), RANK_TOLERANCE, m.typical_pivots(size))
-    nu, z = ldl_solve(S, np.column_stack([m.r - x, P @ w])).T
-    return TerminalUpdate(x + P @ nu + m.R @ z, nu - z, mirrored(ldl_solve(S, P).T @ m.R), S.kept, S.weakest)
+    e = m.r - x
+    solved = ldl_solve(S, np.column_stack([e, P @ w]))
+    z, nu, on_trunk = solved[:, -1], solved[:, 0] if e.ndim == 1 else solved[:, :-1], None
+    if e.ndim == 2:
+        load = e[:, 1:].T @ (nu[:, 0] - z) - w @ x[:, 1:]
+        on_trunk = np.column_stack([load, e[:, 1:].T @ nu[:, 1:]])
+
+    def answer(beta: Array | None = None) -> tuple[Array, Array]:
+        free = of_beta(nu, beta)
+        return of_beta(x, beta) + P @ free + m.R @ z, free - z
+
+    return TerminalUpdate(answer, nu, mirrored(ldl_solve(S, P).T @ m.R), S.kept, S.weakest, on_trunk)

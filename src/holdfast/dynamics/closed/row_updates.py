@@ -72,7 +72,7 @@ def independent_rows(m: Measurement, scale: Array, typical: Array) -> tuple[list
 
     Returns:
         (rows,) d >= 0, and (rows, 10): L^-1 [C, r], each row's scale, its typical pivot, and one over
-        the part of the scale that is R's, in the chosen order; six columns more behind r with a trunk. Where rows are
+        the part of the scale that is R's, in the chosen order; with a trunk its columns behind r. Where rows are
         held, six columns or fewer more say which of them each was.
     """
     width = 1 if m.r.ndim == 1 else m.r.shape[1]

@@ -51,8 +51,8 @@ class Builtin:
     """A kernel's builtin; it owns what the builtin needs, and lives as long as that.
 
     Attributes:
-        function: `function(x0, x1, ..., *, name=x, ..., out=result)`. With flat float64 inputs in C order and the expected
-            `result`, it runs the kernel and returns `result`; any other call is the fallback's.
+        function: `function(x0, x1, ..., *, name=x, ..., out=result)`. With flat float64 inputs in C order and the
+            expected `result`, it runs the kernel and returns `result`; any other call is the fallback's.
     """
 
     def __init__(
