@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.closed.measurement import Measurement, Update, of_beta
-from holdfast.spatial.linalg import RANK_TOLERANCE, ldl, ldl_solve
+from holdfast.spatial.linalg import RANK_TOLERANCE, back_substitution, halfway, ldl, ldl_solve
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.spatial.symmetric import mirrored
 
@@ -22,8 +22,8 @@ def rigid_update(x: Array, P: Array, m: Measurement, size: Array) -> tuple[Array
     """
     S = ldl(P + m.R, m.pivot_sizes(size), RANK_TOLERANCE, m.typical_pivots(size))
     gain = ldl_solve(S, P)
-    nu = ldl_solve(S, m.r - x)
-    on_trunk = None if nu.ndim == 1 else (m.r - x)[:, 1:].T @ nu
+    v, u = halfway(S, m.r - x)
+    nu, on_trunk = back_substitution(S.L, u), None if u.ndim == 1 else v[:, 1:].T @ u
     update = Update(lambda s, beta=None: of_beta(nu, beta) - gain @ s, S.kept, S.weakest, None, on_trunk)
     return x + P @ nu, mirrored(gain.T @ m.R), update
 
@@ -34,7 +34,6 @@ class TerminalUpdate(NamedTuple):
     Attributes:
         answer: beta (c,) of the trunk's columns, or None -> (6,) alpha(G), the external wrench on the object included,
             and (6,) the wrench of the arm on the object, about G.
-        nu: S^-1 (r - x), with its columns.
         mobility: (6, 6) P after it.
         kept: how many of its rows are independent of those before.
         weakest: the smallest pivot kept, relative to a typical one.
@@ -43,7 +42,6 @@ class TerminalUpdate(NamedTuple):
     """
 
     answer: Callable[..., tuple[Array, Array]]
-    nu: Array
     mobility: Array
     kept: Scalar
     weakest: Scalar
@@ -63,16 +61,14 @@ def terminal_update(x: Array, P: Array, m: Measurement, size: Array, w: Array) -
         size: (3,) how mobile P is, for judging pivots.
         w: (6,) external wrench on the object about G.
     """
-    S = ldl(P + m.R, m.pivot_sizes(size), RANK_TOLERANCE, m.typical_pivots(size))
-    e = m.r - x
-    solved = ldl_solve(S, np.column_stack([e, P @ w]))
-    z, nu, on_trunk = solved[:, -1], solved[:, 0] if e.ndim == 1 else solved[:, :-1], None
+    S, e, on_trunk = ldl(P + m.R, m.pivot_sizes(size), RANK_TOLERANCE, m.typical_pivots(size)), m.r - x, None
+    (v, u), (_, under_w) = halfway(S, e), halfway(S, P @ w)
     if e.ndim == 2:
-        load = e[:, 1:].T @ (nu[:, 0] - z) - w @ x[:, 1:]
-        on_trunk = np.column_stack([load, e[:, 1:].T @ nu[:, 1:]])
+        load = v[:, 1:].T @ (u[:, 0] - under_w) - w @ x[:, 1:]
+        on_trunk = np.column_stack([load, v[:, 1:].T @ u[:, 1:]])
 
     def answer(beta: Array | None = None) -> tuple[Array, Array]:
-        free = of_beta(nu, beta)
-        return of_beta(x, beta) + P @ free + m.R @ z, free - z
+        nu, z = back_substitution(S.L, np.column_stack([of_beta(u, beta), under_w])).T
+        return of_beta(x, beta) + P @ nu + m.R @ z, nu - z
 
-    return TerminalUpdate(answer, nu, mirrored(ldl_solve(S, P).T @ m.R), S.kept, S.weakest, on_trunk)
+    return TerminalUpdate(answer, mirrored(ldl_solve(S, P).T @ m.R), S.kept, S.weakest, on_trunk)

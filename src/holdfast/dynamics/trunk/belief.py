@@ -71,9 +71,7 @@ class Belief(NamedTuple):
         """Return the belief after the last arm, whose way back begins with the external wrench w on the object."""
         if m.parallel and not isinstance(self.P, FactoredMobility):
             end = terminal_update(self.x, self.P, m, self.size, w)
-            size, weakest = minimum(self.size, size_at_centre(m.extent)), minimum(self.weakest, end.weakest)
-            after = Belief(self.x + self.P @ end.nu, end.mobility, size, self.kept + end.kept, weakest)
-            return after, LastUpdate(end.answer, end.on_trunk, None)
+            return self.seen(m, tolerance)[0], LastUpdate(end.answer, end.on_trunk, None)
         after, update = self.seen(m, tolerance)
         by_w, on_trunk = after.factors().apply(w), update.on_trunk
         if on_trunk is not None:
