@@ -169,3 +169,15 @@ def test_other_functions(floating):
         assert np.allclose(tau, expected, rtol=1e-11, atol=1e-9)
         many = compiled.momentum(*(np.array([x, x]) for x in state))
         assert np.allclose(many, [hf.dynamics.momentum(chain, s)] * 2, rtol=1e-11, atol=1e-11)
+
+
+def test_a_joint_without_inertia():
+    """Two trunk joints about one axis, nothing between them: the reference refuses, machine code says INVALID."""
+    p = random_on_trunk(3, 2, floating=False)
+    trunk = hf.Trunk([hf.Joint(), hf.Joint()], [hf.Link(0.0), hf.Link(3.0, inertia=np.diag([0.1, 0.2, 0.15]))])
+    chain = dataclasses.replace(p.chain, trunk=trunk, mounts=dict.fromkeys(p.chain.mounts, 1))
+    s = p.state
+    with pytest.raises(hf.ModelError, match="trunk, joint"):
+        hf.forward_dynamics(chain, s, p.tau, check=False)
+    states = [np.stack([x, x]) for x in (s.q, s.qd, p.tau, s.object_pose, s.object_twist)]
+    assert (hf.compile(chain).forward_dynamics(*states).status == Status.INVALID).all()
