@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import holdfast as hf
+from holdfast.compiled import arrays
+from holdfast.compiled.externals import FLOATING
 from holdfast.compiled.not_compiled import NotCompiledError
 from holdfast.dynamics import Status
 from holdfast.dynamics.arm.jacobian import jacobian
@@ -78,6 +80,26 @@ def test_bound():
     assert bound() is Status.INVALID
 
 
+def test_by_the_builtin(monkeypatch):
+    """A repeated call with a floating base leaves the Python code out, its names in any order, for the same bits."""
+    case = cases()["space_hinge_ball"]
+    arguments, parameters = given(case.chain, case.state, case.tau, case.inputs)
+    arguments = [np.array(x, dtype=float) for x in arguments]
+    base = {name: np.array(parameters[name]) for name in FLOATING}
+    fast = hf.compile(case.chain)
+    expected = fast.forward_dynamics(*arguments, **base)
+    out = fast.forward_dynamics(*arguments, **{name: x + 0.0 for name, x in base.items()})
+    fast.forward_dynamics(*arguments, **base, out=out)
+    monkeypatch.setattr(arrays, "floats", None)
+    for names in (base, dict(reversed(base.items()))):
+        out.memory[...] = 0.0
+        assert fast.forward_dynamics(*arguments, out=out, **names) is out
+        np.testing.assert_array_equal(out.qdd, expected.qdd)
+        np.testing.assert_array_equal(out.base_acceleration, expected.base_acceleration)
+    with pytest.raises(TypeError, match="not callable"):  # otherwise the checks are not left out
+        fast.forward_dynamics(*arguments, floating_pose=base["floating_pose"], out=out)
+
+
 def test_not_unique_forces():
     """The generic rank is found, and accelerations are the reference's."""
     case = cases()["many_forces_links_3joint_rigid"]
@@ -147,3 +169,15 @@ def test_other_functions(floating):
         assert np.allclose(tau, expected, rtol=1e-11, atol=1e-9)
         many = compiled.momentum(*(np.array([x, x]) for x in state))
         assert np.allclose(many, [hf.dynamics.momentum(chain, s)] * 2, rtol=1e-11, atol=1e-11)
+
+
+def test_a_joint_without_inertia():
+    """Two trunk joints about one axis, nothing between them: the reference refuses, machine code says INVALID."""
+    p = random_on_trunk(3, 2, floating=False)
+    trunk = hf.Trunk([hf.Joint(), hf.Joint()], [hf.Link(0.0), hf.Link(3.0, inertia=np.diag([0.1, 0.2, 0.15]))])
+    chain = dataclasses.replace(p.chain, trunk=trunk, mounts=dict.fromkeys(p.chain.mounts, 1))
+    s = p.state
+    with pytest.raises(hf.ModelError, match="trunk, joint"):
+        hf.forward_dynamics(chain, s, p.tau, check=False)
+    states = [np.stack([x, x]) for x in (s.q, s.qd, p.tau, s.object_pose, s.object_twist)]
+    assert (hf.compile(chain).forward_dynamics(*states).status == Status.INVALID).all()

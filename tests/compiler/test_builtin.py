@@ -1,6 +1,7 @@
 """Builtins: what machine code takes, what it leaves to the fallback, and that nothing leaks or outlives its memory."""
 
 import array
+import ctypes
 import functools
 import gc
 import inspect
@@ -110,6 +111,44 @@ def test_new_inputs_each_time(owner):
     for k in range(100):
         assert owner.function(A + k, B - k, out=owner.out) is owner.out
         assert np.array_equal(owner.out.memory, [7.0 + 3 * k, 24.0 - 2 * k])
+
+
+class Named(Owner):
+    """The same kernel, its second input given by name."""
+
+    def __init__(self):
+        super().__init__()
+        self.entry = Builtin(
+            sums().address, np.zeros(3, dtype=np.int64), (3, 2), self.fallback, "sums", "(a, *, b, out=None)", "", ["b"]
+        )
+        self.function = self.entry.function
+        self.expect(self.out)
+
+
+def test_inputs_by_name():
+    """In any order; a name missing, unknown, or given by place, is the fallback's."""
+    owner = Named()
+    for call in ({"b": B, "out": owner.out}, {"out": owner.out, "b": B}):
+        owner.out.memory[...] = 0.0
+        assert owner.function(A, **call) is owner.out
+        assert np.array_equal(owner.out.memory, [7.0, 24.0]) and owner.calls == []
+    others = [((A, B), {"out": owner.out}), ((A,), {"out": owner.out}), ((A,), {"b": B}), ((A,), {"c": B, "b": B})]
+    others += [((A,), {"b": B, "out": owner.out, "c": B}), ((A,), {"b": B, "out": Result()}), ((), {"b": B, "a": A})]
+    others += [((A,), {"b": x, "out": owner.out}) for kind, x in REFUSED.items() if kind != "short"]
+    for args, names in others:
+        assert owner.function(*args, **names) == "fallback"
+        assert owner.calls.pop() == (args, names)
+
+
+def test_names_given_twice():
+    """No call from Python does so; one from C may, and finds no input that is not there."""
+    owner = Named()
+    call = ctypes.pythonapi.PyObject_Vectorcall
+    call.argtypes = [ctypes.py_object, ctypes.c_void_p, ctypes.c_size_t, ctypes.py_object]
+    call.restype = ctypes.py_object
+    for names in (("b", "b"), ("out", "out")):
+        args = (ctypes.py_object * 3)(A, B if names[0] == "b" else owner.out, B if names[0] == "b" else owner.out)
+        assert call(owner.function, ctypes.addressof(args), 1, names) == "fallback"
 
 
 REFUSED = {

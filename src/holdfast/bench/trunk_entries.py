@@ -48,10 +48,15 @@ def call(system: System, fast: Any) -> Entry:
     """Return the checked call: arrays in, a re-used result out."""
     states, bases, solve = entries.each_state(system), _each_base(system), fast.forward_dynamics
     out, rows = solve(*states[0], **bases[0]), list(zip(states, bases, strict=True))
+    floating = [(*state, *base.values()) for state, base in rows if base]
 
-    def sweep() -> None:
-        for state, base in rows:
-            solve(*state, out=out, **base)
+    def sweep() -> None:  # written out, as in a loop of the caller's
+        if floating:
+            for q, qd, tau, pose, twist, base_pose, base_twist in floating:
+                solve(q, qd, tau, pose, twist, floating_pose=base_pose, floating_twist=base_twist, out=out)
+        else:
+            for q, qd, tau, pose, twist in states:
+                solve(q, qd, tau, pose, twist, out=out)
 
     def answers() -> Answers:
         return answers_of([solve(*state, **base) for state, base in rows])

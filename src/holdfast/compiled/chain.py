@@ -111,14 +111,17 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
         self._bound.prepare()
         self._layout = ResultLayout(self._externals)
         self._addresses = Addresses(self._externals, self._own)
+        by_name = FLOATING if chain.floats else ()
+        self._inputs = *_INPUTS, *by_name  # the first of the externals
         self._builtin = Builtin(
             self._kernel.single_address,
             np.array(self._bound.table),
-            [self._externals[name].size for name in _INPUTS],
+            [self._externals[name].size for name in self._inputs],
             self._forward,
             "forward_dynamics",
             "(q, qd, tau, object_pose, object_twist, *, out=None, threads=1, **parameters)",
             _DOC,
+            by_name,
         )
         self._run = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(self._kernel.single_address)
         # the builtin takes the calls that repeat `out`; all others come back to `_forward`
@@ -236,8 +239,8 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
         else:
             # all addresses, and that of working memory
             whole = np.append(table[:, 0], self._bound.table[-1])
-            if out is not None and len(found) == len(_INPUTS):
-                self._builtin.expect(out, out.memory, whole[len(_INPUTS) :].tolist())
+            if out is not None and len(found) == len(self._inputs):
+                self._builtin.expect(out, out.memory, whole[len(self._inputs) :].tolist())
             sound = self._run(whole.ctypes.data) == 0
         if not sound:
             found = self._own | found | _origins(parameters)

@@ -32,10 +32,9 @@ def guarded_outputs(chain: ClosedChain) -> tuple[str, ...]:
 def forward_externals(structure: Structure) -> dict[str, External]:
     """Return the arrays of compiled forward dynamics: inputs, parameters, results."""
     chain, options = structure.chain, structure.options
-    inputs = ["q", "qd", "tau", "object_pose", "object_twist", "object_wrench"]
+    # first those of a call without parameters, as a builtin fills them in
+    inputs = ["q", "qd", "tau", "object_pose", "object_twist", *(FLOATING if chain.floats else ()), "object_wrench"]
     parameters = ["gravity", "generic_rank", "object_mass", "object_com", "object_inertia"]
-    if chain.floats:
-        inputs += FLOATING
     moving = [*BASE_MOTION, *(TRUNK_BASE_MOTION if chain.trunk is not None and not chain.floats else ())]
     # on a trunk the origins of the bases matter too, and where springs are or wrenches are about the tips
     slides = any(grasp.of_kind.slides for grasp in chain.grasps.values())

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Sequence
+from itertools import accumulate
 from typing import NamedTuple
+
+import numpy as np
 
 from holdfast.compiler.arithmetic import TRUTHS
 from holdfast.compiler.program import Instruction, Output, Program
@@ -140,13 +144,17 @@ def by_phase(program: Program, input_phases: Sequence[int], results: Sequence[in
 
 
 def by_length(program: Program, length: int) -> Pieces:
-    """Return the program cut after every `length` operations, each result written where it is computed."""
+    """Return the program in as few pieces of up to `length` operations as it takes.
+
+    It is cut where the fewest values lie across; each result is written where it is computed.
+    """
     first = program.input_size
     count = max(1, -(-(len(program.instructions) - first) // length))
     if count == 1:  # a piece of `by_phase` already: cutting it again would write the same
         outputs = (*program.outputs, Output((0,), ()))
         return Pieces((Program(program.input_shapes, program.instructions, outputs),), (0,))
-    piece = [max(0, p - first) // length for p in range(len(program.instructions))]
+    cuts = _quietest(_across(program)[first:], count, length)
+    piece = [bisect_right(cuts, p - first) for p in range(len(program.instructions))]
     for p, (kind, args, _) in enumerate(program.instructions):
         if kind in _MADE_AGAIN and args:
             piece[p] = max([piece[a] for a in args])
@@ -155,3 +163,40 @@ def by_length(program: Program, length: int) -> Pieces:
         for k in range(count)
     ]
     return cut(program, piece, outputs)
+
+
+def _across(program: Program) -> list[int]:
+    """Return for every place how many values computed before it are needed there or later."""
+    last: dict[int, int] = {}
+    roots = _roots(program)
+    for p, (kind, args, _) in enumerate(program.instructions):
+        if p >= program.input_size and kind not in _MADE_AGAIN:
+            last.update((root, p) for a in args for root in roots[a])
+    change = [0] * (len(program.instructions) + 1)
+    for p, end in last.items():
+        change[p + 1] += 1
+        change[end + 1] -= 1
+    return list(accumulate(change[:-1]))
+
+
+def _quietest(across: Sequence[int], count: int, length: int) -> list[int]:
+    """Return where to cut into `count` parts of up to `length` each, so that the least lies across all cuts."""
+    size = len(across)
+    least, before = np.zeros(1), 0  # of the cuts up to here, by where the last one is, from `before` on
+    chosen: list[tuple[int, list[int]]] = []
+    for k in range(1, count):
+        begin, end = max(k, size - (count - k) * length), min(k * length, size - count + k)
+        sums, from_where = [], []
+        for p in range(begin, end + 1):
+            window = least[max(0, p - length - before) : p - before]
+            best = int(np.argmin(window))
+            from_where.append(max(before, p - length) + best)
+            sums.append(across[p] + window[best])
+        chosen.append((begin, from_where))
+        least, before = np.array(sums), begin
+    cuts: list[int] = []
+    at = before + int(np.argmin(least))
+    for begin, from_where in reversed(chosen):
+        cuts.insert(0, at)
+        at = from_where[at - begin]
+    return cuts

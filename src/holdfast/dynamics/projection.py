@@ -86,7 +86,7 @@ def trunk_impulses(motion: ChainMotion, tips: list[TipResponse]) -> tuple[Change
     assert motion.trunk is not None
     chain, none = motion.chain, np.zeros(6)
     still = replace(motion, trunk=motion.trunk.at_rest(), body=replace(motion.body, free=motion.body.free.at_rest()))
-    lone = each(lambda name: gap_response(motion.arms[name], none), motion.lone_on_trunk)
+    lone = each(lambda arm: gap_response(arm, none), [motion.arms[name] for name in motion.lone_on_trunk])
     whole = filtered(still, tips, lone)
     of_arm = dict(zip(chain.grasps, zip(tips, whole.found.wrenches, strict=True), strict=True))
     of_arm |= {name: (tip, none) for name, tip in zip(motion.lone_on_trunk, lone, strict=True)}
@@ -94,7 +94,7 @@ def trunk_impulses(motion: ChainMotion, tips: list[TipResponse]) -> tuple[Change
     for name, arm in chain.arms.items():
         if name in of_arm:
             tip, impulse = of_arm[name]
-            dqd.append(tip.back_substitute(impulse, motion.trunk.under(name, whole.betas))[0])
+            dqd.append(tip.back_substitute(impulse, motion.trunk.of_columns(name, whole.trunk, whole.betas))[0])
         else:
             dqd.append(np.zeros(arm.joint_count))
     return Change(concatenate(dqd), whole.found.object_acceleration, whole.trunk.base), whole.found.wrenches

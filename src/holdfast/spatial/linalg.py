@@ -69,9 +69,13 @@ def ldl(S: Array, scale: Array, tolerance: float = RANK_TOLERANCE, typical: Arra
 
 def ldl_solve(factors: MaskedLDL, b: Array) -> Array:
     """Return S^-1 b (a solution of S x = b where pivots were dropped); b is (n,) or (n, m)."""
-    y = forward_substitution(factors.L, b)
-    z = (y.T * factors.inverse_pivots).T
-    return back_substitution(factors.L, z)
+    return back_substitution(factors.L, halfway(factors, b)[1])
+
+
+def halfway(factors: MaskedLDL, b: Array) -> tuple[Array, Array]:
+    """Return v = L^-1 b and u = D^-1 v, of which S^-1 b = L^-T u and b^T S^-1 b = v^T u; b is (n,) or (n, m)."""
+    v = forward_substitution(factors.L, b)
+    return v, (v.T * factors.inverse_pivots).T
 
 
 def largest_first(S: Array, size: Array, tolerance: float = RANK_TOLERANCE) -> tuple[list[Scalar], list[Array]]:

@@ -26,7 +26,8 @@ class ArmInputs:
         base_twist: (6,) of the base origin, world axes.
         base_acceleration: (6,) of the base origin minus [0; g], world axes.
         link_wrenches: (N, 6) external wrenches about the link origins, world axes, or None.
-        mounted: whether the arm stands on a trunk.
+        base_columns: (6, c) what a trunk's columns add to the acceleration of the base origin, world axes; None in the
+            world.
     """
 
     arm: Arm
@@ -36,7 +37,7 @@ class ArmInputs:
     base_twist: Array
     base_acceleration: Array
     link_wrenches: Array | None = None
-    mounted: bool = False
+    base_columns: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +51,7 @@ class ArmMotion:
         bias: wrenches and tip acceleration at qdd = 0.
         passive: (N,) what dampers and springs take of it: damping qd + stiffness (q - rest).
         torque: (N,) T: tau less that.
-        mounted: whether it stands on a trunk, which accelerates its base.
+        base_columns: (6, c) what a trunk's columns add to the acceleration of its base; None in the world.
         known: (6,) wrench of the tip on the object that the state decides, world axes; it is in the bias. None: none.
     """
 
@@ -60,7 +61,7 @@ class ArmMotion:
     bias: Bias
     passive: Array
     torque: Array
-    mounted: bool = False
+    base_columns: Array | None = None
     known: Array | None = None
 
     def exerting(self, f: Array) -> ArmMotion:
@@ -94,13 +95,13 @@ def arm_motion(given: ArmInputs) -> ArmMotion:
     b = bias_sweep.bias(arm, at, twists, given.qd, given.base_twist, given.base_acceleration, given.link_wrenches)
     passive = arm.damping * given.qd + arm.stiffness * (given.q - arm.rest)
     at_tip = tip_twist(arm, at, twists, given.base_twist)
-    return ArmMotion(arm, at, at_tip, b, passive, given.tau - passive, given.mounted)
+    return ArmMotion(arm, at, at_tip, b, passive, given.tau - passive, given.base_columns)
 
 
-def resting(arm: Arm, at: Posture, *, mounted: bool = False) -> ArmMotion:
+def resting(arm: Arm, at: Posture, base_columns: Array | None = None) -> ArmMotion:
     """Return an arm in a posture without torque, motion, gravity or external wrenches."""
     none, n = np.zeros(6), arm.joint_count
-    return ArmMotion(arm, at, none, Bias((none,) * n, none), np.zeros(n), np.zeros(n), mounted)
+    return ArmMotion(arm, at, none, Bias((none,) * n, none), np.zeros(n), np.zeros(n), base_columns)
 
 
 def driven(motion: ArmMotion, torque: Array, base_acceleration: Array) -> ArmMotion:
@@ -114,9 +115,9 @@ def driven(motion: ArmMotion, torque: Array, base_acceleration: Array) -> ArmMot
     arm, at, none, still = motion.arm, motion.at, np.zeros(6), np.zeros(motion.arm.joint_count)
     twists = (none,) * arm.joint_count
     b = bias_sweep.bias(arm, at, twists, still, none, base_acceleration)
-    return ArmMotion(arm, at, none, b, still, torque, motion.mounted)
+    return ArmMotion(arm, at, none, b, still, torque, motion.base_columns)
 
 
 def at_rest(motion: ArmMotion) -> ArmMotion:
     """Return the same posture without torque, motion, gravity or external wrenches."""
-    return resting(motion.arm, motion.at, mounted=motion.mounted)
+    return resting(motion.arm, motion.at, motion.base_columns)

@@ -128,7 +128,8 @@ def chain_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -
         twist, acceleration = bases[i] if mount is None else (mount.twist, mount.acceleration)
         on = arm if mount is None else arm.standing_at(mount.frame)
         of_joints = state.q[part], state.qd[part], tau[part]
-        given.append(ArmInputs(on, *of_joints, twist, acceleration, links, mount is not None))
+        columns = None if mount is None else mount.columns
+        given.append(ArmInputs(on, *of_joints, twist, acceleration, links, columns))
     found = each(
         lambda of_arm, grasp: arm_and_grasp(ArmCase(of_arm, grasp, frame, state.object_twist)),
         given,
@@ -163,22 +164,22 @@ def chain_at_rest(chain: ClosedChain, state: State) -> ChainMotion:
     trunk = trunk_at_rest(chain, state)
     mounts = {} if trunk is None else trunk.mounts
     found = each(
-        lambda arm, q, grasp, mounted: arm_at_rest(arm, q, grasp, frame, mounted=mounted),
+        lambda arm, q, grasp, columns: arm_at_rest(arm, q, grasp, frame, columns),
         [arm.standing_at(mounts[name].frame) if name in mounts else arm for name, arm in chain.arms.items()],
         [state.q[part] for part in chain.arm_joints],
         [chain.grasps.get(name) for name in chain.arms],
-        [name in mounts for name in chain.arms],
+        [mounts[name].columns if name in mounts else None for name in chain.arms],
     )
     return _together(chain, found, object_motion(chain.held_object, frame, none, none), trunk)
 
 
 def arm_at_rest(
-    arm: Arm, q: Array, grasp: Grasp | None, frame: Pose, *, mounted: bool = False
+    arm: Arm, q: Array, grasp: Grasp | None, frame: Pose, base_columns: Array | None = None
 ) -> tuple[ArmMotion, Contact | None]:
     """Return an arm at rest, and its grasp if it has one; see `arm_and_grasp`."""
     none = np.zeros(6)
     at = posture(arm, q)
-    still = resting(arm, at, mounted=mounted)
+    still = resting(arm, at, base_columns)
     return still, None if grasp is None else contact(grasp, frame, none, at.tip, none)
 
 

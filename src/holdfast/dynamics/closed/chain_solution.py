@@ -52,12 +52,12 @@ def chain_solution(motion: ChainMotion, found: Solution, route: Route) -> ChainS
     """
     chain = motion.chain
     lone = [name for name in chain.arms if name not in chain.grasps]
-    trunk, betas = motion.trunk, []
+    trunk, betas, of_columns = motion.trunk, [], [None for _ in lone]
     if trunk is not None and found.trunk is not None:
         betas = trunk.accelerations(found.trunk)
-    under = {name: None if trunk is None else trunk.under(name, betas) for name in chain.arms}
-    alone = each(lambda arm, beta: unloaded(arm, route, beta), [motion.arms[n] for n in lone], [under[n] for n in lone])
-    holds = [under[name] for name in chain.grasps]
+        of_columns = [trunk.of_columns(name, found.trunk, betas) for name in lone]
+    holds = [None if trunk is None else trunk.under(name, betas) for name in chain.grasps]
+    alone = each(lambda arm, beta: unloaded(arm, route, beta), [motion.arms[n] for n in lone], of_columns)
     bases = found.base_wrenches
     if bases is None:
         bases = each(

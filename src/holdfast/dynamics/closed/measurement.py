@@ -26,8 +26,8 @@ class Measurement(NamedTuple):
     Attributes:
         C: K A, (rows, 6).
         R: K Lambda K^T, the "measurement noise".
-        r: (rows,) K (alpha_f + g - a); of an arm on a trunk (rows, 7) [r | K X], r + K X beta for an acceleration
-            beta of the trunk.
+        r: (rows,) K (alpha_f + g - a); of an arm on a trunk (rows, 1 + c) [r | K X], r + K X beta for accelerations
+            beta of the trunk's columns.
         extent: (4,) how mobile the arm is where it measures: angular [1/(kg m^2)], linear with what turns
             at the end of the arm's length, linear [1/kg], and the squared distance of that point from G [m^2].
         angular: which rows are moments.
@@ -80,13 +80,13 @@ class Update(NamedTuple):
     """What is left of one arm for the way back.
 
     Attributes:
-        back_substitute: s (6,), the wrench at G of everything behind, and beta (6,) of the trunk, or None -> the
-            arm's own, C^T lambda.
+        back_substitute: s (6,), the wrench at G of everything behind, and beta (c,) of the trunk's columns, or None ->
+            the arm's own, C^T lambda.
         kept: how many of its rows are independent of those before.
         weakest: the smallest pivot kept, relative to a typical one.
         independent: (rows,) 1 for the rows that are kept, where the contact says which are held.
-        on_trunk: (6, 7) [wrench | inertia] that the grasp adds to the trunk's body: E^T S^-1 (r - C x), of a
-            mounted arm.
+        on_trunk: (c, 1 + c) [load | inertia] that the grasp adds to what the trunk's columns feel: E^T S^-1 (r - C x),
+            of a mounted arm.
         again: other x and r -> x after the arm, and the way back, by the factors at hand.
     """
 
@@ -99,12 +99,12 @@ class Update(NamedTuple):
 
 
 def of_beta(columns: Array, beta: Array | None) -> Array:
-    """Return x + X beta of columns [x | X], (rows, 7); x itself, (rows,), where there is no trunk."""
+    """Return x + X beta of columns [x | X], (rows, 1 + c); x itself, (rows,), where there is no trunk."""
     return columns if columns.ndim == 1 else columns[:, 0] + columns[:, 1:] @ beta
 
 
 def with_columns(first: Array, tip: TipResponse) -> Array:
-    """Return (6, 7) a tip's acceleration, and what it has of the trunk's; (6,) the acceleration of an arm without."""
+    """Return (6, 1 + c) a tip's acceleration, and what it has of a trunk's; (6,) the acceleration without a trunk."""
     return first if tip.base is None else np.column_stack([first, tip.base.X])
 
 

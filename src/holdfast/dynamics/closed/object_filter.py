@@ -100,8 +100,9 @@ def object_filter(
     if last is not None:
         ends = each(lambda m: terminal_update(x, P, m, size, body.wrench), [seen[last]])
         (end,) = ends
-        alpha, P, kept, weakest = end.acceleration, end.mobility, kept + end.kept, minimum(weakest, end.weakest)
-        s, rows, from_rows = body.wrench + end.wrench, [], [end.wrench]
+        ((alpha, from_last),) = each(lambda update: update.answer(), ends)
+        P, kept, weakest = end.mobility, kept + end.kept, minimum(weakest, end.weakest)
+        s, rows, from_rows = body.wrench + from_last, [], [from_last]
     else:
         (factors,) = each(factored, [P], [by_rows(size)]) if first else [FactoredMobility(body.D, body.w)]
         (x, factors, kept, weakest), rows = scan(

@@ -18,5 +18,5 @@ def rest_response(motion: ChainMotion) -> ObjectSolution:
     tips = each(lambda arm: tip_response(arm, "auto"), motion.holding)
     if motion.trunk is None:
         return object_filter(motion.contacts, tips, motion.body.free)
-    lone = each(lambda name: tip_response(motion.arms[name], "auto"), motion.lone_on_trunk)
+    lone = each(lambda arm: tip_response(arm, "auto"), [motion.arms[name] for name in motion.lone_on_trunk])
     return filtered(motion, tips, lone).found

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.closed.measurement import BackSubstitution, Measurement, Update, of_beta
-from holdfast.spatial.linalg import RANK_TOLERANCE, ldl, ldl_solve
+from holdfast.spatial.linalg import RANK_TOLERANCE, back_substitution, halfway, ldl, ldl_solve
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.spatial.symmetric import mirrored
 
@@ -22,8 +22,8 @@ def rigid_update(x: Array, P: Array, m: Measurement, size: Array) -> tuple[Array
     """
     S = ldl(P + m.R, m.pivot_sizes(size), RANK_TOLERANCE, m.typical_pivots(size))
     gain = ldl_solve(S, P)
-    nu = ldl_solve(S, m.r - x)
-    on_trunk = None if nu.ndim == 1 else (m.r - x)[:, 1:].T @ nu
+    v, u = halfway(S, m.r - x)
+    nu, on_trunk = back_substitution(S.L, u), None if u.ndim == 1 else v[:, 1:].T @ u
 
     def again(x: Array, r: Array) -> tuple[Array, BackSubstitution]:
         nu = ldl_solve(S, r - x)
@@ -37,26 +37,29 @@ class TerminalUpdate(NamedTuple):
     """The update by the last arm, a rigidly held one, after which only back-substitution is left.
 
     Attributes:
-        acceleration: (6,) alpha(G), the external wrench on the object included.
-        wrench: (6,) of the arm on the object, about G.
+        answer: beta (c,) of the trunk's columns, or None -> (6,) alpha(G), the external wrench on the object included,
+            and (6,) the wrench of the arm on the object, about G.
         mobility: (6, 6) P after it.
         kept: how many of its rows are independent of those before.
         weakest: the smallest pivot kept, relative to a typical one.
-        again: other x, r and w -> acceleration and wrench, by the factors at hand.
+        on_trunk: (c, 1 + c) [load | inertia] that the arm adds to what the trunk's columns feel, and the load of the
+            external wrench through all arms.
+        again: other x, r and w -> acceleration and wrench, by the factors at hand; in the world.
     """
 
-    acceleration: Array
-    wrench: Array
+    answer: Callable[..., tuple[Array, Array]]
     mobility: Array
     kept: Scalar
     weakest: Scalar
+    on_trunk: Array | None
     again: Callable[[Array, Array, Array], tuple[Array, Array]]
 
 
 def terminal_update(x: Array, P: Array, m: Measurement, size: Array, w: Array) -> TerminalUpdate:
     """Return what `rigid_update` and its way back come to at the last arm: two solves instead of seven.
 
-    z = S^-1 P w:  lambda = nu - z,  alpha(G) = x + P nu + R z, as P S^-1 R = R S^-1 P.
+    z = S^-1 P w:  lambda = nu - z,  alpha(G) = x + P nu + R z, as P S^-1 R = R S^-1 P. On a trunk's columns w weighs
+    as X^T w does after the arm, X^T w + (E - X)^T z.
 
     Args:
         x: acceleration of G of the object and the arms before.
@@ -65,11 +68,18 @@ def terminal_update(x: Array, P: Array, m: Measurement, size: Array, w: Array) -
         size: (3,) how mobile P is, for judging pivots.
         w: (6,) external wrench on the object about G.
     """
-    S = ldl(P + m.R, m.pivot_sizes(size), RANK_TOLERANCE, m.typical_pivots(size))
+    S, e, on_trunk = ldl(P + m.R, m.pivot_sizes(size), RANK_TOLERANCE, m.typical_pivots(size)), m.r - x, None
+    (v, u), (_, under_w) = halfway(S, e), halfway(S, P @ w)
+    if e.ndim == 2:
+        load = v[:, 1:].T @ (u[:, 0] - under_w) - w @ x[:, 1:]
+        on_trunk = np.column_stack([load, v[:, 1:].T @ u[:, 1:]])
 
-    def solve(x: Array, r: Array, w: Array) -> tuple[Array, Array]:
+    def answer(beta: Array | None = None) -> tuple[Array, Array]:
+        nu, z = back_substitution(S.L, np.column_stack([of_beta(u, beta), under_w])).T
+        return of_beta(x, beta) + P @ nu + m.R @ z, nu - z
+
+    def again(x: Array, r: Array, w: Array) -> tuple[Array, Array]:
         nu, z = ldl_solve(S, np.column_stack([r - x, P @ w])).T
         return x + P @ nu + m.R @ z, nu - z
 
-    acceleration, wrench = solve(x, m.r, w)
-    return TerminalUpdate(acceleration, wrench, mirrored(ldl_solve(S, P).T @ m.R), S.kept, S.weakest, solve)
+    return TerminalUpdate(answer, mirrored(ldl_solve(S, P).T @ m.R), S.kept, S.weakest, on_trunk, again)

@@ -92,7 +92,7 @@ def independent_rows(
 
     Returns:
         (rows,) d >= 0, and (rows, 10): L^-1 [C, r], each row's scale, its typical pivot, and one over
-        the part of the scale that is R's, in the chosen order; six columns more behind r with a trunk. Where rows are
+        the part of the scale that is R's, in the chosen order; with a trunk its columns behind r. Where rows are
         held, six columns or fewer more say which of them each was. Then what makes other r, (rows,) or (rows, m),
         independent likewise: L^-1 r in the chosen order.
     """

@@ -20,10 +20,11 @@ from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.arm.motion import ArmMotion
 from holdfast.dynamics.arm.tip_mobility import tip_mobility
+from holdfast.spatial.inertia import NO_INERTIA as NO_BODY
 from holdfast.spatial.inertia import RigidInertia
 from holdfast.spatial.linalg import back_substitution, cholesky, forward_substitution
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, where
-from holdfast.spatial.spatial_vector import rotate, shift_wrench, twist_shift, unrotate
+from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench, unrotate
 from holdfast.spatial.symmetric import Symmetric6, symmetric6, zero6
 
 Route = Literal["recursive", "mass_matrix", "auto"]
@@ -35,24 +36,25 @@ NO_INERTIA = 1e-14  # of the arm's largest articulated inertia: what is left is 
 
 
 class BaseResponse(NamedTuple):
-    """How one arm answers at its base, which a trunk accelerates by beta more than its motion says, world axes.
+    """How one arm answers at its base, which a trunk accelerates by S beta more than its motion says, world axes.
 
-        alpha_tip = alpha_f + X beta - Lambda f,    w_base = w_f + Y beta + X^T f
+        alpha_tip = alpha_f + X beta - Lambda f,    S^T w_base = S^T (w_0 + I S beta) + w + Y beta + X^T f
+
+    S are the arm's `base_columns`, I its inertia with the joints locked.
 
     Attributes:
-        X: (6, 6) from beta at the base to the acceleration of the tip point.
-        Y: inertia that the base feels while the joints are free.
-        wrench: (6,) w_f of the base on the arm about the base origin, with beta and f zero.
+        X: (6, c) from beta to the acceleration of the tip point.
+        Y: (c, c) what free joints add to the inertia that the columns feel.
+        wrench: (c,) what they add to the load, with beta and f zero.
+        locked: I about the base origin.
+        at_rest: (6,) w_0 of the base on the arm about the base origin, with its joints locked and beta zero.
     """
 
     X: Array
-    Y: Symmetric6
+    Y: Array
     wrench: Array
-
-    def seen_from(self, offset: Array) -> BaseResponse:
-        """Return the same about another point of the body that carries the base, `offset` from there to it [m]."""
-        X = array([shift_wrench(offset, row) for row in self.X])  # X phi^T
-        return BaseResponse(X, self.Y.inertia_shifted(offset), shift_wrench(offset, self.wrench))
+    locked: RigidInertia
+    at_rest: Array
 
 
 class TipResponse(NamedTuple):
@@ -62,7 +64,7 @@ class TipResponse(NamedTuple):
         mobility: Lambda(0).
         free_acceleration: (6,) alpha_f(0), less [0; g].
         pivots: (N,) positive for a proper arm: D, or the squared Cholesky diagonal.
-        back_substitute: f (6,), beta (6,) or None -> (qdd (N,), base wrench (6,) about the base origin, world axes).
+        back_substitute: f (6,), beta (c,) or None -> (qdd (N,), base wrench (6,) about the base origin, world axes).
         length: of the arm stretched out, which levers are sums of [m].
         base: how it answers at its base; None unless it stands on a trunk.
         again: the same posture under other torques and wrenches -> its answer, by the factors at hand.
@@ -90,7 +92,11 @@ def prescribed(motion: ArmMotion) -> TipResponse:
     """Return the answer of an anchor, which moves as its base does: Lambda = 0, and its base feels -f alone. O(1)."""
     reach, none, of_base = motion.base_to_tip, np.zeros(0), motion.bias.of_base
     known = np.zeros(6) if of_base is None else rotate(motion.arm.base.R, of_base)
-    base = BaseResponse(twist_shift(reach), zero6(), known) if motion.mounted else None
+    S, base = motion.base_columns, None
+    if S is not None:
+        count = S.shape[1]
+        at_tip = array([shift_twist(reach, column) for column in S.T]).T
+        base = BaseResponse(at_tip, np.zeros((count, count)), np.zeros(count), NO_BODY, known)
 
     def back_substitute(f: Array, beta: Array | None = None) -> tuple[Array, Array]:
         return none, known + shift_wrench(reach, f)
@@ -105,22 +111,27 @@ def recursive(motion: ArmMotion) -> TipResponse:
     filter = articulated_filter(arm, at)
     R, base_R = at.end, arm.base.R
     mobility = tip_mobility(arm, at, filter).rotated(R)
-    X = None
-    if motion.mounted:
+    S, X, Y = motion.base_columns, None, None
+    felt = None if S is None else filter.at_base.rotated(base_R)
+    if S is not None and felt is not None:
         still = np.zeros(arm.joint_count)
-        X = array([rotate(R, smooth(arm, at, filter, still, unrotate(base_R, unit))[1]) for unit in np.eye(6)]).T
+        X = array([rotate(R, smooth(arm, at, filter, still, unrotate(base_R, column))[1]) for column in S.T]).T
+        Y = array([felt.apply(column) for column in S.T]) @ S
 
     def answer(motion: ArmMotion) -> TipResponse:
         eps, at_base = whiten(arm, at, filter, motion.torque, motion.bias.wrenches, None)
         _, tip = smooth(arm, at, filter, eps / filter.D)
-        base = None if X is None else BaseResponse(X, filter.at_base.rotated(base_R), rotate(base_R, at_base))
+        base = None
+        if S is not None and X is not None and Y is not None:
+            base = BaseResponse(X, Y, rotate(base_R, at_base) @ S, NO_BODY, np.zeros(6))
 
         def back_substitute(f: Array, beta: Array | None = None) -> tuple[Array, Array]:
             from_wrench, base_from_wrench = whiten(arm, at, filter, None, None, unrotate(R, f))
-            under = None if beta is None else unrotate(base_R, beta)
-            qdd, _ = smooth(arm, at, filter, (eps + from_wrench) / filter.D, under)
+            under = None if beta is None or S is None else S @ beta
+            moving = None if under is None else unrotate(base_R, under)
+            qdd, _ = smooth(arm, at, filter, (eps + from_wrench) / filter.D, moving)
             wrench = rotate(base_R, at_base + base_from_wrench)
-            return qdd, wrench if base is None or beta is None else wrench + base.Y.apply(beta)
+            return qdd, wrench if felt is None or under is None else wrench + felt.apply(under)
 
         free = rotate(R, tip) + motion.bias.tip_acceleration
         return TipResponse(mobility, free, filter.D, back_substitute, arm.length, base)
@@ -129,73 +140,48 @@ def recursive(motion: ArmMotion) -> TipResponse:
 
 
 def by_mass_matrix(motion: ArmMotion) -> TipResponse:
-    """Return the answer with M = L L^T, X = L^-1 J^T: Lambda = X^T X. O(N^3)."""
+    """Return the answer with M = L L^T, X = L^-1 J^T: Lambda = X^T X. O(N^3).
+
+    At the base, with B^T S the torques that the trunk's columns ask for and Bh = L^-1 B^T S: phi^T S - X^T Bh, -Bh^T Bh
+    and Bh^T L^-1 (T - C).
+    """
     arm, at = motion.arm, motion.at
     J = jacobian(arm, at)
     M, per_joint, locked = mass_matrix(arm, at)
     L = cholesky(M)
     X = forward_substitution(L, J.T)
     mobility, pivots = symmetric6(X.T @ X), np.diag(L) * np.diag(L)
+    S, B, first = motion.base_columns, None, arm.base.R @ at.l[0]
+    if S is not None:
+        B = forward_substitution(L, per_joint.T @ first_columns(motion, S))
 
     def answer(motion: ArmMotion) -> TipResponse:
         C, at_rest = bias_torque(arm, at, motion.bias.wrenches)
         x = forward_substitution(L, motion.torque - C)
-        base = by_base(motion, L, X, x, at_rest, per_joint, locked) if motion.mounted else None
+        base = None
+        if S is not None and B is not None:
+            at_tip = array([shift_twist(motion.base_to_tip, column) for column in S.T]).T
+            of_base = shift_wrench(first, rotate(at.R[0], at_rest))
+            base = BaseResponse(at_tip - X.T @ B, -(B.T @ B), x @ B, locked.moved(arm.base.R, np.zeros(3)), of_base)
 
         def back_substitute(f: Array, beta: Array | None = None) -> tuple[Array, Array]:
-            if base is None or beta is None:
-                qdd = back_substitution(L, x - X @ f)
-                at_first = rotate(at.R[0], at_rest + per_joint @ qdd) + shift_wrench(at.reach[0], f)
-                return qdd, shift_wrench(arm.base.R @ at.l[0], at_first)
-            qdd = back_substitution(L, x - base.B @ beta - X @ f)
-            response = base.response
-            return qdd, response.wrench + response.Y.apply(beta) + f @ response.X
+            free = x if B is None or beta is None else x - B @ beta
+            qdd = back_substitution(L, free - X @ f)
+            at_first = rotate(at.R[0], at_rest + per_joint @ qdd) + shift_wrench(at.reach[0], f)
+            wrench = shift_wrench(first, at_first)
+            return qdd, wrench if base is None or S is None or beta is None else wrench + base.locked.apply(S @ beta)
 
         free = x @ X + motion.bias.tip_acceleration
-        response = None if base is None else base.response
-        return TipResponse(mobility, free, pivots, back_substitute, arm.length, response)
+        return TipResponse(mobility, free, pivots, back_substitute, arm.length, base)
 
     return answer(motion)._replace(again=answer)
 
 
-class WhitenedBase(NamedTuple):
-    """What the mass matrix of a mounted arm leaves of its base.
-
-    Attributes:
-        B: (N, 6) L^-1 B^T, B beta the torques that an acceleration beta of the base asks for.
-        response: how the arm answers there.
-    """
-
-    B: Array
-    response: BaseResponse
-
-
-def by_base(
-    motion: ArmMotion, L: Array, X: Array, x: Array, at_rest: Array, per_joint: Array, locked: RigidInertia
-) -> WhitenedBase:
-    """Return the answer at the base: phi^T - X^T Bh, I - Bh^T Bh and w_0 + Bh^T x, with Bh = L^-1 B^T. O(N^2).
-
-    Args:
-        motion: the arm, on a trunk.
-        L: of its mass matrix.
-        X: (N, 6) L^-1 J^T.
-        x: (N,) L^-1 (T - C).
-        at_rest: (6,) wrench on the first link at qdd = 0, as `bias_torque` returns it.
-        per_joint: (6, N) the same of unit joint accelerations, as `mass_matrix` returns it.
-        locked: inertia of the arm, joints locked, as `mass_matrix` returns it.
-    """
-    arm, at = motion.arm, motion.at
-    first = arm.base.R @ at.l[0]
-
-    def at_base(wrench: Array) -> Array:
-        return shift_wrench(first, rotate(at.R[0], wrench))
-
-    B = forward_substitution(L, array([at_base(column) for column in per_joint.T]))
-    rigid = locked.symmetric().rotated(arm.base.R).dense()
-    response = BaseResponse(
-        twist_shift(motion.base_to_tip) - X.T @ B, symmetric6(rigid - B.T @ B), at_base(at_rest) + x @ B
-    )
-    return WhitenedBase(B, response)
+def first_columns(motion: ArmMotion, columns: Array) -> Array:
+    """Return what columns of base accelerations are at the first link's origin, in its axes, (6, c)."""
+    at = motion.at
+    first = motion.arm.base.R @ at.l[0]
+    return array([unrotate(at.R[0], shift_twist(first, column)) for column in columns.T]).T
 
 
 def responded(tip: TipResponse, f: Array, beta: Array | None = None) -> tuple[Array, Array]:
@@ -206,7 +192,7 @@ def responded(tip: TipResponse, f: Array, beta: Array | None = None) -> tuple[Ar
     Args:
         tip: the arm's answer.
         f: (6,).
-        beta: (6,) what a trunk accelerates the base by more than its motion says; None in the world.
+        beta: (c,) accelerations of the trunk's columns; None in the world.
     """
     qdd, base = tip.back_substitute(f, beta)
     if not len(qdd):

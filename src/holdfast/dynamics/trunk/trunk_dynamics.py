@@ -24,7 +24,7 @@ def trunk_dynamics(motion: ChainMotion, route: Route = "auto") -> Solution:
     trunk = motion.trunk
     assert trunk is not None
     tips = each(lambda arm: tip_response(arm, route), motion.holding)
-    lone = each(lambda name: tip_response(motion.arms[name], route), motion.lone_on_trunk)
+    lone = each(lambda arm: tip_response(arm, route), [motion.arms[name] for name in motion.lone_on_trunk])
     held = None
     if motion.generic_rank is not None:
 
@@ -34,7 +34,7 @@ def trunk_dynamics(motion: ChainMotion, route: Route = "auto") -> Solution:
         _, held = strongest_rows(solve, motion.contacts, motion.generic_rank)
         motion = holding(motion, held)
     whole = filtered(motion, tips, lone)
-    betas = [trunk.under(name, whole.betas) for name in motion.chain.grasps]
+    betas = [trunk.of_columns(name, whole.trunk, whole.betas) for name in motion.chain.grasps]
     answers = each(responded, tips, whole.found.wrenches, betas)
     return Solution(
         qdd=[qdd for qdd, _ in answers],

@@ -2,6 +2,9 @@
 
 zeta(k)    acceleration of body k, less [0; g], while no joint of the trunk accelerates
 beta(k)    what its joints add to it: beta(k) = phi^T beta(k+1) + H^T a(k)
+
+The trunk's columns are what the arms on it answer to: the six components of beta(k) of the body that carries an arm,
+or, where no more than five joints all lie below the one body that carries arms, the accelerations of these joints.
 """
 
 from __future__ import annotations
@@ -19,8 +22,9 @@ from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
+from holdfast.spatial.inertia import RigidInertia
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, Scalar, concatenate
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, each
 from holdfast.spatial.spatial_vector import (
     acceleration_gradient,
     centripetal,
@@ -29,8 +33,9 @@ from holdfast.spatial.spatial_vector import (
     twist_shift,
     unrotate,
 )
-from holdfast.spatial.symmetric import Symmetric6
 from holdfast.state import Inputs, State
+
+FEWER_THAN_SIX = 5  # joints, whose accelerations are fewer columns than the components of one
 
 
 class TrunkBody(NamedTuple):
@@ -43,7 +48,7 @@ class TrunkBody(NamedTuple):
         reach: (3,) from the origin of the body before, or of the base, to its own [m].
         twist: (6,).
         zeta: (6,).
-        inertia: M(k).
+        inertia: M(k), of the body alone.
         wrench: (6,) M zeta + b, external wrenches taken off.
         torque: of the drive, less what dampers and springs take [N m or N]; 0 for a floating base.
     """
@@ -54,7 +59,7 @@ class TrunkBody(NamedTuple):
     reach: Array
     twist: Array
     zeta: Array
-    inertia: Symmetric6
+    inertia: RigidInertia
     wrench: Array
     torque: Scalar
 
@@ -68,6 +73,7 @@ class Mount(NamedTuple):
         frame: the arm's base in the world.
         twist: (6,) of the base origin.
         acceleration: (6,) zeta of the base origin.
+        columns: (6, c) what the trunk's columns add to that.
     """
 
     body: int
@@ -75,6 +81,7 @@ class Mount(NamedTuple):
     frame: Pose
     twist: Array
     acceleration: Array
+    columns: Array
 
 
 class TrunkMotion(NamedTuple):
@@ -84,23 +91,30 @@ class TrunkMotion(NamedTuple):
         bodies: base outward, a floating base first.
         mounts: by arm name.
         base: pose of the base frame in the world, which a fixed trunk begins at.
+        by_joints: whether the columns are the joints' accelerations.
     """
 
     bodies: list[TrunkBody]
     mounts: Mapping[str, Mount]
     base: Pose
+    by_joints: bool
 
     @property
     def floats(self) -> bool:
         """Whether it begins with a floating base."""
         return self.bodies[0].joint is None
 
+    @property
+    def column_count(self) -> int:
+        """How many columns there are."""
+        return len(self.bodies) if self.by_joints else 6
+
     def at_rest(self) -> TrunkMotion:
         """Return the same posture without torques, motion, gravity or external wrenches."""
         none = np.zeros(6)
         still = [b._replace(twist=none, zeta=none, wrench=none, torque=0.0) for b in self.bodies]
         mounts = {name: m._replace(twist=none, acceleration=none) for name, m in self.mounts.items()}
-        return TrunkMotion(still, mounts, self.base)
+        return self._replace(bodies=still, mounts=mounts)
 
     def accelerations(self, found: TrunkAcceleration) -> list[Array]:
         """Return beta of every body, (6,) each."""
@@ -138,6 +152,11 @@ class TrunkMotion(NamedTuple):
         """Return beta at the base of an arm, (6,); None if it stands in the world."""
         mount = self.mounts.get(name)
         return None if mount is None else shift_twist(mount.offset, betas[mount.body])
+
+    def of_columns(self, name: str, found: TrunkAcceleration, betas: list[Array]) -> Array | None:
+        """Return the accelerations of the columns that an arm answers to, (c,); None if it stands in the world."""
+        mount = self.mounts.get(name)
+        return None if mount is None else found.qdd if self.by_joints else betas[mount.body]
 
 
 class TrunkAcceleration(NamedTuple):
@@ -224,14 +243,38 @@ def _outward(
     base = trunk.base if state.base_frame is None else state.base_frame
     bodies = []
     if trunk.floating is not None:
-        of_base = _body(trunk.floating, base, twist, zeta)
+        w, own = twist[:3] @ base.R, unrotate(base.R, zeta)
+        of_base = _body(trunk.floating, base.R, w, own, acceleration_gradient(own[:3], w))
         bodies.append(TrunkBody(None, None, base, np.zeros(3), twist, zeta, *of_base, 0.0))
     if trunk.serial is not None:
         bodies += _joints(trunk.serial.standing_at(base), state.q[chain.joints[TRUNK]], qd, torque, twist, zeta)
     if wrenches is not None:
         bodies = [b._replace(wrench=b.wrench - f) for b, f in zip(bodies, wrenches, strict=True)]
-    mounts = {name: _mount(chain.arms[name].base, k, bodies[k]) for name, k in chain.mounted_on.items()}
-    return TrunkMotion(bodies, mounts, base)
+    on, by_joints = chain.mounted_on, _answers_by_joints(chain)
+    columns = _columns(bodies) if by_joints else np.eye(6)
+    stand = each(
+        lambda place, body: _standing(place, body, columns),
+        [chain.arms[name].base for name in on],
+        [(bodies[k].frame, bodies[k].twist, bodies[k].zeta) for k in on.values()],
+    )
+    mounts = {name: Mount(k, *where) for (name, k), where in zip(on.items(), stand, strict=True)}
+    return TrunkMotion(bodies, mounts, base, by_joints)
+
+
+def _answers_by_joints(chain: ClosedChain) -> bool:
+    """Return whether the columns are the joints' accelerations: fewer, but of one body only (docs/theory/trunk.md)."""
+    last = len(chain.trunk.bodies) - 1 if chain.trunk is not None else 0
+    return not chain.floats and last < FEWER_THAN_SIX and all(k == last for k in chain.mounted_on.values())
+
+
+def _columns(bodies: list[TrunkBody]) -> Array:
+    """Return what the joints' accelerations add to that of the last body, (6, n_t)."""
+    reach, columns = np.zeros(3), []
+    for body in reversed(bodies):
+        assert body.H is not None
+        columns.insert(0, shift_twist(reach, body.H))
+        reach = body.reach + reach
+    return array(columns).T
 
 
 def _joints(serial: Arm, q: Array, qd: Array, torque: Array, base_twist: Array, base_zeta: Array) -> list[TrunkBody]:
@@ -240,27 +283,33 @@ def _joints(serial: Arm, q: Array, qd: Array, torque: Array, base_twist: Array, 
     twists = link_twists(serial, at, qd, base_twist)
     zetas = bias_accelerations(serial, at, twists, qd, base_twist, base_zeta)
     before, bodies = serial.base.R, []
-    for k, (joint, link, R, V, (zeta, _)) in enumerate(
+    for k, (joint, link, R, V, (zeta, K)) in enumerate(
         zip(serial.joints, serial.links, at.R, twists, zetas, strict=True)
     ):
-        frame, twist, zeta = Pose.unchecked(R, at.tip.p - at.reach[k]), rotate(R, V), rotate(R, zeta)
-        of_body = _body(link, frame, twist, zeta)
-        H = rotate(R, expand(joint, 1.0))
-        bodies.append(TrunkBody(joint, H, frame, before @ at.l[k], twist, zeta, *of_body, torque[k]))
+        frame, of_body = Pose.unchecked(R, at.tip.p - at.reach[k]), _body(link, R, V[:3], zeta, K)
+        H, reach = rotate(R, expand(joint, 1.0)), before @ at.l[k]
+        bodies.append(TrunkBody(joint, H, frame, reach, rotate(R, V), rotate(R, zeta), *of_body, torque[k]))
         before = R
     return bodies
 
 
-def _body(link: Link, frame: Pose, twist: Array, zeta: Array) -> tuple[Symmetric6, Array]:
-    """Return inertia and bias wrench of a body about its frame's origin, world axes."""
-    R, inertia = frame.R, link.spatial_inertia
-    w, a = twist[:3] @ R, unrotate(R, zeta)
-    return inertia.symmetric().rotated(R), rotate(R, inertia.wrench(a, w, acceleration_gradient(a[:3], w)))
+def _body(link: Link, R: Array, w: Array, zeta: Array, K: Array) -> tuple[RigidInertia, Array]:
+    """Return inertia and bias wrench of a body about its frame's origin, world axes; w, zeta and K are in its own."""
+    inertia = link.spatial_inertia
+    return inertia.moved(R, np.zeros(3)), rotate(R, inertia.wrench(zeta, w, K))
 
 
-def _mount(base: Pose, k: int, body: TrunkBody) -> Mount:
-    """Return where an arm stands whose base is given in the body's axes."""
-    offset, w = body.frame.R @ base.p, body.twist[:3]
-    frame = Pose.unchecked(body.frame.R @ base.R, body.frame.p + offset)
+def _standing(place: Pose, body: tuple[Pose, Array, Array], columns: Array) -> tuple[Array, Pose, Array, Array, Array]:
+    """Return offset, frame, twist, zeta and columns of an arm's base.
+
+    Args:
+        place: of the base in the body's axes.
+        body: frame, twist and zeta of the body.
+        columns: (6, c) what the trunk's columns add to zeta.
+    """
+    at, twist, zeta = body
+    offset, w = at.R @ place.p, twist[:3]
+    frame = Pose.unchecked(at.R @ place.R, at.p + offset)
     moving = concatenate([np.zeros(3), centripetal(w, offset)])
-    return Mount(k, offset, frame, shift_twist(offset, body.twist), shift_twist(offset, body.zeta) + moving)
+    at_base = array([shift_twist(offset, column) for column in columns.T]).T
+    return offset, frame, shift_twist(offset, twist), shift_twist(offset, zeta) + moving, at_base

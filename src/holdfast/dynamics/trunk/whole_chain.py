@@ -117,7 +117,7 @@ def _of_trunk(trunk: TrunkMotion) -> tuple[dict[str, Array], Array, Array]:
             columns[:, :6] = np.eye(6)
         else:
             columns[:, k if not trunk.floats else k + 5] = body.H
-        M = M + columns.T @ body.inertia.dense() @ columns
+        M = M + columns.T @ body.inertia.symmetric().dense() @ columns
         T = T - columns.T @ body.wrench
     return S, M, T
 

@@ -51,8 +51,8 @@ class Builtin:
     """A kernel's builtin; it owns what the builtin needs, and lives as long as that.
 
     Attributes:
-        function: `function(x0, x1, ..., *, out=result)`. With flat float64 inputs in C order and the expected
-            `result`, it runs the kernel and returns `result`; any other call is the fallback's.
+        function: `function(x0, x1, ..., *, name=x, ..., out=result)`. With flat float64 inputs in C order and the
+            expected `result`, it runs the kernel and returns `result`; any other call is the fallback's.
     """
 
     def __init__(
@@ -64,6 +64,7 @@ class Builtin:
         name: str = "kernel",
         signature: str = "(*inputs, out=None)",
         doc: str = "",
+        names: Sequence[str] = (),
     ) -> None:
         """Make the builtin; until `expect` every call is the fallback's.
 
@@ -75,16 +76,30 @@ class Builtin:
             name: what the builtin is called,
             signature: takes,
             doc: and does, for the reader.
+            names: of the last inputs, which are given by name.
         """
+        interned = tuple(map(sys.intern, names))
+        words = np.array([id(word) for word in interned], dtype=np.int64)
         fixed = [run, table.ctypes.data, id(fallback), id(_OUT), 0, 0, 0, len(sizes), id(np.ndarray)]
-        self._record = np.array([*fixed, *(8 * size for size in sizes)], dtype=np.int64)
+        by_name = [len(sizes) - len(names), words.ctypes.data]
+        self._record = np.array([*fixed, *by_name, *(8 * size for size in sizes)], dtype=np.int64)
         self._table, self._inputs = table, len(sizes)
         self._results: list[Any] = []
         self._lock = threading.Lock()
         self.function: Callable[..., Any] = fallback
         if _POSSIBLE and len(sizes) <= _MOST:
             self.function = _builtin(
-                "call_with_arrays", name, signature, doc, self._record, table, fallback, _OUT, self._results
+                "call_with_arrays",
+                name,
+                signature,
+                doc,
+                self._record,
+                table,
+                fallback,
+                _OUT,
+                self._results,
+                words,
+                interned,
             )
 
     def expect(self, out: object, memory: np.ndarray, addresses: Sequence[int] = ()) -> None:

@@ -1,4 +1,5 @@
-; `function(x0, x1, ..., *, out=result)` runs the kernel on the inputs' buffers; any other call is the fallback's.
+; `function(x0, x1, ..., *, name=x, ..., out=result)` runs the kernel on the inputs' buffers; any other call is the
+; fallback's. Names come in any order.
 ;
 ; Taking and releasing a buffer may run Python code, and that may call the same builtin. Hence the table is written only
 ; when all buffers are there, and nothing that runs Python comes between that and the kernel.
@@ -7,37 +8,104 @@ define ptr @function(ptr %self, ptr %args, i64 %given, ptr %names) {
   %record = call ptr @PyLong_AsVoidPtr(ptr %address)
   %count.at = getelementptr %record, ptr %record, i64 0, i32 7
   %count = load i64, ptr %count.at
-  %out.at = getelementptr ptr, ptr %args, i64 %count
-  %right.count = icmp eq i64 %given, %count
+  %placed.at = getelementptr %record, ptr %record, i64 0, i32 9
+  %placed = load i64, ptr %placed.at
+  %by.name = sub i64 %count, %placed
+  %right.count = icmp eq i64 %given, %placed
   %named = icmp ne ptr %names, null
   %likely = and i1 %right.count, %named
   br i1 %likely, label %keyword, label %slow
 
 keyword:
   %keywords = call i64 @PyTuple_Size(ptr %names)
-  %name = call ptr @PyTuple_GetItem(ptr %names, i64 0)
   %word.at = getelementptr %record, ptr %record, i64 0, i32 3
   %word = load ptr, ptr %word.at
   %array.at = getelementptr %record, ptr %record, i64 0, i32 8
   %array = load ptr, ptr %array.at
-  %one = icmp eq i64 %keywords, 1
-  %right.word = icmp eq ptr %name, %word
-  %only.out = and i1 %one, %right.word
-  br i1 %only.out, label %take, label %slow
+  %words.at = getelementptr %record, ptr %record, i64 0, i32 10
+  %words = load ptr, ptr %words.at
+  %wanted = add i64 %by.name, 1
+  %right.keywords = icmp eq i64 %keywords, %wanted
+  br i1 %right.keywords, label %take, label %slow
 
 take:
   %views = alloca %buffer, i64 %count, align 8
-  br label %more
+  %order = alloca ptr, i64 %wanted, align 8  ; what was given by name, in the record's order, and `out`
+  br label %blank
+
+blank:
+  %b = phi i64 [ 0, %take ], [ %b.next, %blank ]
+  %b.next = add i64 %b, 1
+  %empty.at = getelementptr ptr, ptr %order, i64 %b
+  store ptr null, ptr %empty.at
+  %blanked = icmp eq i64 %b.next, %wanted
+  br i1 %blanked, label %name, label %blank
+
+name:
+  %n = phi i64 [ 0, %blank ], [ %n.next, %known ]
+  %n.next = add i64 %n, 1
+  %named.all = icmp eq i64 %n, %wanted
+  br i1 %named.all, label %complete, label %seek
+
+seek:
+  %this = call ptr @PyTuple_GetItem(ptr %names, i64 %n)
+  br label %compare
+
+compare:
+  %c = phi i64 [ 0, %seek ], [ %c.next, %other.word ]
+  %c.next = add i64 %c, 1
+  %last.word = icmp eq i64 %c, %by.name
+  %candidate.at = getelementptr ptr, ptr %words, i64 %c
+  br i1 %last.word, label %against.out, label %against
+
+against:
+  %candidate = load ptr, ptr %candidate.at
+  %matches = icmp eq ptr %this, %candidate
+  br i1 %matches, label %known, label %other.word
+
+other.word:
+  br label %compare
+
+against.out:
+  %is.out = icmp eq ptr %this, %word
+  br i1 %is.out, label %known, label %slow
+
+known:
+  %place.of = phi i64 [ %c, %against ], [ %by.name, %against.out ]
+  %value.place = add i64 %placed, %n
+  %value.at = getelementptr ptr, ptr %args, i64 %value.place
+  %value = load ptr, ptr %value.at
+  %ordered.at = getelementptr ptr, ptr %order, i64 %place.of
+  store ptr %value, ptr %ordered.at
+  br label %name
+
+complete:
+  %out.at = getelementptr ptr, ptr %order, i64 %by.name
+  %out = load ptr, ptr %out.at
+  %expected.at = getelementptr %record, ptr %record, i64 0, i32 4
+  %expected.early = load ptr, ptr %expected.at
+  %likely.same = icmp eq ptr %out, %expected.early
+  %there = icmp ne ptr %out, null
+  %worth = and i1 %likely.same, %there
+  br i1 %worth, label %more, label %slow
 
 more:
-  %i = phi i64 [ 0, %take ], [ %i.next, %second ]
+  %i = phi i64 [ 0, %complete ], [ %i.next, %second ]
   %i.next = add i64 %i, 1
   %taken.all = icmp eq i64 %i, %count
   br i1 %taken.all, label %ready, label %next
 
 next:
-  %x.at = getelementptr ptr, ptr %args, i64 %i
+  %is.placed = icmp ult i64 %i, %placed
+  %beyond = sub i64 %i, %placed
+  %arg.at = getelementptr ptr, ptr %args, i64 %i
+  %ordered = getelementptr ptr, ptr %order, i64 %beyond
+  %x.at = select i1 %is.placed, ptr %arg.at, ptr %ordered
   %x = load ptr, ptr %x.at
+  %absent = icmp eq ptr %x, null
+  br i1 %absent, label %release, label %kind
+
+kind:
   %type.at = getelementptr i8, ptr %x, i64 $type_offset
   %type = load ptr, ptr %type.at
   %plain = icmp eq ptr %type, %array
@@ -64,7 +132,7 @@ check:
   %misaligned = and i64 %start.number, 7
   %bytes.at = getelementptr %buffer, ptr %view, i64 0, i32 2
   %bytes = load i64, ptr %bytes.at
-  %size.at = getelementptr %record, ptr %record, i64 0, i32 9, i64 %i
+  %size.at = getelementptr %record, ptr %record, i64 0, i32 11, i64 %i
   %size = load i64, ptr %size.at
   %ndim.at = getelementptr %buffer, ptr %view, i64 0, i32 5
   %ndim = load i32, ptr %ndim.at
@@ -91,8 +159,6 @@ second:
   br i1 %whole, label %more, label %release
 
 ready:
-  %out = load ptr, ptr %out.at
-  %expected.at = getelementptr %record, ptr %record, i64 0, i32 4
   %expected = load ptr, ptr %expected.at
   %begin.at = getelementptr %record, ptr %record, i64 0, i32 5
   %begin = load i64, ptr %begin.at
@@ -132,9 +198,9 @@ compute:
   br label %release
 
 release:
-  %done = phi i1 [ false, %other ], [ false, %refused ], [ false, %check ], [ false, %first ], [ false, %second ],
+  %done = phi i1 [ false, %next ], [ false, %other ], [ false, %refused ], [ false, %check ], [ false, %first ], [ false, %second ],
                  [ false, %ready ], [ false, %apart ], [ %well, %compute ]
-  %held = phi i64 [ %i, %other ], [ %i, %refused ], [ %i.next, %check ], [ %i.next, %first ], [ %i.next, %second ],
+  %held = phi i64 [ %i, %next ], [ %i, %other ], [ %i, %refused ], [ %i.next, %check ], [ %i.next, %first ], [ %i.next, %second ],
                   [ %count, %ready ], [ %count, %apart ], [ %count, %compute ]
   br label %drop
 
@@ -153,9 +219,8 @@ finish:
   br i1 %done, label %return, label %slow
 
 return:
-  %result = load ptr, ptr %out.at
-  call void @Py_IncRef(ptr %result)
-  ret ptr %result
+  call void @Py_IncRef(ptr %out)
+  ret ptr %out
 
 slow:
   %fallback.at = getelementptr %record, ptr %record, i64 0, i32 2

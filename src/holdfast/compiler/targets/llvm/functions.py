@@ -6,12 +6,10 @@ No fast-math flag is ever written, so LLVM neither fuses nor reorders: the bits 
 from __future__ import annotations
 
 import struct
-from bisect import bisect_right
 from collections.abc import Sequence
-from itertools import accumulate
 from typing import NamedTuple
 
-from holdfast.compiler.cut import by_length
+from holdfast.compiler.cut import Pieces, by_length
 from holdfast.compiler.program import Program
 
 _BINARY = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv"}
@@ -32,6 +30,20 @@ class Access(NamedTuple):
 
     step: int = 1
     splat: bool = False
+
+
+class Number(NamedTuple):
+    """Where a function finds a number, or leaves it.
+
+    Attributes:
+        pointer: to an array.
+        place: there.
+        access: how the array lies.
+    """
+
+    pointer: str
+    place: int
+    access: Access
 
 
 class Function(NamedTuple):
@@ -68,25 +80,47 @@ def function(
         longest: operations in one function.
     """
     pieces = by_length(program, longest)
-    of_array = [k for k, shape in enumerate(program.input_shapes) for _ in range(_size(shape))]
+    sizes = [_size(shape) for shape in program.input_shapes]
+    of_array = [k for k, size in enumerate(sizes) for _ in range(size)]
     used = {of_array[a] for p in pieces.programs for i in p.instructions for a in i.args if a < len(of_array)}
     used |= {of_array[p] for o in program.outputs for p in o.places if 0 <= p < len(of_array)}
     reads = tuple(sorted(used))
     writes = tuple(k for k, o in enumerate(program.outputs) if o.places)
-    own = Access(lanes)
+    kept = _kept(pieces, lanes, outputs)
+    scratch = sum(number.pointer == "%scratch" for number in kept)
     lines, names = [], []
-    starts = [sum(pieces.memory[:k]) for k in range(len(pieces.memory))]
     parameters = [f"ptr noalias %in{k}" for k in reads] + [f"ptr noalias %out{k}" for k in writes]
-    if sum(pieces.memory):
+    if scratch:
         parameters.append("ptr noalias %scratch")
+    given = [Number(f"%in{k}", e, access) for k, access in enumerate(inputs) for e in range(sizes[k])]
     for k, part in enumerate(pieces.programs):
         names.append(f"{name}.{k}")
-        sources = [(f"%in{j}", 0, inputs[j]) for j in range(len(inputs))] + [("%scratch", s, own) for s in starts[:k]]
-        targets = [(f"%out{j}", 0, outputs[j]) for j in range(len(outputs))] + [("%scratch", starts[k], own)]
+        start = sum(pieces.memory[:k])
+        results = [
+            [Number(f"%out{j}", e, a) for e in range(_size(o.shape))]
+            for j, (o, a) in enumerate(zip(program.outputs, outputs, strict=True))
+        ]
         lines.append(f"define internal void @{name}.{k}({', '.join(parameters)}) noinline nounwind {{")
-        lines += _body(part, lanes, sources, targets)
+        lines += _body(part, lanes, [*given, *kept[:start]], [*results, kept[start : start + pieces.memory[k]]])
         lines += ["  ret void", "}"]
-    return Function(lines, names, reads, writes, sum(pieces.memory))
+    return Function(lines, names, reads, writes, scratch)
+
+
+def _kept(pieces: Pieces, lanes: int, outputs: Sequence[Access]) -> list[Number]:
+    """Return where the pieces keep what later ones need: in a result, if it is one, else in scratch memory."""
+    found: list[Number] = []
+    count = 0
+    for part in pieces.programs:
+        *results, memory = part.outputs
+        known = {
+            place: Number(f"%out{k}", e, outputs[k])
+            for k, output in enumerate(results)
+            for e, place in enumerate(output.places)
+        }
+        for place in memory.places:
+            found.append(known.get(place) or Number("%scratch", count, Access(lanes)))
+            count += place not in known
+    return found
 
 
 def declarations(lanes: int) -> list[str]:
@@ -124,27 +158,24 @@ def _suffix(lanes: int) -> str:
     return "f64" if lanes == 1 else f"v{lanes}f64"
 
 
-def _body(
-    program: Program, lanes: int, sources: list[tuple[str, int, Access]], targets: list[tuple[str, int, Access]]
-) -> list[str]:
+def _body(program: Program, lanes: int, sources: Sequence[Number], targets: Sequence[Sequence[Number]]) -> list[str]:
     """Return the operations; each input is read where it is first needed, each result stored at once.
 
     Args:
         program: the program.
         lanes: values side by side.
-        sources: per input array its pointer, the first number there, and how it lies.
-        targets: the same per output.
+        sources: where the inputs are, one number after the other.
+        targets: per output, where its numbers go; those that two outputs have go there once.
     """
     T, truth, suffix = number_type(lanes), _truth_type(lanes), _suffix(lanes)
     lines: list[str] = []
     names: dict[int, str] = {}
-    starts = list(accumulate((_size(shape) for shape in program.input_shapes), initial=0))
-    first_operation = starts.pop()
-    wanted: dict[int, list[tuple[int, int]]] = {}
+    first_operation = program.input_size
+    wanted: dict[int, dict[Number, str]] = {}
     for k, output in enumerate(program.outputs):
         for e, place in enumerate(output.places):
             if place >= 0:
-                wanted.setdefault(place, []).append((k, e))
+                wanted.setdefault(place, {}).setdefault(targets[k][e], f"%o{k}.{e}")
 
     def read(place: int) -> str:
         if place in names:
@@ -154,10 +185,8 @@ def _body(
             names[place] = constant(value, lanes)
             return names[place]
         assert kind == "input"
-        k = bisect_right(starts, place) - 1
-        pointer, first, access = sources[k]
-        at = (first + place - starts[k]) * access.step
-        lines.append(f"  %i{place} = getelementptr double, ptr {pointer}, i64 {at}")
+        pointer, number, access = sources[place]
+        lines.append(f"  %i{place} = getelementptr double, ptr {pointer}, i64 {number * access.step}")
         if access.splat and lanes > 1:
             lines.append(f"  %s{place} = load double, ptr %i{place}, align 8")
             lines.extend(splat(f"%v{place}", f"%s{place}", lanes))
@@ -167,10 +196,9 @@ def _body(
         return names[place]
 
     def store(place: int) -> None:
-        for k, entry in wanted[place]:
-            pointer, first, access = targets[k]
-            result, at = read(place), f"%o{k}.{entry}"
-            lines.append(f"  {at} = getelementptr double, ptr {pointer}, i64 {(first + entry) * access.step}")
+        for (pointer, number, access), at in wanted[place].items():
+            result = read(place)
+            lines.append(f"  {at} = getelementptr double, ptr {pointer}, i64 {number * access.step}")
             lines.append(f"  store {T} {result}, ptr {at}, align {8 * lanes}")
 
     for place in sorted(p for p in wanted if p < first_operation):
