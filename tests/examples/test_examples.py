@@ -32,8 +32,8 @@ def run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Any:
 
 
 def test_the_ladder():
-    """Ten of them, none longer than a hundred lines, each in the table of the folder's README."""
-    assert [script.name[:2] for script in SCRIPTS] == [f"{k:02}" for k in range(1, 11)]
+    """Eleven of them, none longer than a hundred lines, each in the table of the folder's README."""
+    assert [script.name[:2] for script in SCRIPTS] == [f"{k:02}" for k in range(1, 12)]
     table = (EXAMPLES / "README.md").read_text()
     for script in SCRIPTS:
         assert len(script.read_text().splitlines()) <= 100, script.name
@@ -141,3 +141,11 @@ def test_your_own_robot(run):
     assert found["force_error"] < 1e-11
     assert found["base_load"] == pytest.approx((2 * found["mass"] + 4.0) * 9.81, rel=1e-10)
     assert 0 < found["use"] < 1
+
+
+def test_balance(run):
+    """What falls without control, as fast as the linearisation says, is held with it."""
+    found, _ = run("11")
+    assert found["falling"] > 1.0 > 0.0 > found["held"]
+    assert found["without"] > 100 * found["start"]
+    assert found["regulated"] < 0.5 * found["start"]

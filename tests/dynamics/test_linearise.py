@@ -1,0 +1,71 @@
+"""Forward dynamics made linear: published eigenvalues, the tangent by another route, and motions nearby."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.optimize import root_scalar
+
+import holdfast as hf
+from examples.benchmarks import four_bar
+from tests.derivatives.tangent import tangent
+from tests.systems import random_system
+from tests.systems.as_chain import as_chain
+
+
+@pytest.mark.parametrize(("damping", "published"), [(0.0, four_bar.SPRING), (1.0, four_bar.DAMPER)])
+def test_four_bar(damping, published):
+    """IFToMM's linkage on its spring: a planar loop in space, whose forces are not unique; one freedom."""
+    still = four_bar.four_bar()
+    angle = root_scalar(lambda x: four_bar.acceleration(still, x, 0.0), bracket=(2.0, 2.5), xtol=1e-15).root
+    state = hf.State([angle] * 2, [0.0] * 2, [1, 0, 0, 0, 0.5 + np.cos(angle), np.sin(angle), 0])
+    model = hf.linearise(four_bar.four_bar(damping), state, np.zeros(2))
+    assert model.A.shape == (2, 2)
+    assert np.abs(model.rate).max() < 1e-12
+    assert np.abs(np.linalg.eigvals(model.A) - published).min() < 1e-8
+
+
+def test_tangent():
+    """The same space as the null space of the constraint's rows, differentiated by dual numbers."""
+    p = as_chain(random_system(1, arms=2, joints=7, grasps="rigid", moving_base=True))
+    T, expected = hf.linearise(p.chain, p.state, p.tau, inputs=p.inputs).basis, tangent(p)
+    assert T.shape == expected.shape == (40, 16)
+    assert np.abs(expected - T @ np.linalg.lstsq(T, expected, rcond=None)[0]).max() < 1e-12
+
+
+@pytest.mark.parametrize("kinds", [("rigid", "rigid"), ("rigid", "hinge"), ("ball", "rigid"), ("softfinger", "hinge")])
+def test_motions_nearby(kinds):
+    """From rest, two runs that begin apart by T z stay apart by T exp(A t) z, but for the square of z."""
+    p = as_chain(random_system(5, arms=2, joints=[7, 6], grasps=list(kinds), moving_base=False, joint_speed=0.0))
+    chain, n = p.chain, p.chain.joint_count
+    still = hf.State(p.state.q, np.zeros(n), p.state.object_pose)
+    torques = hf.holding_torques(chain, still)
+    model = hf.linearise(chain, still, torques)
+    assert np.abs(model.rate).max() < 1e-9
+    z = np.random.default_rng(0).normal(size=len(model.A))
+    t, found = 0.05, []
+    for size in (1e-3, 5e-4):
+        off = model.basis @ z * size
+        turned = hf.Pose.from_rpy(*off[n : n + 3]).R @ still.object_frame.R
+        pose = hf.Pose(turned, still.object_frame.p + off[n + 3 : n + 6])
+        begin = hf.project(chain, hf.State(still.q + off[:n], off[n + 6 : 2 * n + 6], pose, off[2 * n + 6 :]))[0]
+        run = hf.simulate(chain, begin, lambda t, state, memory: (torques, memory), t, 0.01)
+        found.append(model.coordinates(run.state(-1)) - expm(model.A * t) @ model.coordinates(begin))
+    first, second = (float(np.linalg.norm(x)) for x in found)
+    assert second < 0.3 * first
+    assert second < 1e-3 * 5e-4 * np.linalg.norm(z) * 100
+
+
+def test_a_basis_that_does_not_jump():
+    """Turned towards a neighbour's, the basis is as near to it as the states are."""
+    p = as_chain(random_system(1, arms=2, joints=7, grasps="rigid", moving_base=False))
+    first = hf.linearise(p.chain, p.state, p.tau, inputs=p.inputs)
+    moved = hf.State(p.state.q + 1e-4 * first.basis[:14, 0], p.state.qd, p.state.object_pose, p.state.object_twist)
+    near = hf.project(p.chain, moved)[0]
+    second = hf.linearise(p.chain, near, p.tau, inputs=p.inputs, basis=first.basis)
+    assert np.abs(second.basis - first.basis).max() < 1e-2
+    alone = hf.linearise(p.chain, near, p.tau, inputs=p.inputs)
+    assert np.allclose(np.sort_complex(np.linalg.eigvals(second.A)), np.sort_complex(np.linalg.eigvals(alone.A)))
+    with pytest.raises(hf.StateError, match="basis: expected shape"):
+        hf.linearise(p.chain, near, p.tau, inputs=p.inputs, basis=first.basis[:, :3])
