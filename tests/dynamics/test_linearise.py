@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from examples.benchmarks import four_bar
 from scipy.linalg import expm
 from scipy.optimize import root_scalar
 
 import holdfast as hf
-from examples.benchmarks import four_bar
 from tests.derivatives.tangent import tangent
 from tests.systems import random_system
 from tests.systems.as_chain import as_chain
