@@ -76,9 +76,8 @@ def draw(out: Path, t: np.ndarray, sizes: list[np.ndarray]) -> None:
     with rc_context(STYLE):
         figure = Figure(figsize=(4.5, 2.8), layout="constrained")
         axes = figure.subplots()
-        for size, colour, name in zip(
-            sizes, (DANGER, BLUE), ("torques that hold it", "and the regulator"), strict=True
-        ):
+        names = ("torques that hold it", "and the regulator")
+        for size, colour, name in zip(sizes, (DANGER, BLUE), names, strict=True):
             axes.semilogy(t[: len(size)], size, color=colour, label=name)
         axes.set_xlabel("time [s]")
         axes.set_ylabel("distance from rest")
