@@ -52,7 +52,7 @@ class Program:
     instructions: tuple[Instruction, ...]
     outputs: tuple[Output, ...]
 
-    @property
+    @cached_property
     def input_size(self) -> int:
         """How many numbers go in."""
         return sum(math.prod(shape) for shape in self.input_shapes)
