@@ -83,14 +83,15 @@ class Request(NamedTuple):
         """Return forward dynamics and its derivatives: the reference's functions, run on what is given."""
         chain, route = traced_chain(structure, given), structure.options.route
         state, inputs = traced_state(chain, given), traced_inputs(chain, given)
-        solved = solve_with_status(chain, state, given["tau"], inputs, given["generic_rank"], route)
-        at = point(solved.motion, solved.found, route)
         own = {name: given[f"{WITH}{name}"] for name in self.given}
+        known = own if self.kind == "vjp" else None
+        solved = solve_with_status(chain, state, given["tau"], inputs, given["generic_rank"], route, cotangents=known)
+        at = point(solved.motion, solved.found, route)
         if self.kind == "jacobian":
             columns = jacobian(at, self.results, self.arguments, given[UNITS])
             found = {f"{of}.{by}": x for (of, by), x in columns.items()}
         else:
-            found = backward(at, own, self.arguments) if self.kind == "vjp" else forward(at, own)
+            found = backward(at, own, self.arguments, together=True) if self.kind == "vjp" else forward(at, own)
         return outputs_of(chain, solved) | {f"{FOUND}{name}": found[name] for name in self.found(structure.chain)}
 
 

@@ -12,6 +12,7 @@ from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External, Schedule
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution, chain_motion
 from holdfast.dynamics.closed.chain_solution import ChainSolution, chain_solution
+from holdfast.dynamics.closed.forward_derivatives import known_beforehand
 from holdfast.dynamics.closed.held_rows import holding
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.closed.tip_response import Route
@@ -105,6 +106,7 @@ def solve_with_status(
     route: Route,
     held: Array | None = None,
     choose: bool = False,
+    cotangents: Given | None = None,
 ) -> SolutionWithStatus:
     """Return forward dynamics by `sequential`, and its status.
 
@@ -117,11 +119,13 @@ def solve_with_status(
         route: how each arm answers at its tip.
         held: which components of the grasps may be held; None: all.
         choose: hold the strongest of them, as many as the generic rank says.
+        cotangents: what gradients will be taken with, for one way through the filter.
     """
     motion = holding(chain_motion(chain, state, tau, inputs), held)
     if choose:
         motion = replace(motion, generic_rank=generic_rank[()])
-    found = sequential(motion, route)
+    second = None if cotangents is None else known_beforehand(motion, cotangents)
+    found = sequential(motion, route, second)
     status = status_of_rank(found.rank, generic_rank[()], chain.constraint_row_count, found.weakest_pivot)
     whole = chain_solution(motion, found, route)
     return SolutionWithStatus(whole, found.rank, status, 1.0 / found.weakest_pivot, found.held, motion, found)

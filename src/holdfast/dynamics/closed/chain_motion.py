@@ -79,7 +79,7 @@ class Solution:
         trunk: how the trunk accelerates; None without one.
         trunk_pivots: (n_t,) articulated inertias about its joints.
         tips: per arm, its answer at its tip, where the algorithm goes by them.
-        again: the same of the object's filter; see `ObjectSolution`.
+        again, second: as the object's filter returns them; see `ObjectSolution`.
     """
 
     qdd: list[Array]
@@ -95,6 +95,7 @@ class Solution:
     trunk_pivots: Array | None = None
     tips: list[TipResponse] = field(default_factory=list)
     again: Again | None = None
+    second: tuple[list[Array], Array] | None = None
 
 
 def pseudo_gravity(chain: ClosedChain) -> Array:

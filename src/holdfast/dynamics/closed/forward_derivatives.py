@@ -15,8 +15,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.closed.second_solve import Load, Point, solved_again
+from holdfast.dynamics.closed.chain_motion import ChainMotion
+from holdfast.dynamics.closed.second_solve import Load, Point, asked, solved_again
+from holdfast.dynamics.closed.sequential import Second
+from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array, array, concatenate, each, scan
 from holdfast.spatial.vector import skew
 
@@ -43,7 +47,12 @@ class VirtualPower(NamedTuple):
 
 
 def backward(
-    at: Point, cotangents: Mapping[str, Array], by: Sequence[str], also: Sequence[VirtualPower] = ()
+    at: Point,
+    cotangents: Mapping[str, Array],
+    by: Sequence[str],
+    also: Sequence[VirtualPower] = (),
+    *,
+    together: bool = False,
 ) -> dict[str, Array]:
     """Return the gradients of sum(cotangent . result) by some arguments. O(n) + O(l).
 
@@ -52,14 +61,15 @@ def backward(
         cotangents: by result, of its shape in the chain's layout; those of `RESULTS` that are left out are zero.
         by: some of `ARGUMENTS`.
         also: virtual powers whose gradients are added.
+        together: the filter was given the cotangents when it solved for the point; see `known_beforehand`.
 
     Returns:
         By argument, in its shape; of poses (.., 6) [turn; shift]. Those of inertias are symmetric.
     """
     chain = at.motion.chain
     alpha_bar = cotangents.get("object_acceleration", np.zeros(6))
-    loads = {name: cotangents_of(at, name, cotangents) for name in chain.arms}
-    y, of_object = solved_again(at, loads, alpha_bar)
+    loads = {name: cotangents_of(chain, name, cotangents) for name in chain.arms}
+    y, of_object = solved_again(at, loads, alpha_bar, together=together)
     names = numbers_of(by)
     of_arms = each(
         lambda case, z, y, load: arm_gradient(case, z, y._replace(base=load.base), names),
@@ -180,9 +190,20 @@ def arm_residual_rates(at: Point, z: Mapping[str, Unknowns], tangents: Mapping[s
     )
 
 
-def cotangents_of(at: Point, name: str, cotangents: Mapping[str, Array]) -> Load:
+def known_beforehand(motion: ChainMotion, cotangents: Mapping[str, Array]) -> Second:
+    """Return what the filter is given besides the point, so that gradients need no further way out and back."""
+    loads = {name: cotangents_of(motion.chain, name, cotangents) for name in motion.chain.arms}
+    alpha_bar = cotangents.get("object_acceleration", np.zeros(6))
+
+    def second(tips: list[TipResponse]) -> tuple[list[Array], Array]:
+        found = asked(motion, tips, loads, alpha_bar)
+        return found.gaps, found.wrench
+
+    return second
+
+
+def cotangents_of(chain: ClosedChain, name: str, cotangents: Mapping[str, Array]) -> Load:
     """Return an arm's part of cotangents. One of a base's wrench is a virtual twist of the base, negative."""
-    chain = at.motion.chain
     row, part = list(chain.arms).index(name), dict(zip(chain.arms, chain.arm_joints, strict=True))[name]
     torque = cotangents["qdd"][part] if "qdd" in cotangents else np.zeros(chain.arms[name].joint_count)
     gap, base = (cotangents[w][row] if w in cotangents else np.zeros(6) for w in ("grasp_wrench", "base_wrench"))

@@ -59,6 +59,7 @@ class ObjectSolution(NamedTuple):
         independent: per grasp, (rows,) 1 for the rows that are kept, if the contacts say which are held.
         again: per grasp (6,) r about the contact point, and (6,) wrench on the object about C, world axes -> wrenches
             and object acceleration of the chain at rest, by the factors at hand.
+        second: the same of what was given beforehand.
     """
 
     wrenches: list[Array]
@@ -68,10 +69,15 @@ class ObjectSolution(NamedTuple):
     weakest_pivot: Scalar
     independent: list[Array | None]
     again: Again | None = None
+    second: tuple[list[Array], Array] | None = None
 
 
 def object_filter(
-    contacts: list[Contact], tips: list[TipResponse], body: FreeBody, tolerance: float = RANK_TOLERANCE
+    contacts: list[Contact],
+    tips: list[TipResponse],
+    body: FreeBody,
+    tolerance: float = RANK_TOLERANCE,
+    second: tuple[list[Array], Array] | None = None,
 ) -> ObjectSolution:
     """Return grasp wrenches and object acceleration, O(l).
 
@@ -83,6 +89,7 @@ def object_filter(
         tips: those arms' answers at their tips.
         body: the object.
         tolerance: relative size of a pivot that counts as zero, where the contacts say which rows are held.
+        second: what `again` would be given, if it is known beforehand: on the same way out and back.
     """
     about = each(lambda c: c.about(body.centre, body.centripetal), contacts)
     seen = each(measurement, about, tips)
@@ -92,8 +99,15 @@ def object_filter(
     last = first.pop() if first and not then else None
     freedoms = sum(len(c.grasp.free) for c in contacts)
     dense = body.mobility.dense() if first or last is not None else None
-    (x, P, size, kept, weakest), sums = scan(
-        rigid_arm, (body.acceleration, dense, size, freedoms, 1.0), [seen[i] for i in first]
+    others: list[Any] = [None for _ in seen]
+    w2 = x2 = alpha2 = s2 = None
+    if second is not None:
+        others, w2, x2 = each(seen_along, about, seen, second[0]), shift_wrench(-body.centre, second[1]), np.zeros(6)
+    (x, P, size, kept, weakest, x2), sums = scan(
+        rigid_arm,
+        (body.acceleration, dense, size, freedoms, 1.0, x2),
+        [seen[i] for i in first],
+        [others[i] for i in first],
     )
     ends: list[TerminalUpdate] = []
     factors: Any = None
@@ -102,34 +116,43 @@ def object_filter(
         (end,) = ends
         ((alpha, from_last),) = each(lambda update: update.answer(), ends)
         P, kept, weakest = end.mobility, kept + end.kept, minimum(weakest, end.weakest)
-        s, rows, from_rows = body.wrench + from_last, [], [from_last]
+        s, rows, from_rows = body.wrench + from_last, [], [(from_last, None)]
+        if second is not None:
+            ((alpha2, own),) = each(lambda end, r: end.again(x2, r, w2), ends, [others[last]])
+            s2, from_rows = w2 + own, [(from_last, own)]
     else:
         (factors,) = each(factored, [P], [by_rows(size)]) if first else [FactoredMobility(body.D, body.w)]
-        (x, factors, kept, weakest), rows = scan(
-            lambda carry, m: arm_by_rows(carry, m, size, tolerance),
-            (x, factors, kept, weakest),
+        (x, factors, kept, weakest, x2), rows = scan(
+            lambda carry, m, r: arm_by_rows(carry, m, r, size, tolerance),
+            (x, factors, kept, weakest, x2),
             [seen[i] for i in then],
+            [others[i] for i in then],
         )
         alpha, P = x + factors.apply(body.wrench), factors.dense()
-        s, from_rows = scan(back_substituted, body.wrench, rows[::-1])
-    s, from_sums = scan(back_substituted, s, sums[::-1])
+        alpha2 = None if second is None else x2 + factors.apply(w2)
+        (s, s2), from_rows = scan(back_substituted, (body.wrench, w2), rows[::-1])
+    _, from_sums = scan(back_substituted, (s, s2), sums[::-1])
 
     order = [*first, *([] if last is None else [last]), *then]
     found = dict(zip(order, [*from_sums[::-1], *from_rows[::-1]], strict=True))
-    wrenches = each(wrench_at_contact, about, [found[i] for i in range(len(contacts))])
+    wrenches = each(wrench_at_contact, about, [found[i][0] for i in range(len(contacts))])
+    solved = None
+    if alpha2 is not None:
+        wrenches2 = each(wrench_at_contact, about, [found[i][1] for i in range(len(contacts))])
+        solved = wrenches2, shift_twist(-body.centre, alpha2)
     mobility = symmetric6(P).mobility_shifted(-body.centre).dense()
     acceleration = acceleration_at_C(body.centre, body.centripetal, alpha)
-    chosen: list[Array | None] = [update.independent for update in rows] if len(then) == len(contacts) else []
+    chosen: list[Array | None] = [update.independent for update, _ in rows] if len(then) == len(contacts) else []
 
     def again(gaps: list[Array], wrench: Array) -> tuple[list[Array], Array]:
-        r = each(lambda c, m, gap: seen_along(c, m, gap), about, seen, gaps)
+        r = each(seen_along, about, seen, gaps)
         w = shift_wrench(-body.centre, wrench)
-        x, back_sums = scan(lambda x, u, r: u.again(x, r), np.zeros(6), sums, [r[i] for i in first])
+        x, back_sums = scan(lambda x, u, r: u[0].again(x, r), np.zeros(6), sums, [r[i] for i in first])
         if last is not None:
             ((alpha, own),) = each(lambda end, r: end.again(x, r, w), ends, [r[last]])
             s, from_rows = w + own, [own]
         else:
-            x, back_rows = scan(lambda x, u, r: u.again(x, r), x, rows, [r[i] for i in then])
+            x, back_rows = scan(lambda x, u, r: u[0].again(x, r), x, rows, [r[i] for i in then])
             alpha = x + factors.apply(w)
             s, from_rows = scan(through, w, back_rows[::-1])
         s, from_sums = scan(through, s, back_sums[::-1])
@@ -137,33 +160,52 @@ def object_filter(
         wrenches = each(wrench_at_contact, about, [found[i] for i in range(len(contacts))])
         return wrenches, shift_twist(-body.centre, alpha)
 
-    return ObjectSolution(wrenches, acceleration, mobility, kept, weakest, chosen, again)
+    return ObjectSolution(wrenches, acceleration, mobility, kept, weakest, chosen, again, solved)
 
 
-def rigid_arm(carry: tuple[Array, Array, Array, Scalar, Scalar], m: Measurement) -> tuple[tuple[Any, ...], Update]:
-    """Return the filter after an arm taken as a parallel sum, and its back-substitution."""
-    x, P, size, kept, weakest = carry
+Passed = tuple[Update, BackSubstitution | None]  # an arm's update, and the second's way back
+
+
+def rigid_arm(carry: tuple[Any, ...], m: Measurement, r: Array | None) -> tuple[tuple[Any, ...], Passed]:
+    """Return the filter after an arm taken as a parallel sum, and its ways back; r is the second's, or None."""
+    x, P, size, kept, weakest, x2 = carry
     x, P, update = rigid_update(x, P, m, size)
     size = minimum(size, size_at_centre(m.extent))
-    return (x, P, size, kept + update.kept, minimum(weakest, update.weakest)), update
+    x2, back = passed(update, x2, r)
+    return (x, P, size, kept + update.kept, minimum(weakest, update.weakest), x2), (update, back)
 
 
 def arm_by_rows(
-    carry: tuple[Array, FactoredMobility, Scalar, Scalar], m: Measurement, size: Array, tolerance: float
-) -> tuple[tuple[Any, ...], Update]:
-    """Return the filter after an arm taken by its rows, and its back-substitution."""
-    x, P, kept, weakest = carry
+    carry: tuple[Any, ...], m: Measurement, r: Array | None, size: Array, tolerance: float
+) -> tuple[tuple[Any, ...], Passed]:
+    """Return the filter after an arm taken by its rows, and its ways back; r is the second's, or None."""
+    x, P, kept, weakest, x2 = carry
     x, P, update = row_updates(x, P, m, size, tolerance)
-    return (x, P, kept + update.kept, minimum(weakest, update.weakest)), update
+    x2, back = passed(update, x2, r)
+    return (x, P, kept + update.kept, minimum(weakest, update.weakest), x2), (update, back)
 
 
-def back_substituted(s: Array, update: Update) -> tuple[Array, Array]:
-    """Return the wrench at G of everything behind an arm and of the arm itself, and the arm's own."""
-    return through(s, update.back_substitute)
+def passed(update: Update, x: Array | None, r: Array | None) -> tuple[Array | None, BackSubstitution | None]:
+    """Return the second's x after an arm and its way back; None without one."""
+    if x is None or r is None or update.again is None:
+        return None, None
+    return update.again(x, r)
+
+
+def back_substituted(
+    s: tuple[Array, Array | None], arm: Passed
+) -> tuple[tuple[Array, Array | None], tuple[Array, Array | None]]:
+    """Return the wrenches at G of everything behind an arm and of the arm itself, and the arm's own."""
+    update, second = arm
+    behind, from_arm = through(s[0], update.back_substitute)
+    if second is None or s[1] is None:
+        return (behind, None), (from_arm, None)
+    behind2, from_arm2 = through(s[1], second)
+    return (behind, behind2), (from_arm, from_arm2)
 
 
 def through(s: Array, back_substitute: BackSubstitution) -> tuple[Array, Array]:
-    """Return what `back_substituted` does."""
+    """Return what `back_substituted` does, of one way back."""
     from_arm = back_substitute(s)
     return s + from_arm, from_arm
 

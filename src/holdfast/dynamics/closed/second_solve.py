@@ -80,24 +80,61 @@ def point(motion: ChainMotion, found: Solution, route: Route) -> Point:
     return Point(motion, found, tips, unknowns)
 
 
-def solved_again(at: Point, loads: Mapping[str, Load], wrench: Array) -> tuple[dict[str, Unknowns], Array]:
+class Asked(NamedTuple):
+    """What the object's filter is asked for by a load.
+
+    Attributes:
+        tips: per grasp, the arm's answer under its load.
+        known: per grasp, (6,) the wrench along the free directions.
+        gaps: per grasp, (6,) r about the contact point, world axes.
+        wrench: (6,) on the object about C, world axes.
+    """
+
+    tips: list[TipResponse]
+    known: list[Array]
+    gaps: list[Array]
+    wrench: Array
+
+
+def asked(motion: ChainMotion, tips: list[TipResponse], loads: Mapping[str, Load], wrench: Array) -> Asked:
+    """Return what the filter is asked for; see `solved_again`.
+
+    Args:
+        motion: the chain in motion.
+        tips: per grasp, the arm's answer at its tip.
+        loads: by arm.
+        wrench: (6,) r_a.
+    """
+    held = [loads[name] for name in motion.chain.grasps]
+    loaded = each(under, tips, motion.holding, held)
+    known = each(lambda c, load: along_free(c, load.free), motion.contacts, held)
+    gaps = each(lambda tip, f, load: tip.free_acceleration - tip.mobility.apply(f) - load.gap, loaded, known, held)
+    if any(grasp.free for grasp in motion.chain.grasps.values()):
+        wrench, _ = scan(lambda w, c, f: (w + shift_wrench(c.offset, f), None), wrench, motion.contacts, known)
+    return Asked(loaded, known, gaps, wrench)
+
+
+def solved_again(
+    at: Point, loads: Mapping[str, Load], wrench: Array, *, together: bool = False
+) -> tuple[dict[str, Unknowns], Array]:
     """Return z by arm, with the base's wrench, and z_a. O(n) + O(l).
 
     Args:
         at: the point.
         loads: by arm; those of arms without a grasp have no gap.
         wrench: (6,) r_a, about C, world axes.
+        together: the filter was given them when it solved for the point.
     """
     chain, motion, none = at.motion.chain, at.motion, np.zeros(6)
-    assert at.found.again is not None
     lone = [name for name in chain.arms if name not in chain.grasps]
     held = [loads[name] for name in chain.grasps]
-    tips = each(under, [at.tips[name] for name in chain.grasps], motion.holding, held)
-    known = each(lambda c, load: along_free(c, load.free), motion.contacts, held)
-    gaps = each(lambda tip, f, load: tip.free_acceleration - tip.mobility.apply(f) - load.gap, tips, known, held)
-    if any(grasp.free for grasp in chain.grasps.values()):
-        wrench, _ = scan(lambda w, c, f: (w + shift_wrench(c.offset, f), None), wrench, motion.contacts, known)
-    wrenches, alpha = at.found.again(gaps, wrench)
+    tips, known, gaps, wrench = asked(motion, [at.tips[name] for name in chain.grasps], loads, wrench)
+    if together:
+        assert at.found.second is not None
+        wrenches, alpha = at.found.second
+    else:
+        assert at.found.again is not None
+        wrenches, alpha = at.found.again(gaps, wrench)
     found = each(
         lambda c, tip, load, f, own: answer(c, tip, load, f + own, alpha), motion.contacts, tips, held, wrenches, known
     )

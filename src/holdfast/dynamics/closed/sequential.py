@@ -6,26 +6,33 @@ measurement of alpha(C), so the arms are passed through one after the other, out
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
 from holdfast.dynamics.closed.held_rows import with_strongest_rows
 from holdfast.dynamics.closed.object_filter import object_filter
-from holdfast.dynamics.closed.tip_response import Route, responded, tip_response
+from holdfast.dynamics.closed.tip_response import Route, TipResponse, responded, tip_response
 from holdfast.dynamics.trunk.trunk_dynamics import trunk_dynamics
-from holdfast.spatial.scalar import each
+from holdfast.spatial.scalar import Array, each
+
+Second = Callable[[list[TipResponse]], tuple[list[Array], Array]]
 
 
-def sequential(motion: ChainMotion, route: Route = "auto") -> Solution:
+def sequential(motion: ChainMotion, route: Route = "auto", second: Second | None = None) -> Solution:
     """Return the closed-chain accelerations: outward stages, object filter, back-substitution.
 
     Args:
         motion: the chain in motion.
         route: how each arm answers at its tip.
+        second: from the arms' answers to what the filter is given besides; see `object_filter`. Without a trunk, and
+            where each row's pivot decides.
     """
     if motion.trunk is not None:
         return trunk_dynamics(motion, route)
     tips = each(lambda arm: tip_response(arm, route), motion.holding)
     if motion.generic_rank is None:
-        found, held = object_filter(motion.contacts, tips, motion.body.free), None
+        more = None if second is None else second(tips)
+        found, held = object_filter(motion.contacts, tips, motion.body.free, second=more), None
     else:
         found, held = with_strongest_rows(motion, tips, motion.generic_rank)
     answers = each(responded, tips, found.wrenches)
@@ -40,4 +47,5 @@ def sequential(motion: ChainMotion, route: Route = "auto") -> Solution:
         held=held,
         tips=tips,
         again=found.again,
+        second=found.second,
     )
