@@ -112,7 +112,8 @@ def forward_dynamics_vjp(
     also: tuple[VirtualPower, ...] = ()
     if result.status is Status.INDETERMINATE_FORCES:
         bars, also = least_forces(at).backward(at, bars)
-    return Derivatives(result, backward(at, bars, by, also))
+    shapes = gradient_shapes(chain)
+    return Derivatives(result, {name: x.reshape(shapes[name]) for name, x in backward(at, bars, by, also).items()})
 
 
 def forward_dynamics_jvp(
