@@ -9,21 +9,20 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import pytest
 
 import holdfast as hf
+from tests.derivatives.chains import TRUNKS
 from tests.oracles.chain_derivatives import INERTIAS, OUTPUTS, names_of, symmetric_basis
 from tests.systems.as_chain import Problem
 
-OF_TRUNKS = False  # whether chains with a trunk have compiled derivatives
+OF_TRUNKS = False  # whether chains with a trunk have derivatives
+FLAVOURS = TRUNKS if OF_TRUNKS else (None,)
 STATE = ("q", "qd", "tau", "object_pose", "object_twist")
 NAMES = (
     *("q", "qd", "tau", "object_pose", "object_twist", "object_wrench", "gravity", "object_mass", "object_com"),
     *("object_inertia", "grasp_pose", "base_pose", "base_twist", "base_acceleration", "link_mass", "link_com"),
     *("link_inertia", "link_wrench", "armature", "damping"),
 )
-OF_FLOATING = ("floating_pose", "floating_twist")
-OF_DRIVEN = ("trunk_base_twist", "trunk_base_acceleration")
 
 
 def names_for(p: Problem) -> tuple[str, ...]:
@@ -33,8 +32,6 @@ def names_for(p: Problem) -> tuple[str, ...]:
 
 def compiled(p: Problem) -> Any:
     """Return a problem's chain as machine code, with every parameter."""
-    if p.chain.trunk is not None and not OF_TRUNKS:
-        pytest.skip("compiled derivatives of chains with a trunk are not there yet")
     return hf.compile(p.chain, parameters=("link_inertia", "link_wrench"))
 
 
@@ -145,6 +142,30 @@ def by_jacobian(fast: Any, p: Problem, of: Sequence[str] = OUTPUTS, by: Iterable
                 matrix = (matrix + np.swapaxes(matrix, -1, -2)) / 2
             blocks[o, b] = flat_gradient(p, b, matrix)
     return blocks
+
+
+class Reference:
+    """The reference forms, called as machine code is: the problem's own chain, of any state."""
+
+    def __init__(self, p: Problem) -> None:
+        """Keep the problem."""
+        self.at = (p.chain, p.state, p.tau)
+        self.options: dict[str, Any] = {"inputs": p.inputs, "check": False}
+
+    def forward_dynamics_vjp(self, **asked: Any) -> Any:
+        """Return gradients."""
+        return hf.forward_dynamics_vjp(*self.at, **self._own(asked))
+
+    def forward_dynamics_jvp(self, **asked: Any) -> Any:
+        """Return rates."""
+        return hf.forward_dynamics_jvp(*self.at, **self._own(asked))
+
+    def forward_dynamics_jacobian(self, **asked: Any) -> Any:
+        """Return the matrix."""
+        return hf.forward_dynamics_jacobian(*self.at, **self._own(asked))
+
+    def _own(self, asked: Mapping[str, Any]) -> dict[str, Any]:
+        return self.options | {name: x for name, x in asked.items() if name in ("along", "of", "by", *OUTPUTS)}
 
 
 WAYS = {"vjp": by_vjp, "jvp": by_jvp, "jacobian": by_jacobian}

@@ -10,6 +10,7 @@ import pytest
 from holdfast import Pose
 from holdfast.spatial import rotation
 from tests.derivatives.chains import TRUNKS, random_chain
+from tests.derivatives.longer import mostly_long
 from tests.derivatives.moved import moved_problem
 from tests.derivatives.stored import OF, columns, gaps, names, stored
 from tests.oracles.chain_derivatives import OUTPUTS, chain_derivatives
@@ -48,7 +49,7 @@ def test_stored_answers(name):
     print(f"\n{name}: {worst_gap(name, None):.1e}")
 
 
-@pytest.mark.parametrize("name", UNIQUE)
+@pytest.mark.parametrize("name", mostly_long(UNIQUE, ("rigid_1arm_6R", "mixed_hinge_soft_ball")))
 def test_stored_answers_in_many_digits(name):
     """The same in forty digits: what is left is the rounding of the pose's quaternion."""
     print(f"\n{name}: {worst_gap(name, DIGITS):.1e}")
@@ -89,7 +90,7 @@ def worst_of_texts(p: Problem) -> float:
 
 
 @pytest.mark.parametrize("trunk", TRUNKS)
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", mostly_long(range(4), (1,)))
 def test_texts_on_dual_numbers(seed, trunk):
     """The library's own texts on dual numbers: any grasps, arms on trunks and free."""
     p = random_chain(seed, trunk)
@@ -98,7 +99,7 @@ def test_texts_on_dual_numbers(seed, trunk):
     assert worst < TEXTS
 
 
-@pytest.mark.parametrize("trunk", TRUNKS)
+@pytest.mark.parametrize("trunk", mostly_long(TRUNKS, (None,)))
 def test_off_the_constraint(trunk):
     """Grasps that gape, and rates that open them: the same map of all states."""
     p, random = random_chain(20, trunk), np.random.default_rng(0)
@@ -122,7 +123,7 @@ def test_differences(trunk):
 
 
 @pytest.mark.parametrize("scale", [1e-2, 1.0, 1e2])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", mostly_long(range(3), (2,)))
 def test_texts_with_objects_of_usual_mass(seed, scale):
     """A hundredth to a hundred times the usual object: the filter's own derivatives hold."""
     worst = worst_of_texts(random_chain(600 + seed, any_kind=False, object_scale=scale))

@@ -90,12 +90,14 @@ class Strand:
         frames: of the links.
         wrenches: of each link, d'Alembert's, about its origin; what is mounted on it is added.
         rows: of its joints among all joints.
+        on_base: wrench of an anchor's grasp about its base's origin.
     """
 
     base: MovingFrame
     frames: list[MovingFrame]
     wrenches: list[np.ndarray]
     rows: range
+    on_base: np.ndarray | None = None
 
 
 def missing(chain: ClosedChain, given: Given, z: np.ndarray, numbers: Arithmetic) -> Missing:
@@ -147,7 +149,12 @@ class _Text:
             )
             free.append(f @ HT)
             object_left = object_left - moved(f[:3], f[3:], lever)
-            strand.wrenches[-1] = strand.wrenches[-1] + moved(f[:3], f[3:], tip.origin - strand.frames[-1].origin)
+            last = strand.frames[-1] if strand.frames else strand.base
+            own = moved(f[:3], f[3:], tip.origin - last.origin)
+            if strand.frames:
+                strand.wrenches[-1] = strand.wrenches[-1] + own
+            else:  # an anchor
+                strand.on_base = own
         joints: dict[int, Any] = {}
         felt = {name: self._inward(strand, joints) for name, strand in strands.items()}
         of_base = self._trunk_inward(felt, strands, joints)
@@ -229,7 +236,7 @@ class _Text:
 
     def tip(self, name: str, strand: Strand) -> tuple[MovingFrame, np.ndarray, np.ndarray]:
         """Return an arm's tip, the object's velocity against it there, and the contact point."""
-        tip, last = self.chain.arms[name].tip, strand.frames[-1]
+        tip, last = self.chain.arms[name].tip, (strand.frames or [strand.base])[-1]
         R, p = self.numbers.array(tip.R), self.numbers.array(tip.p)
         moving = last.omega, last.point_velocity(p), last.omega_dot, last.point_acceleration(p)
         found = MovingFrame(last.R @ R, last.point(p), *moving)
@@ -293,7 +300,7 @@ class _Text:
             where = frame.origin
             joints[k] = frame.axis @ (total[:3] if frame.revolute else total[3:])
         if total is None:
-            return self.numbers.array(np.zeros(6))
+            return self.numbers.array(np.zeros(6)) if strand.on_base is None else strand.on_base
         return moved(total[:3], total[3:], where - strand.base.origin)
 
     def _trunk_inward(self, felt: Mapping[str, np.ndarray], strands: Mapping[str, Strand], joints) -> np.ndarray:

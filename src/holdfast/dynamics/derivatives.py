@@ -114,11 +114,10 @@ def forward_dynamics_vjp(
     if result.status is Status.INDETERMINATE_FORCES:
         bars, also = least_forces(at).backward(at, bars)
     wrenches = spring_rates(chain, state, (inputs or Inputs()).shaped(chain), by)
-    if wrenches is None:
-        return Derivatives(result, backward(at, bars, by, also))
-    found = backward(at, bars, tuple(dict.fromkeys((*by, "object_wrench", "link_wrench"))), also)
-    more = wrenches.backward(found["object_wrench"], found["link_wrench"])
-    return Derivatives(result, {name: found[name] + more.get(name, 0.0) for name in by})
+    names = tuple(by) if wrenches is None else tuple(dict.fromkeys((*by, "object_wrench", "link_wrench")))
+    found, shapes = backward(at, bars, names, also), gradient_shapes(chain)
+    more = {} if wrenches is None else wrenches.backward(found["object_wrench"], found["link_wrench"])
+    return Derivatives(result, {name: (found[name] + more.get(name, 0.0)).reshape(shapes[name]) for name in by})
 
 
 def forward_dynamics_jvp(

@@ -1,0 +1,59 @@
+"""Anchors, arms without joints, in derivatives: what is pinned to a place that may move."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from tests.derivatives.asked import NAMES, Reference, compiled
+from tests.derivatives.longer import mostly_long
+from tests.derivatives.products import worst_of_products
+from tests.oracles.chain_derivatives import chain_derivatives
+from tests.systems.anchored import pinned
+from tests.systems.problems import random_problem
+
+BAR = 1e-10
+KINDS = ("rigid", "hinge", "softfinger", "ball", "universal", "slider", "cylinder", "screw", "planar")
+FEW = ("q", "tau", "object_pose", "grasp_pose", "base_pose", "base_twist")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_reference(kind):
+    """Two arms and an anchor, all on bases that move: products by everything, against the oracle."""
+    p = pinned(random_problem(KINDS.index(kind), joints=(7, 8), moving_base=True), (kind,), KINDS.index(kind))
+    random = np.random.default_rng(0)
+    assert worst_of_products(Reference(p), p, chain_derivatives(p, NAMES), random) < BAR
+
+
+@pytest.mark.parametrize("kind", mostly_long(KINDS, ("hinge",)))
+def test_machine_code(kind):
+    """One arm and an anchor."""
+    p = pinned(random_problem(1, arms=1, joints=7, moving_base=True), (kind,), 1)
+    random = np.random.default_rng(0)
+    assert worst_of_products(compiled(p), p, chain_derivatives(p, FEW), random, FEW) < BAR
+
+
+def test_anchors_alone():
+    """A pendulum, no joints at all: how its acceleration and the pin's wrench change with its pose and mass."""
+    pose = hf.Pose(np.eye(3), np.array([0.3, 0.0, -0.4]))
+    body = hf.HeldObject(mass=2.0, com=np.array([0.01, 0.02, 0.0]), inertia=np.diag([0.02, 0.03, 0.04]))
+    frame = hf.Pose(np.eye(3), np.array([-0.3, 0.0, 0.4]))
+    chain = hf.ClosedChain({"pin": hf.Anchor(pose @ frame)}, body, {"pin": hf.Grasp("ball", frame)})
+    state = hf.State(np.zeros(0), np.zeros(0), pose.wxyz_xyz, np.zeros(6))
+    step = 1e-6
+
+    def answer(mass: float) -> hf.ForwardResult:
+        heavier = hf.HeldObject(mass=mass, com=body.com, inertia=body.inertia)
+        return hf.forward_dynamics(hf.ClosedChain(chain.arms, heavier, chain.grasps), state, np.zeros(0))
+
+    there, back = answer(2.0 + step), answer(2.0 - step)
+    one = hf.compile(chain).forward_dynamics_jvp(
+        state.q, state.qd, np.zeros(0), state.object_pose, state.object_twist, along={"object_mass": np.array(1.0)}
+    )
+    own = hf.forward_dynamics_jvp(chain, state, np.zeros(0), along={"object_mass": np.array(1.0)})
+    for of in ("object_acceleration", "grasp_wrench", "base_wrench"):
+        slope = (getattr(there, of) - getattr(back, of)) / (2 * step)
+        size = np.abs(slope).max()
+        assert np.abs(own[of] - slope).max() < 1e-6 * size
+        assert np.abs(one[of] - own[of]).max() < 1e-12 * size

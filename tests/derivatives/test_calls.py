@@ -1,0 +1,226 @@
+"""How derivatives of machine code are called: batches and their bits, parts, statuses, `out`, bound forms, refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.compiled.not_compiled import NotCompiledError
+from holdfast.dynamics import Status
+from holdfast.errors import MethodNotApplicable
+from tests.compiled import problems
+from tests.compiled.problems import chain_named, forces, numbers, one
+from tests.compiler.programs import same_bits
+from tests.derivatives.asked import NAMES, OF_TRUNKS, Reference, as_direction, compiled, given, shapes, size_of
+from tests.derivatives.chains import TRUNKS, random_chain
+from tests.derivatives.longer import mostly_long
+from tests.derivatives.products import random_cotangents, random_directions, state_of
+from tests.oracles.chain_derivatives import OUTPUTS
+from tests.systems import two_collinear_stretched_6r
+from tests.systems.as_chain import Problem, as_chain
+from tests.systems.problems import relative_gap
+
+LAW = 1e-11
+BITS = ("two", "interleaved", "rows first", "all kinds", "nobody holds")
+FEW = ("q", "qd", "tau", "object_pose")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", BITS)
+def test_bits_of_everything(name):
+    """A system alone, in a batch of any size and on two threads: the same bits, of all arguments."""
+    require_bits(name, NAMES)
+
+
+@pytest.mark.parametrize("name", mostly_long(BITS, ("interleaved",)))
+def test_bits(name):
+    """The same, of some."""
+    require_bits(name, FEW)
+
+
+def require_bits(name: str, names: tuple[str, ...]) -> None:
+    """Compare products by the named arguments, and a matrix, of a batch, parts of it and systems alone."""
+    chain, count, random = chain_named(name), 21, np.random.default_rng(1)
+    many, fast = numbers(chain, count) | forces(chain, count), problems.compiled(name)
+    p = Problem(chain, state_of(one(many, 0)), many["tau"][0], hf.Inputs())
+    bars = {of: random.normal(size=(count, *shape)) for of, shape in shapes(p).items()}
+    directions = {by: as_direction(p, by, random.normal(size=(count, size_of(p, by)))) for by in names}
+    of, few = ("qdd", "object_acceleration"), ("q", "tau")
+
+    def pulled(which, **more):
+        found = fast.forward_dynamics_vjp(**one(many | bars, which), by=names, **more)
+        return [np.asarray(getattr(found, name)) for name in names]
+
+    def pushed(which, **more):
+        along = {by: x[which] for by, x in directions.items()}
+        found = fast.forward_dynamics_jvp(**one(many, which), along=along, **more)
+        return [np.asarray(getattr(found, name)) for name in OUTPUTS]
+
+    def matrix(which, **more):
+        found = fast.forward_dynamics_jacobian(**one(many, which), of=of, by=few, **more)
+        return [np.asarray(found[result, name]) for result in of for name in few]
+
+    for way in (pulled, pushed, matrix):
+        whole, tail, threads = way(slice(None)), way(slice(0, 13)), way(slice(None), threads=2)
+        for k, x in enumerate(whole):
+            assert same_bits(x, threads[k]) and same_bits(x[:13], tail[k])
+        for i in (0, 7, 20):
+            alone = way(i)
+            assert all(same_bits(x[i], y) for x, y in zip(whole, alone, strict=True)), (way.__name__, i)
+
+
+def test_some_of_it():
+    """Fewer gradients and directions are the same numbers; names that are none are refused by name."""
+    p, random = random_chain(100), np.random.default_rng(0)
+    fast, bars = compiled(p), random_cotangents(random_chain(100), random)
+    whole = fast.forward_dynamics_vjp(**given(p), **bars, by=NAMES)
+    for by in ("grasp_pose", "link_inertia"):
+        few = fast.forward_dynamics_vjp(**given(p), **bars, by=(by,))
+        assert relative_gap(getattr(few, by), getattr(whole, by)) < LAW
+    apart = [fast.forward_dynamics_vjp(**given(p), **{of: bar}, by=("q",)).q for of, bar in bars.items() if bar.size]
+    assert relative_gap(sum(apart), whole.q) < LAW
+    for of in ("rank", "status", "condition", "force"):
+        with pytest.raises(hf.HoldfastError, match=of):
+            fast.forward_dynamics_jacobian(**given(p), of=("qdd", of), by=("q",))
+    with pytest.raises(hf.HoldfastError, match="object_weight"):
+        fast.forward_dynamics_vjp(**given(p), **bars, by=("q", "object_weight"))
+    with pytest.raises(hf.HoldfastError, match="object_weight"):
+        fast.forward_dynamics_jvp(**given(p), along={"object_weight": np.ones(3)})
+
+
+def test_singular_and_invalid_systems():
+    """Each of them has not-a-number for itself alone; the others have the bits of a clean batch."""
+    p = as_chain(two_collinear_stretched_6r(1))
+    fast, count, random = hf.compile(p.chain, generic_rank=12), 9, np.random.default_rng(0)
+    own = {name: problems.given_by(p)[name] for name in problems.STATE}
+    many = {name: np.repeat(x[None], count, axis=0) for name, x in own.items()}
+    singular, invalid = np.arange(count) % 3 == 0, np.arange(count) == 4
+    many["q"][~singular] += random.uniform(-0.5, 0.5, ((~singular).sum(), 12))
+    clean = {name: x.copy() for name, x in many.items()}
+    clean["q"][singular] += random.uniform(-0.5, 0.5, (singular.sum(), 12))
+    many["tau"][invalid, 0] = np.nan
+    by, bars = ("q", "tau", "object_pose", "object_mass"), {"qdd": random.normal(size=(count, 12))}
+    found, good = (fast.forward_dynamics_vjp(**x, **bars, by=by) for x in (many, clean))
+    bad, statuses = (
+        singular | invalid,
+        np.where(singular, Status.SINGULAR, np.where(invalid, Status.INVALID, Status.OK)),
+    )
+    assert found.result.status.tolist() == statuses.tolist()
+    for name in by:
+        x, y = getattr(found, name), getattr(good, name)
+        assert np.isnan(x[bad]).all() and same_bits(x[~bad], y[~bad]), name
+    along = {"q": random.normal(size=(count, 12)), "object_mass": random.normal(size=count)}
+    pushed, good = (fast.forward_dynamics_jvp(**x, along=along) for x in (many, clean))
+    for of in OUTPUTS:
+        x = getattr(pushed, of)
+        assert np.isnan(x[bad]).all() and same_bits(x[~bad], getattr(good, of)[~bad]), of
+    matrix, good = (fast.forward_dynamics_jacobian(**x, of=("qdd",), by=by) for x in (many, clean))
+    for name in by:
+        x, y = matrix["qdd", name], good["qdd", name]
+        assert np.isnan(x[bad]).all() and same_bits(x[~bad], y[~bad]), name
+    with pytest.raises(hf.SingularChainError):
+        fast.forward_dynamics_vjp(**one(many, 0), qdd=bars["qdd"][0], by=by)
+    with pytest.raises(hf.StateError, match="tau: expected finite numbers"):
+        fast.forward_dynamics_vjp(**one(many, 4), qdd=bars["qdd"][4], by=by)
+
+
+def one_arm() -> tuple[Problem, dict[str, np.ndarray]]:
+    """Return a small chain's problem and numbers."""
+    p = random_chain(100)
+    return p, given(p)
+
+
+def test_directions_at_once():
+    """Many directions of one system are each alone to the bit; results left out are not there."""
+    p, own = one_arm()
+    fast, random = compiled(p), np.random.default_rng(0)
+    along = {by: as_direction(p, by, random.normal(size=(5, size_of(p, by)))) for by in FEW}
+    every = fast.forward_dynamics_jvp(**own, along=along, of=("qdd", "grasp_wrench"))
+    for k in range(5):
+        alone = fast.forward_dynamics_jvp(
+            **own, along={by: x[k] for by, x in along.items()}, of=("qdd", "grasp_wrench")
+        )
+        for of in ("qdd", "grasp_wrench"):
+            assert same_bits(every[of][k], alone[of])
+    with pytest.raises(AttributeError, match="base_wrench"):
+        _ = every.base_wrench
+    whole = fast.forward_dynamics_jvp(**own, along=along)
+    expected = Reference(p).forward_dynamics_jvp(along=along)
+    for of in OUTPUTS:
+        assert relative_gap(whole[of], expected[of]) < LAW
+    with pytest.raises(hf.StateError):
+        fast.forward_dynamics_jvp(**own, along={"q": np.ones((2, 3)), "tau": np.ones((4, 3))})
+
+
+def test_out():
+    """Earlier derivatives are written over, in the same memory; those of other names are refused."""
+    p, own = one_arm()
+    fast, random = compiled(p), np.random.default_rng(0)
+    bars = [{"qdd": random.normal(size=p.chain.joint_count)} for _ in range(2)]
+    first, second = (fast.forward_dynamics_vjp(**own, **bar, by=FEW) for bar in bars)
+    memory = first.q
+    again = fast.forward_dynamics_vjp(**own, **bars[1], by=FEW, out=first)
+    assert again is first or again.q.base is memory.base or np.shares_memory(again.q, memory)
+    for name in FEW:
+        assert same_bits(again[name], second[name])
+    with pytest.raises(hf.StateError, match="out"):
+        fast.forward_dynamics_vjp(**own, **bars[1], by=("q",), out=first)
+
+
+def test_bound_forms():
+    """What is bound to its arrays is the call, to the bit; numbers written into them count at the next call."""
+    p, own = one_arm()
+    fast, random = compiled(p), np.random.default_rng(0)
+    of = ("qdd", "grasp_wrench")
+    vjp, jvp, matrix = (fast.bind_derivatives(kind, of=of, by=FEW, **own) for kind in ("vjp", "jvp", "jacobian"))
+    for _ in range(2):
+        own["tau"] = random.normal(size=p.chain.joint_count)
+        bars = {name: random.normal(size=shapes(p)[name]) for name in of}
+        along = random_directions(p, random, FEW)
+        for bound, numbers_given in ((vjp, bars), (jvp, along), (matrix, {})):
+            bound.arrays["tau"][...] = own["tau"]
+            for name, x in numbers_given.items():
+                bound.given[name][...] = x
+            assert bound() is Status.OK
+        pulled, pushed = (
+            fast.forward_dynamics_vjp(**own, **bars, by=FEW),
+            fast.forward_dynamics_jvp(**own, along=along, of=of),
+        )
+        jacobian = fast.forward_dynamics_jacobian(**own, of=of, by=FEW)
+        assert all(same_bits(vjp.found[name], pulled[name]) for name in FEW)
+        assert all(same_bits(jvp.found[name], pushed[name]) for name in of)
+        assert all(same_bits(matrix.found[o, b], jacobian[o, b]) for o in of for b in FEW)
+        assert same_bits(vjp.found.result.qdd, pulled.result.qdd)
+
+
+@pytest.mark.parametrize("trunk", [trunk for trunk in TRUNKS if trunk])
+def test_trunks_are_refused(trunk):
+    """By name, from machine code and from the reference."""
+    if OF_TRUNKS:
+        pytest.skip("chains with a trunk have derivatives")
+    p = random_chain(0, trunk)
+    require_refused(p, "a trunk")
+
+
+def test_springs_between_bodies_are_refused():
+    """Likewise."""
+    p = random_chain(100)
+    spring = hf.Spring(("world", np.zeros(3)), ("object", np.ones(3)), stiffness=10.0)
+    require_refused(replace(p, chain=replace(p.chain, springs=[spring])), "springs between bodies")
+
+
+def require_refused(p: Problem, lacking: str) -> None:
+    """Ask for all three derivatives in both ways."""
+    fast, own, n = hf.compile(p.chain), given(p), p.chain.joint_count
+    reference = {"inputs": p.inputs, "check": False}
+    own = {name: own[name] for name in ("q", "qd", "tau", "object_pose", "object_twist")}
+    asked = {"vjp": {"qdd": np.ones(n)}, "jvp": {"along": {"q": np.ones(n)}}, "jacobian": {}}
+    for kind, more in asked.items():
+        with pytest.raises(hf.HoldfastError, match=lacking) as found:
+            getattr(fast, f"forward_dynamics_{kind}")(**own, **more)
+        assert isinstance(found.value, NotCompiledError)
+        with pytest.raises(MethodNotApplicable, match=lacking):
+            getattr(hf, f"forward_dynamics_{kind}")(p.chain, p.state, p.tau, **reference, **more)

@@ -1,0 +1,131 @@
+"""Derivatives of texts: every operation against differences, gradients of gradients, choices, what does not vary."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from holdfast.spatial.differentiation import gradient, linearised
+from holdfast.spatial.scalar import cos, maximum, minimum, sin, sqrt, where
+
+STEP = 1e-6
+TEXTS = {
+    "add": lambda a, b: a + b,
+    "add a number": lambda a, b: 2.0 + a + 3.0 * b,
+    "subtract": lambda a, b: a - b,
+    "subtract from a number": lambda a, b: 2.0 - a - b,
+    "multiply": lambda a, b: a * b,
+    "divide": lambda a, b: a / b,
+    "divide a number": lambda a, b: 2.0 / a + b / 4.0,
+    "negate": lambda a, b: -a * b,
+    "absolute": lambda a, b: abs(a) * abs(-b),
+    "sqrt": lambda a, b: sqrt(a) * sqrt(b),
+    "sin": lambda a, b: sin(a * b),
+    "cos": lambda a, b: cos(a * b),
+    "where": lambda a, b: where(a < b, a * a, b) + where(a > b, b, b * b),
+    "maximum": lambda a, b: maximum(a, b) * minimum(a, b) + maximum(a, b),
+    "the same twice": lambda a, b: a * a * a + a * b,
+}
+
+
+def difference(f, *x: float) -> list[float]:
+    """Return central differences."""
+    found = []
+    for k in range(len(x)):
+        there, back = (list(x) for _ in range(2))
+        there[k] += STEP
+        back[k] -= STEP
+        found.append((f(*there) - f(*back)) / (2 * STEP))
+    return found
+
+
+@pytest.mark.parametrize("name", TEXTS)
+@pytest.mark.parametrize("at", [(0.7, 1.3), (1.9, 0.4)])
+def test_slopes(name, at):
+    """Gradient and rates of each operation."""
+    f = TEXTS[name]
+    expected = difference(f, *at)
+    found = gradient(f, *at)
+    assert [x.shape for x in found] == [(), ()]
+    assert np.allclose(found, expected, rtol=1e-8, atol=1e-8)
+    (rate,) = linearised(lambda a, b: (f(a, b),), *at).rates(2.0, -3.0)
+    assert rate.shape == () and np.isclose(rate, 2.0 * expected[0] - 3.0 * expected[1], rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize("x", [-2.0, -1e-3, 0.5])
+def test_absolute(x):
+    """The slope of |x| is its sign."""
+    assert gradient(abs, x)[0] == np.sign(x)
+
+
+def test_square_root_at_zero():
+    """Its derivative there is 0, and nothing is divided by it."""
+    with np.errstate(all="raise"):
+        assert gradient(sqrt, 0.0)[0] == 0.0
+        assert gradient(lambda x: sqrt(x @ x), np.zeros(3))[0].tolist() == [0.0] * 3
+        (rate,) = linearised(lambda x: (sqrt(x),), 0.0).rates(1.0)
+    assert rate == 0.0
+
+
+def test_branch_taken():
+    """Of two branches only the one taken has a part, and a condition none."""
+    f = lambda x, y: where(x < 1.0, x * y, 1e9 * x)  # noqa: E731  (as short as the texts above)
+    assert [float(g) for g in gradient(f, 0.5, 3.0)] == [3.0, 0.5]
+    assert [float(g) for g in gradient(f, 2.0, 3.0)] == [1e9, 0.0]
+
+
+def test_gradient_of_a_gradient():
+    """The Hessian of a text, its rows and its product with a direction."""
+
+    def f(x):
+        return sin(x[0]) * x[1] * x[1] + x[0] / x[1]
+
+    x, d = np.array([0.4, 1.7]), np.array([0.3, -0.9])
+    hessian = np.array(
+        [
+            [-np.sin(x[0]) * x[1] ** 2, 2 * np.cos(x[0]) * x[1] - 1 / x[1] ** 2],
+            [2 * np.cos(x[0]) * x[1] - 1 / x[1] ** 2, 2 * np.sin(x[0]) + 2 * x[0] / x[1] ** 3],
+        ]
+    )
+    (rate,) = linearised(lambda x: gradient(f, x), x).rates(d)
+    assert np.allclose(rate, hessian @ d, rtol=1e-13)
+    rows = [gradient(lambda x, k=k: gradient(f, x)[0][k], x)[0] for k in range(2)]
+    assert np.allclose(rows, hessian, rtol=1e-13)
+
+
+def test_arrays_of_any_shape():
+    """Matrices, numbers and empty arrays at once; gradients have their shapes."""
+    random = np.random.default_rng(0)
+    A, x, s, none = random.normal(size=(2, 3)), random.normal(size=3), np.array(0.7), np.zeros((0, 4))
+    of_A, of_x, of_s, of_none = gradient(
+        lambda A, x, s, none: (A @ x) @ np.ones(2) * s + sum(none.ravel()), A, x, s, none
+    )
+    assert np.allclose(of_A, float(s) * np.outer(np.ones(2), x))
+    assert np.allclose(of_x, float(s) * A.sum(0))
+    assert of_s.shape == () and np.isclose(float(of_s), (A @ x).sum())
+    assert of_none.shape == (0, 4)
+
+
+def test_what_does_not_depend():
+    """It has gradients and rates of 0, in full shape; so has a constant."""
+    of_a, of_b = gradient(lambda a, b: a[0] * 2.0, np.ones(2), np.ones((2, 2)))
+    assert of_a.tolist() == [2.0, 0.0] and of_b.tolist() == [[0.0, 0.0], [0.0, 0.0]]
+    assert gradient(lambda a: 5.0, np.ones(3))[0].tolist() == [0.0] * 3
+    rates = linearised(lambda a, b: (np.eye(2), b), np.ones(2), np.ones(2)).rates(np.ones(2), np.array([1.0, 2.0]))
+    assert rates[0].tolist() == [[0.0, 0.0], [0.0, 0.0]] and rates[1].tolist() == [1.0, 2.0]
+
+
+def test_only_what_matters_is_kept():
+    """Operations that no result depends on are not in the linear text."""
+
+    def f(x):
+        _ = [sin(x[k]) for k in range(3)]
+        return (x[0] + x[1],)
+
+    assert len(linearised(f, np.ones(3)).steps) == 1
+
+
+def test_branches_are_refused():
+    """Python's own `if` on a number that is varied says what to write instead."""
+    with pytest.raises(TypeError, match="where"):
+        gradient(lambda x: x if x else -x, 1.0)
