@@ -205,11 +205,39 @@ def test_trunks_are_refused(trunk):
     require_refused(p, "a trunk")
 
 
-def test_springs_between_bodies_are_refused():
-    """Likewise."""
+def sprung() -> Problem:
+    """Return a chain with springs from the world to the object, and from one arm to the other and to the object."""
     p = random_chain(100)
-    spring = hf.Spring(("world", np.zeros(3)), ("object", np.ones(3)), stiffness=10.0)
-    require_refused(replace(p, chain=replace(p.chain, springs=[spring])), "springs between bodies")
+    first, second, *_ = p.chain.arms
+    springs = [
+        hf.Spring(("world", np.zeros(3)), ("object", np.ones(3)), stiffness=10.0, length=0.1, damping=2.0),
+        hf.Spring((first, 1, (0.1, 0.0, 0.0)), (second, 0, (0.0, 0.1, 0.0)), stiffness=30.0, length=0.2, damping=1.0),
+        hf.Spring((first, 0, (0.0, 0.0, 0.1)), ("object", np.zeros(3)), stiffness=20.0, length=0.3),
+    ]
+    return replace(p, chain=replace(p.chain, springs=springs))
+
+
+def test_springs_between_bodies():
+    """Machine code refuses them by name; the reference knows their wrenches' part, as differences do."""
+    p = sprung()
+    with pytest.raises(NotCompiledError, match="springs between bodies runs as reference only"):
+        hf.compile(p.chain).forward_dynamics_vjp(**{n: given(p)[n] for n in STATE}, qdd=np.ones(p.chain.joint_count))
+    rng, h = np.random.default_rng(0), 1e-5
+    for by in ("q", "qd", "object_twist"):
+        d = rng.normal(size=np.shape(getattr(p.state, by)))
+
+        def slopes(by: str = by, d: np.ndarray = d) -> dict[str, np.ndarray]:
+            at = [replace(p.state, **{by: getattr(p.state, by) + k * h * d}) for k in (1, -1, 2, -2)]
+            a, b, c, e = (hf.forward_dynamics(p.chain, s, p.tau, inputs=p.inputs, check=False) for s in at)
+            return {o: (8 * (getattr(a, o) - getattr(b, o)) - getattr(c, o) + getattr(e, o)) / (12 * h) for o in OUTPUTS}
+
+        expected = slopes()
+        pushed = hf.forward_dynamics_jvp(p.chain, p.state, p.tau, inputs=p.inputs, along={by: d}, check=False)
+        bars = {o: rng.normal(size=x.shape) for o, x in expected.items()}
+        pulled = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, inputs=p.inputs, by=[by], check=False, **bars)
+        for o, x in expected.items():
+            assert np.allclose(pushed[o], x, rtol=1e-7, atol=1e-7 * (1.0 + np.abs(x).max(initial=0.0))), (by, o)
+        assert np.sum(pulled[by] * d) == pytest.approx(sum(np.sum(bars[o] * pushed[o]) for o in OUTPUTS), rel=1e-11)
 
 
 def require_refused(p: Problem, lacking: str) -> None:

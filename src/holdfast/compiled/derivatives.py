@@ -2,217 +2,23 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-
-from holdfast.compiled import arrays, statuses
-from holdfast.compiled.arrays import Addresses
-from holdfast.compiled.derivative_schedule import FOUND, UNITS, WITH, Request, derivative_shapes
-from holdfast.compiled.externals import BASE_MOTION, LINKS, MOVING
-from holdfast.compiled.kernels import kernel
+from holdfast.compiled.bound_derivatives import BoundDerivatives
+from holdfast.compiled.compiled_derivatives import CompiledDerivatives, Derivatives
+from holdfast.compiled.derivative_schedule import WITH, Request
+from holdfast.compiled.externals import MOVING
 from holdfast.compiled.not_compiled import NotCompiledError
-from holdfast.compiled.parameters import parameters_of, parse_parameters
-from holdfast.compiled.result import INDETERMINATE, UNDECIDED, CompiledResult, ResultLayout
-from holdfast.compiled.structure import Options, Structure
-from holdfast.compiler.kernel import Bound
+from holdfast.compiled.structure import Options
 from holdfast.dynamics.closed.forward_derivatives import ARGUMENTS, RESULTS
 from holdfast.dynamics.derivatives import STATE_AND_TORQUES, without_derivatives
-from holdfast.dynamics.result import Status
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.scalar import Array
 
 if TYPE_CHECKING:
-    from holdfast.compiled.chain import CompiledChain
-
-NOT_UNIQUE = ("grasp_wrench", "base_wrench")  # where forces are not
-
-
-class Derivatives:
-    """Derivatives of forward dynamics: by name, `found.q` or `found["q"]`; of a Jacobian `found["qdd", "q"]`.
-
-    Attributes:
-        result: forward dynamics there.
-        request: what was asked for.
-    """
-
-    result: CompiledResult
-    request: Request
-
-    def __init__(self, result: CompiledResult, request: Request) -> None:
-        self.__dict__.update(result=result, request=request)
-
-    def __getattr__(self, name: str) -> Array:
-        """Return the derivatives of one name."""
-        if name.startswith("_") or f"{FOUND}{name}" not in self.result.layout.shapes:
-            known = [x.removeprefix(FOUND) for x in self.result.layout.shapes if x.startswith(FOUND)]
-            raise AttributeError(f"no derivative '{name}'.{checks.did_you_mean(name, known)}")
-        return self.result.array(f"{FOUND}{name}")
-
-    def __getitem__(self, name: str | tuple[str, str]) -> Array:
-        """Return the derivatives of one name; or of a result by an argument, (*its shape, *the argument's shape)."""
-        if isinstance(name, str):
-            return getattr(self, name)
-        of, by = name
-        columns, shapes = getattr(self, f"{of}.{by}"), derivative_shapes(self.result.chain)
-        lead = columns.shape[:-2]
-        whole = columns.reshape(*lead, *shapes[by], *shapes[of])
-        first, middle = len(lead), len(lead) + len(shapes[by])
-        order = [*range(first), *range(middle, whole.ndim), *range(first, middle)]
-        return whole.transpose(order)
-
-
-class CompiledDerivatives:
-    """Derivatives of forward dynamics as machine code."""
-
-    def __init__(self, compiled: CompiledChain, request: Request, moving: bool) -> None:
-        """Compile, or find what is compiled already.
-
-        Args:
-            compiled: the chain whose forward dynamics it is of.
-            request: which.
-            moving: whether bases move.
-        """
-        self._compiled, self.request, chain = compiled, request, compiled.chain
-        structure = Structure(chain, options_of(compiled.options, request, moving))
-        self.externals = request.externals(structure)
-        self.kernel = kernel(request.name, structure, self.externals, lambda: request.schedule(structure))
-        self._lock = threading.Lock()
-        own = parameters_of(chain, compiled.generic_rank)
-        if UNITS in self.externals:
-            own[UNITS] = np.eye(self.externals[UNITS].shape[0])
-        self.own = {name: np.array(x, order="C") for name, x in own.items() if name in self.externals}
-        self.layout = ResultLayout(self.externals)
-        self._addresses = Addresses(self.externals, self.own)
-
-    def __call__(
-        self, given: Mapping[str, Any], parameters: Mapping[str, Any], out: Derivatives | None, threads: int
-    ) -> Derivatives:
-        """Return the derivatives, and forward dynamics beside them.
-
-        Args:
-            given: inputs, and what a product is taken with, by the names of `externals`.
-            parameters: of this call, by the users' names.
-            out: earlier ones to be written over.
-            threads: how many threads share a batch.
-        """
-        compiled, chain = self._compiled, self._compiled.chain
-        found = {
-            name: arrays.floats(name.removeprefix(WITH), x, self.externals[name].shape) for name, x in given.items()
-        }
-        if parameters:
-            found |= parse_parameters(parameters, self.externals, chain)
-        batch = arrays.batch_of(found, self.externals)
-        if not isinstance(threads, int) or threads < 1:
-            raise StateError(f"threads: expected an integer >= 1, got {threads!r}")
-        if out is None:
-            result = CompiledResult(chain, self.layout, batch)
-        else:
-            checks.instance(out, Derivatives, "out", StateError)
-            result = out.result
-            if out.request != self.request:
-                raise StateError("out: expected earlier derivatives of the same names; leave it out first")
-            arrays.require_fit(result, chain, batch, list(found.values()))
-        self.own["generic_rank"][...] = -1.0 if compiled.generic_rank is None else float(compiled.generic_rank)
-        if batch is not None:
-            self.kernel.run_batch(self._addresses.table(found, result), batch, threads)
-            sound = not result.array("status").any()
-        else:
-            sound = self._single(found, result)
-        if not sound:
-            self._settle(found, result)
-        return Derivatives(result, self.request)
-
-    def _single(self, found: Mapping[str, Array], result: CompiledResult) -> bool:
-        """Run one system; return whether all is well."""
-        with self._lock:
-            self._bound.use({name: result.array(name) for name in self.layout.shapes})
-            for name, x in (self.own | dict(found)).items():
-                self._bound.arrays[name][...] = x
-            self._bound.prepare()
-            return self._bound.run() == 0
-
-    def _settle(self, found: Mapping[str, Array], result: CompiledResult) -> None:
-        """Decide open statuses; refuse derivatives of what is not unique, or leave them not-a-number in a batch."""
-        own = self.own | dict(found)
-        statuses.settle(self._compiled, own, result)
-        if result.batch is None:
-            statuses.require_answer(self._compiled, own, result)
-        low = np.atleast_1d(result.array("status")) == INDETERMINATE
-        choices = [name for name in self.request.results if name in NOT_UNIQUE]
-        if not low.any() or not choices:
-            return
-        if result.batch is None:
-            others = ", ".join(name for name in RESULTS if name not in NOT_UNIQUE)
-            raise StateError(
-                f"{choices[0]}: the forces are not unique here, and machine code finds one choice among them, whose"
-                f" derivative means nothing; try those of {others}"
-            )
-        for name in self.request.found(result.chain):
-            if self.request.kind == "vjp" or name.partition(".")[0] in choices:
-                result.array(f"{FOUND}{name}")[low] = np.nan
-
-    @cached_property
-    def _bound(self) -> Bound:
-        return self.kernel.bind()
-
-
-class BoundDerivatives:
-    """Write into the inputs, call, read `found`; for one thread at a time.
-
-    Nothing is checked and nothing is raised: the call returns the `Status`, and where that is SINGULAR or INVALID the
-    derivatives are not-a-number.
-
-    Attributes:
-        arrays: the inputs by name, those of cotangents or tangents under their results' or arguments' names in
-            `given`.
-        given: what a product is taken with, by name.
-        found: the last call's derivatives.
-        run: the bare call without arguments: a number, 0 if the status is OK.
-    """
-
-    def __init__(self, compiled: CompiledChain, code: CompiledDerivatives, given: Mapping[str, Any]) -> None:
-        self._compiled, self._code, self._bound = compiled, code, code.kernel.bind()
-        for name, x in code.own.items():
-            self._bound.arrays[name][...] = x
-        inputs = [name for name, e in code.externals.items() if e.role == "input"]
-        self.arrays = {name: self._bound.arrays[name] for name in inputs if not name.startswith(WITH)}
-        self.given = {name: self._bound.arrays[f"{WITH}{name}"] for name in code.request.given}
-        result = CompiledResult(compiled.chain, code.layout, None)
-        self._bound.use({name: result.array(name) for name in code.layout.shapes})
-        self.found = Derivatives(result, code.request)
-        self.run = self._bound.run
-        for name, x in given.items():
-            if name in inputs:
-                self._bound.arrays[name][...] = arrays.floats(name.removeprefix(WITH), x, code.externals[name].shape)
-        self.set(**{name: x for name, x in given.items() if name not in inputs})
-
-    def __call__(self) -> Status:
-        """Compute `found` from the inputs."""
-        if self.run() == UNDECIDED:
-            statuses.settle(self._compiled, self._bound.arrays, self.found.result)
-            self._bound.arrays["generic_rank"][...] = float(self._compiled.generic_rank or 0)
-            self._bound.prepare()
-            self.run()
-        return self.found.result.status
-
-    def set(self, **parameters: Any) -> None:
-        """Change run-time parameters, named as in `CompiledChain.forward_dynamics`.
-
-        Raises:
-            StateError: an unknown name, a wrong shape, a number that is not finite.
-        """
-        for name, x in parse_parameters(parameters, self._code.externals, self._compiled.chain).items():
-            if x.ndim > len(self._code.externals[name].shape):
-                raise StateError(f"set: {name}: expected numbers of one system, got a batch of {len(x)}")
-            self._bound.arrays[name][...] = x
-        self._bound.prepare()
+    pass
 
 
 class ChainDerivatives:
@@ -413,14 +219,3 @@ class ChainDerivatives:
         if key not in made:
             made[key] = CompiledDerivatives(self, *key)  # type: ignore[arg-type]
         return made[key]
-
-
-def options_of(options: Options, request: Request, moving: bool) -> Options:
-    """Return the options of derivatives: what is varied must be a run-time parameter."""
-    varied = any(name in BASE_MOTION for name in request.arguments)
-    return replace(
-        options,
-        link_inertia=options.link_inertia or any(name in LINKS for name in request.arguments),
-        link_wrenches=options.link_wrenches or "link_wrench" in request.arguments,
-        base_motion=options.base_motion or moving or varied,
-    )

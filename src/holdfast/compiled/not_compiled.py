@@ -30,6 +30,7 @@ REASONS = {
     "forces.margin_range": f"it is a convex programme: {_ROUNDS}",
     "forces.split": f"{_OF_A_RESULT}, and its length follows from where the contacts are",
     "forces.wrist_wrenches": _OF_A_RESULT,
+    "linearise": _SINGULAR_VALUES,
     "holding_torques": "it decides by numbers whether the grasps can hold",
 }
 _PATHS = {path.rpartition(".")[2]: path for path in REASONS}
