@@ -11,7 +11,8 @@ from holdfast.bench.run import run
 from tests.bench.tiny import TINY, tiny_document
 
 SCHEMA = {
-    "document": "format mode accuracy rounds machine peers systems batches rollouts trunks growth compile bars",
+    "document": "format mode accuracy rounds machine peers systems batches rollouts trunks derivatives growth compile"
+    " bars",
     "machine": "processor cores lanes features system python versions",
     "system": "name arms joints states operations entries skipped",
     "entry": "name library note floor microseconds lower_quartile upper_quartile error wrench_error accurate ratios",
@@ -19,6 +20,7 @@ SCHEMA = {
     "stepping": "name library note microseconds lower_quartile upper_quartile steps_per_second gap ratios",
     "trunk": "name operations call bound batch peers",
     "on a trunk": "name library note microseconds lower_quartile upper_quartile error wrench_error ratios",
+    "derivative": "system what way library note microseconds lower_quartile upper_quartile error ratios",
     "growth": "larger smaller ratio",
     "compile": "system cold cached",
     "bar": "what sense goal value met note",
@@ -37,6 +39,7 @@ def test_schema():
         "stepping": document["rollouts"]["entries"],
         "trunk": document["trunks"],
         "on a trunk": [row for r in document["trunks"] for row in (r["call"], r["bound"], r["batch"], *r["peers"])],
+        "derivative": document["derivatives"],
         "growth": document["growth"],
         "compile": document["compile"],
         "bar": document["bars"],
@@ -72,6 +75,21 @@ def test_trunks():
         for ours in (record["call"], record["bound"], record["batch"]):
             assert ours["error"] <= ACCURATE and ours["wrench_error"] <= ACCURATE
             assert ours["ratios"].keys() == {"2 x 7"}
+
+
+def test_derivatives():
+    """Products and the matrix, bound, called and in a batch, as exact as the reference; Pinocchio's over ours."""
+    rows = {(row["library"], row["what"], row["way"]): row for row in tiny_document()["derivatives"]}
+    ways = [("VJP", "bound"), ("VJP", "batch"), ("JVP", "bound"), ("JVP", "batch")]
+    ways += [("Jacobian", way) for way in ("call", "bound", "batch")]
+    for what, way in ways:
+        row = rows["holdfast", what, way]
+        assert row["error"] <= 1e-11 and [*row["ratios"]] == [f"forward dynamics, {way}"]
+    theirs = rows["pinocchio", "Jacobian", "call"]
+    assert theirs["error"] <= ACCURATE
+    assert theirs["ratios"].keys() == {f"Jacobian, {way}" for way in ("call", "bound", "batch")}
+    table = tables.derivatives(tiny_document())
+    assert len(table.rows) == len(rows) and {len(row) for row in table.rows} == {len(table.header)}
 
 
 def test_rollouts():

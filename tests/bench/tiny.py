@@ -21,6 +21,7 @@ TINY = Plan(
     EFFORT,
     rollout_sizes=(4,),
     trunks=tuple(TRUNKS),
+    derivatives=((2, 7),),
 )
 
 

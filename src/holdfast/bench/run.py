@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import holdfast
-from holdfast.bench import acceptance, entries, machine, peers, trunk_entries
+from holdfast.bench import acceptance, derivative_entries, entries, machine, peers, trunk_entries
 from holdfast.bench.clock import Effort, summary, timed
 from holdfast.bench.compile_times import compile_times
 from holdfast.bench.entries import ACCURATE, LIBRARY, relative_error
@@ -37,6 +37,7 @@ class Plan:
         effort: of every timing.
         rollout_sizes: systems of `batch_of` that one call steps.
         trunks: names of systems with a trunk.
+        derivatives: sizes whose derivatives are timed; of `batch_of` the Jacobian too.
     """
 
     mode: str
@@ -49,6 +50,7 @@ class Plan:
     batch_of: Size = (2, 7)
     rollout_sizes: tuple[int, ...] = ()
     trunks: tuple[str, ...] = ()
+    derivatives: tuple[Size, ...] = ()
 
 
 QUICK = Plan(
@@ -61,6 +63,7 @@ QUICK = Plan(
     Effort(turn=0.02, rounds=5),
     rollout_sizes=(512,),
     trunks=(TORSO, FLOATING),
+    derivatives=((2, 7),),
 )
 FULL = Plan(
     "full",
@@ -75,6 +78,7 @@ FULL = Plan(
     Effort(turn=0.03, rounds=15),
     rollout_sizes=(8, 64, 512, 4096),
     trunks=(TORSO, FLOATING),
+    derivatives=((2, 7), (4, 7), (16, 7)),
 )
 
 
@@ -105,6 +109,7 @@ def run(plan: Plan, report: Report = lambda _doing, _part: None) -> dict[str, An
         ("batches", work.batches, ()),
         ("rollouts", work.rollouts, ()),
         *((name, work.trunk, (name,)) for name in plan.trunks),
+        *((f"derivatives of {name_of(size)}", work.derivatives, (size,)) for size in plan.derivatives),
         *((f"growth to {name_of(larger)}", work.growth, (larger, smaller)) for larger, smaller in plan.growth),
         *((f"compiling {name_of(size)}", work.compiling, (size,)) for size in plan.compiled),
     ]
@@ -136,6 +141,7 @@ class Work:
             "batches": {"system": name_of(plan.batch_of), "sizes": []},
             "rollouts": {"system": name_of(plan.batch_of), "step": STEP, "steps": STEPS, "entries": []},
             "trunks": [],
+            "derivatives": [],
             "growth": [],
             "compile": [],
         }
@@ -202,6 +208,12 @@ class Work:
         here = "version" in self.document["peers"]["pinocchio"]
         plain = self.system(self.plan.batch_of)
         self.document["trunks"].append(trunk_entries.compare(name, plain, self.plan.effort, pinocchio=here))
+
+    def derivatives(self, size: Size) -> None:
+        """Time derivatives over forward dynamics, and Pinocchio's over ours."""
+        here, matrix = "version" in self.document["peers"]["pinocchio"], size == self.plan.batch_of
+        found = derivative_entries.compare(*self.system(size), self.plan.effort, matrix=matrix, pinocchio=here)
+        self.document["derivatives"] += found
 
     def growth(self, larger: Size, smaller: Size) -> None:
         """Time a larger system over a smaller one."""

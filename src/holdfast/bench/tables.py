@@ -152,6 +152,29 @@ def trunks(document: Document) -> Table:
     return Table("Arms on a trunk", header, rows, notes)
 
 
+def derivatives(document: Document) -> Table:
+    """Return derivatives over forward dynamics, and Pinocchio's Jacobian over ours."""
+    theirs = {
+        name: x for row in document["derivatives"] if row["library"] != LIBRARY for name, x in row["ratios"].items()
+    }
+    rows = []
+    for row in document["derivatives"]:
+        own = row["library"] == LIBRARY
+        over = number(next(iter(row["ratios"].values()))) if own else MISSING
+        rival = theirs.get(f"{row['what']}, {row['way']}") if own else None
+        what = f"{row['what']}, {row['way']}" if own else f"{row['what']}, {row['library']}"
+        cells = [number(row["microseconds"]), over, MISSING if rival is None else number(rival), f"{row['error']:.0e}"]
+        rows.append([row["system"], what, *cells])
+    header = ["arms x joints", "derivatives", "us", "/ forward dynamics", "Pinocchio / it", "error"]
+    notes = [
+        "Forward dynamics included, over the same call, bound form or batch of it alone. VJP: gradients by q, qd, tau,"
+        " object pose and twist; JVP: rates of qdd, grasp wrenches, object acceleration along one direction of these;"
+        " Jacobian: of qdd and grasp wrenches by q, qd, tau. Pinocchio: `constraintDynamics` and"
+        " `computeConstraintDynamicsDerivatives`. Errors at one state, against the equations on NumPy."
+    ]
+    return Table("Derivatives of forward dynamics", header, rows, notes)
+
+
 def compiling(document: Document) -> Table:
     """Return seconds from `compile` to the first answer in a new process, and operations."""
     operations = {record["name"]: record["operations"] for record in document["systems"]}
@@ -220,4 +243,4 @@ def _by_system(
 
 
 # in the order of the page
-ALL = (ratios, times, errors, settings, batches, rollouts, trunks, growth, compiling, acceptance_checks)
+ALL = (ratios, times, errors, settings, batches, rollouts, trunks, derivatives, growth, compiling, acceptance_checks)

@@ -1,0 +1,233 @@
+"""Derivatives of forward dynamics: our products and matrices over our own forward dynamics, Pinocchio's over ours."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from holdfast.bench import entries
+from holdfast.bench.clock import Effort, summary, timed
+from holdfast.bench.entries import LIBRARY, Answers, Entry, answers_of
+from holdfast.bench.pinocchio_peer import PinocchioModel
+from holdfast.bench.systems import System
+from holdfast.dynamics.derivatives import (
+    forward_dynamics_jacobian,
+    forward_dynamics_jvp,
+    forward_dynamics_vjp,
+)
+from holdfast.spatial.scalar import Array
+from holdfast.state import State
+
+BATCH = 1024  # states in one call
+NAMES = ("q", "qd", "tau", "object_pose", "object_twist")
+OF = ("qdd", "grasp_wrench", "object_acceleration")
+MATRIX = {"of": ("qdd", "grasp_wrench"), "by": ("q", "qd", "tau")}
+VJP, JVP, JACOBIAN = "VJP", "JVP", "Jacobian"
+FORWARD = {"call": entries.PUBLIC, "bound": entries.BIND, "batch": "batch"}
+THEIRS = "constraintDynamics, computeConstraintDynamicsDerivatives"
+
+
+def compare(system: System, fast: Any, effort: Effort, *, matrix: bool, pinocchio: bool) -> list[dict[str, Any]]:
+    """Return the records of one system, all timed in the same rounds.
+
+    Args:
+        system: the system.
+        fast: its machine code.
+        effort: how long to time.
+        matrix: whether the Jacobian is timed too.
+        pinocchio: whether it is here.
+    """
+    forward = [entries.public(system, fast), entries.bind(system, fast), entries.batch(system, fast, BATCH)]
+    ways = [make(system, fast, what) for what in (VJP, JVP) for make in (bound, batch)]
+    ways += [make(system, fast, JACOBIAN) for make in (call, bound, batch) if matrix]
+    theirs = [peer(system)] if matrix and pinocchio else []
+    seconds = timed([*forward, *(way.entry for way in [*ways, *theirs])], effort).T
+    plain = dict(zip(FORWARD, seconds, strict=False))
+    records = []
+    for way, taken in zip([*ways, *theirs], seconds[len(forward) :], strict=True):
+        ours = {f"forward dynamics, {way.way}": plain[way.way]} if way in ways else {}
+        if way in theirs:
+            pairs = zip(ways, seconds[len(forward) :], strict=False)
+            ours = {f"{JACOBIAN}, {other.way}": spent for other, spent in pairs if other.what == JACOBIAN}
+        records.append(
+            {
+                "system": system.name,
+                "what": way.what,
+                "way": way.way,
+                "library": way.entry.library,
+                "note": way.entry.note,
+                **summary(taken),
+                "error": way.error(),
+                "ratios": {name: float(np.median(taken / other)) for name, other in ours.items()},
+            }
+        )
+    return records
+
+
+class Way:
+    """One way to one kind of derivatives.
+
+    Attributes:
+        what: VJP, JVP or Jacobian.
+        way: call, bound or batch.
+        entry: ready to be timed.
+        first: computes them at the first state, one flat array.
+        truth: the same without machine code.
+    """
+
+    def __init__(
+        self, what: str, way: str, entry: Entry, first: Callable[[], Array], truth: Callable[[], Array]
+    ) -> None:
+        self.what, self.way, self.entry, self.first, self.truth = what, way, entry, first, truth
+
+    def error(self) -> float:
+        """Return how far the derivatives at the first state are from the reference's, over the largest."""
+        expected = self.truth()
+        return float(np.abs(self.first() - expected).max() / np.abs(expected).max())
+
+
+class Asked:
+    """What is asked for at every state: random cotangents and directions, the same for all of them.
+
+    Attributes:
+        kind: of `bind_derivatives`.
+        names: keyword arguments that say which results and arguments.
+        parts: of what is returned.
+        numbers: cotangents or directions by name, of one system.
+    """
+
+    def __init__(self, system: System, what: str) -> None:
+        chain, random = system.chain, np.random.default_rng(0)
+        shapes = {"qdd": (chain.joint_count,), "grasp_wrench": (len(chain.arms), 6), "object_acceleration": (6,)}
+        sizes = {name: chain.joint_count if name in ("q", "qd", "tau") else 6 for name in NAMES}
+        self.kind = {VJP: "vjp", JVP: "jvp", JACOBIAN: "jacobian"}[what]
+        self.names: dict[str, Any] = {VJP: {"by": NAMES}, JVP: {"of": OF}, JACOBIAN: MATRIX}[what]
+        self.parts: list[Any] = {
+            VJP: [*NAMES],
+            JVP: [*OF],
+            JACOBIAN: [(of, by) for of in MATRIX["of"] for by in MATRIX["by"]],
+        }[what]
+        self.numbers: dict[str, Array] = {
+            VJP: {name: random.normal(size=shape) for name, shape in shapes.items()},
+            JVP: {name: random.normal(size=size) for name, size in sizes.items()},
+            JACOBIAN: {},
+        }[what]
+
+    def of_many(self, count: int) -> dict[str, Any]:
+        """Return the keyword arguments of one call for so many systems; of one system if 0."""
+        numbers = {name: np.repeat(x[None], count, axis=0) if count else x for name, x in self.numbers.items()}
+        return self.names | ({"along": numbers} if self.kind == "jvp" else numbers)
+
+    def flat(self, found: Any, k: int | None = None) -> Array:
+        """Return what was found, of the k-th system in a batch."""
+        return np.concatenate([np.ravel(found[part] if k is None else found[part][k]) for part in self.parts])
+
+    def reference(self, system: System) -> Array:
+        """Return the same at the first state by the reference forms."""
+        q, qd, tau, pose, twist = (x[0] for x in system.arrays)
+        made = {"vjp": forward_dynamics_vjp, "jvp": forward_dynamics_jvp, "jacobian": forward_dynamics_jacobian}
+        asked = self.of_many(0)
+        if self.kind == "jvp":
+            del asked["of"]
+        return self.flat(made[self.kind](system.chain, State(q, qd, pose, twist), tau, **asked))
+
+
+def call(system: System, fast: Any, what: str) -> Way:
+    """Return the checked call, result re-used."""
+    asked, states = Asked(system, what), entries.each_state(system)
+    solve, given = getattr(fast, f"forward_dynamics_{asked.kind}"), asked.of_many(0)
+    out = solve(*states[0], **given)
+
+    def sweep() -> None:
+        for state in states:
+            solve(*state, **given, out=out)
+
+    def answers() -> Answers:
+        return answers_of([solve(*state, **given).result for state in states])
+
+    entry = Entry(f"{what}, call", LIBRARY, sweep, system.states, answers, "arrays in, result re-used")
+    return Way(what, "call", entry, lambda: asked.flat(solve(*states[0], **given)), lambda: asked.reference(system))
+
+
+def bound(system: System, fast: Any, what: str) -> Way:
+    """Return the bound form, one for each state."""
+    asked = Asked(system, what)
+    options = {"of": OF, "by": NAMES} | asked.names
+    made = []
+    for state in entries.each_state(system):
+        one = fast.bind_derivatives(asked.kind, **options, **dict(zip(NAMES, state, strict=True)))
+        for name, x in asked.numbers.items():
+            one.given[name][...] = x
+        made.append(one)
+
+    def sweep() -> None:
+        for step in made:
+            step()
+
+    def answers() -> Answers:
+        sweep()
+        return answers_of([one.found.result for one in made])
+
+    def first() -> Array:
+        made[0]()
+        return asked.flat(made[0].found)
+
+    entry = Entry(f"{what}, bound", LIBRARY, sweep, system.states, answers, "bound, one for each state")
+    return Way(what, "bound", entry, first, lambda: asked.reference(system))
+
+
+def batch(system: System, fast: Any, what: str) -> Way:
+    """Return one call for many states, on one thread."""
+    asked, arrays = Asked(system, what), system.repeated(BATCH).arrays
+    solve, given = getattr(fast, f"forward_dynamics_{asked.kind}"), asked.of_many(BATCH)
+    out = solve(*arrays, **given)
+
+    def sweep() -> None:
+        solve(*arrays, **given, out=out)
+
+    def answers() -> Answers:
+        found = solve(*arrays, **given, out=out).result
+        return Answers(np.array(found.qdd[: system.states]), np.array(found.grasp_wrench[: system.states]))
+
+    note = f"one call for {BATCH}, result re-used, one thread"
+    entry = Entry(f"{what}, batch", LIBRARY, sweep, BATCH, answers, note)
+
+    def first() -> Array:
+        return asked.flat(solve(*arrays, **given, out=out), 0)
+
+    return Way(what, "batch", entry, first, lambda: asked.reference(system))
+
+
+def peer(system: System) -> Way:
+    """Return Pinocchio's dynamics and derivatives, object free; those by torque are compared: they need no tangent."""
+    pin: Any = import_module("pinocchio")
+    posed = PinocchioModel(system, "free")
+    model, welds, data, weld_data = posed.model, posed.welds, posed.model.createData(), posed.weld_data()
+    pin.initConstraintDynamics(model, data, welds, weld_data)
+    solve, differentiate, inputs = pin.constraintDynamics, pin.computeConstraintDynamicsDerivatives, posed.inputs
+    n = system.chain.joint_count
+
+    def sweep() -> None:
+        for q, v, tau in inputs:
+            solve(model, data, q, v, tau, welds, weld_data)
+            differentiate(model, data, welds, weld_data)
+
+    def evaluate(q: Array, v: Array, tau: Array) -> Array:
+        return solve(model, data, q, v, tau, welds, weld_data)
+
+    def first() -> Array:
+        evaluate(*inputs[0])
+        return np.ravel(np.array(differentiate(model, data, welds, weld_data)[2])[:n, :n])
+
+    def truth() -> Array:
+        q, qd, tau, pose, twist = (x[0] for x in system.arrays)
+        state = State(q, qd, pose, twist)
+        return np.ravel(forward_dynamics_jacobian(system.chain, state, tau, of=["qdd"], by=["tau"])["qdd", "tau"])
+
+    answers = functools.partial(posed.answers, evaluate, weld_data)
+    entry = Entry(THEIRS, "pinocchio", sweep, system.states, answers, "object free, mu = 0; error of d qdd / d tau")
+    return Way(JACOBIAN, "call", entry, first, truth)
