@@ -11,8 +11,8 @@ import pytest
 
 import holdfast
 from holdfast import ClosedChain, Inputs, MethodNotApplicable, Pose, State, StateError
-from holdfast.compiled.arm_functions import COMPUTATIONS
 from holdfast.compiled import CompiledChain
+from holdfast.compiled.arm_functions import COMPUTATIONS
 from holdfast.compiled.functions import ChainFunctions
 from holdfast.compiled.not_compiled import REASONS
 from holdfast.compiled.structure import Options

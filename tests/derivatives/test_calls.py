@@ -10,6 +10,7 @@ import pytest
 import holdfast as hf
 from holdfast.compiled.not_compiled import NotCompiledError
 from holdfast.dynamics import Status
+from holdfast.dynamics.derivatives import STATE_AND_TORQUES
 from holdfast.errors import MethodNotApplicable
 from tests.compiled import problems
 from tests.compiled.problems import chain_named, forces, numbers, one
@@ -19,7 +20,7 @@ from tests.derivatives.chains import TRUNKS, random_chain
 from tests.derivatives.longer import mostly_long
 from tests.derivatives.products import random_cotangents, random_directions, state_of
 from tests.oracles.chain_derivatives import OUTPUTS
-from tests.systems import two_collinear_stretched_6r
+from tests.systems import random_system, two_collinear_stretched_6r
 from tests.systems.as_chain import Problem, as_chain
 from tests.systems.problems import relative_gap
 
@@ -207,7 +208,7 @@ def test_trunks_are_refused(trunk):
 
 def sprung() -> Problem:
     """Return a chain with springs from the world to the object, and from one arm to the other and to the object."""
-    p = random_chain(100)
+    p = as_chain(random_system(3, arms=3, joints=[7, 6, 5], grasps=["rigid", "hinge", "ball"], moving_base=True))
     first, second, *_ = p.chain.arms
     springs = [
         hf.Spring(("world", np.zeros(3)), ("object", np.ones(3)), stiffness=10.0, length=0.1, damping=2.0),
@@ -221,7 +222,9 @@ def test_springs_between_bodies():
     """Machine code refuses them by name; the reference knows their wrenches' part, as differences do."""
     p = sprung()
     with pytest.raises(NotCompiledError, match="springs between bodies runs as reference only"):
-        hf.compile(p.chain).forward_dynamics_vjp(**{n: given(p)[n] for n in STATE}, qdd=np.ones(p.chain.joint_count))
+        hf.compile(p.chain).forward_dynamics_vjp(
+            **{n: given(p)[n] for n in STATE_AND_TORQUES}, qdd=np.ones(p.chain.joint_count)
+        )
     rng, h = np.random.default_rng(0), 1e-5
     for by in ("q", "qd", "object_twist"):
         d = rng.normal(size=np.shape(getattr(p.state, by)))
@@ -229,7 +232,9 @@ def test_springs_between_bodies():
         def slopes(by: str = by, d: np.ndarray = d) -> dict[str, np.ndarray]:
             at = [replace(p.state, **{by: getattr(p.state, by) + k * h * d}) for k in (1, -1, 2, -2)]
             a, b, c, e = (hf.forward_dynamics(p.chain, s, p.tau, inputs=p.inputs, check=False) for s in at)
-            return {o: (8 * (getattr(a, o) - getattr(b, o)) - getattr(c, o) + getattr(e, o)) / (12 * h) for o in OUTPUTS}
+            return {
+                o: (8 * (getattr(a, o) - getattr(b, o)) - getattr(c, o) + getattr(e, o)) / (12 * h) for o in OUTPUTS
+            }
 
         expected = slopes()
         pushed = hf.forward_dynamics_jvp(p.chain, p.state, p.tau, inputs=p.inputs, along={by: d}, check=False)
