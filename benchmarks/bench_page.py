@@ -27,8 +27,8 @@ thread, and is called from Python.
   after call. `constrainedABA` and `pv`, in C++ only, are not here. `aba` without any grasp is a floor.
 * On a trunk: two Pandas on a torso of three joints, or on a floating base, with their box between the hands.
   Pinocchio's model has the same trunk; ours without one takes turns with both.
-* Derivatives include forward dynamics and stand over it alone, from the same rounds. Pinocchio's matrices are by all of its
-  coordinates, the object's included; its Python call returns them as new arrays.
+* Derivatives include forward dynamics and stand over it alone, from the same rounds. Pinocchio's matrices are by all of
+  its coordinates, the object's included; its Python call returns them as new arrays.
 * MuJoCo: no geoms, islands off, the hardest weld it accepts; the fastest solver counts. Its welds are soft by design.
 * `forward_dynamics` is the checked call with five arrays and a re-used result; `bind` is tied to each state's arrays
   and only called; *copying* has one bound call and copies the arrays into it. All return every grasp wrench and the
