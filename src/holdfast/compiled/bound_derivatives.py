@@ -49,7 +49,10 @@ class BoundDerivatives:
 
     def __call__(self) -> Status:
         """Compute `found` from the inputs."""
-        if self.run() == UNDECIDED:
+        code = self.run()
+        if code == 0:
+            return Status.OK
+        if code == UNDECIDED:
             statuses.settle(self._compiled, self._bound.arrays, self.found.result)
             self._bound.arrays["generic_rank"][...] = float(self._compiled.generic_rank or 0)
             self._bound.prepare()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import threading
 from collections.abc import Mapping
 from dataclasses import replace
@@ -86,6 +87,7 @@ class CompiledDerivatives:
         self.own = {name: np.array(x, order="C") for name, x in own.items() if name in self.externals}
         self.layout = ResultLayout(self.externals)
         self._addresses = Addresses(self.externals, self.own)
+        self._run = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(self.kernel.single_address)
 
     def __call__(
         self, given: Mapping[str, Any], parameters: Mapping[str, Any], out: Derivatives | None, threads: int
@@ -115,24 +117,31 @@ class CompiledDerivatives:
             if out.request != self.request:
                 raise StateError("out: expected earlier derivatives of the same names; leave it out first")
             arrays.require_fit(result, chain, batch, list(found.values()))
-        self.own["generic_rank"][...] = -1.0 if compiled.generic_rank is None else float(compiled.generic_rank)
+        rank = -1.0 if compiled.generic_rank is None else float(compiled.generic_rank)
+        if rank != self.own["generic_rank"]:
+            self.own["generic_rank"][...] = rank
+            self.__dict__.pop("_bound", None)
         if batch is not None:
             self.kernel.run_batch(self._addresses.table(found, result), batch, threads)
             sound = not result.array("status").any()
+        elif any(self.externals[name].role == "parameter" for name in found):
+            sound = self._apart(found, result)
         else:
-            sound = self._single(found, result)
+            with self._lock:
+                whole = np.append(self._addresses.table(found, result)[:, 0], self._bound.table[-1])
+                sound = self._run(whole.ctypes.data) == 0
         if not sound:
             self._settle(found, result)
         return Derivatives(result, self.request)
 
-    def _single(self, found: Mapping[str, Array], result: CompiledResult) -> bool:
-        """Run one system; return whether all is well."""
+    def _apart(self, found: Mapping[str, Array], result: CompiledResult) -> bool:
+        """Run one system with parameters of its own; return whether all is well."""
         with self._lock:
-            self._bound.use({name: result.array(name) for name in self.layout.shapes})
+            self._spare.use({name: result.array(name) for name in self.layout.shapes})
             for name, x in (self.own | dict(found)).items():
-                self._bound.arrays[name][...] = x
-            self._bound.prepare()
-            return self._bound.run() == 0
+                self._spare.arrays[name][...] = x
+            self._spare.prepare()
+            return self._spare.run() == 0
 
     def _settle(self, found: Mapping[str, Array], result: CompiledResult) -> None:
         """Decide open statuses; refuse derivatives of what is not unique, or leave them not-a-number in a batch."""
@@ -156,6 +165,16 @@ class CompiledDerivatives:
 
     @cached_property
     def _bound(self) -> Bound:
+        """What single calls with the chain's own parameters run on: its working memory."""
+        bound = self.kernel.bind()
+        for name, x in self.own.items():
+            bound.arrays[name][...] = x
+        bound.prepare()
+        return bound
+
+    @cached_property
+    def _spare(self) -> Bound:
+        """What single calls with other parameters run on."""
         return self.kernel.bind()
 
 
