@@ -54,7 +54,7 @@ def test_tangent(name):
     assert tangent(case.problem).shape == case.tangent.shape
 
 
-@pytest.mark.parametrize("seed", mostly_long(range(STATES), (0, 1, 2)))
+@pytest.mark.parametrize("seed", mostly_long(range(STATES), (0,)))
 def test_the_oracle(seed):
     """Dual numbers over the dense equations: the oracle, from another side."""
     p = two_pandas(seed)
