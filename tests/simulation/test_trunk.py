@@ -26,7 +26,10 @@ def run_of(p, duration=0.04, step=2e-3, **options):
     return run
 
 
-@pytest.mark.parametrize(("seed", "joints", "floating"), RANDOM)
+@pytest.mark.parametrize(
+    ("seed", "joints", "floating"),
+    [pytest.param(*p, marks=[pytest.mark.long] if p[2] and p[1] else []) for p in RANDOM],
+)
 def test_balances(seed, joints, floating):
     """Energy and momentum are accounted for, grasps stay closed; what is left falls as the scheme's order says."""
     p = still_base(seed, joints, floating=floating)
