@@ -16,6 +16,7 @@ from holdfast.model.closed_chain import TRUNK
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import twist_shift
 
+DEPENDENT = 1e-9  # of the largest singular value: what is smaller counts as zero
 SMALLEST_LENGTH = 1e-3  # m: what is smaller sets no scale
 
 
@@ -38,6 +39,15 @@ class ConstraintRows(NamedTuple):
     def matrix(self) -> Array:
         """(rows, n + 6) all of K [J, -A]; 6 columns more of a floating base."""
         return np.hstack([self.joints, self.object, self.base])
+
+    @property
+    def motions(self) -> Array:
+        """(n + 6, m) an orthonormal basis of the velocities that the rows allow. O(n^3)."""
+        matrix = self.matrix
+        if not len(matrix):
+            return np.eye(matrix.shape[1])
+        _, sizes, Vt = np.linalg.svd(matrix)
+        return Vt[int((sizes > DEPENDENT * sizes[0]).sum()) :].T
 
 
 def coordinate_sizes(motion: ChainMotion) -> Array:

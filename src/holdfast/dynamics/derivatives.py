@@ -12,13 +12,21 @@ from numpy.typing import ArrayLike
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.closed.forward_derivatives import (
     ARGUMENTS,
+    OF_JOINTS,
     RESULTS,
     VirtualPower,
     arm_residual_rates,
     backward,
     forward,
 )
-from holdfast.dynamics.closed.forward_jacobian import direction, jacobian, unit_wrenches, units_needed
+from holdfast.dynamics.closed.forward_jacobian import (
+    OF_CHAIN,
+    OF_LINK,
+    direction,
+    jacobian,
+    unit_wrenches,
+    units_needed,
+)
 from holdfast.dynamics.closed.second_solve import Point, point
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.closed.stacked import Stacked
@@ -106,13 +114,13 @@ def forward_dynamics_vjp(
     what = "forward_dynamics_vjp"
     _require_names(what, by, ARGUMENTS)
     _require_names(what, cotangents, RESULTS)
-    at, result = _point(what, chain, state, tau, inputs, check, generic_rank)
+    at, result, least = _point(what, chain, state, tau, inputs, check, generic_rank)
     bars = {
         name: checks.numbers(x, np.shape(getattr(result, name)), name, StateError) for name, x in cotangents.items()
     }
     also: tuple[VirtualPower, ...] = ()
-    if result.status is Status.INDETERMINATE_FORCES:
-        bars, also = least_forces(at).backward(at, bars)
+    if least is not None:
+        bars, also = least.backward(at, bars)
     wrenches = spring_rates(chain, state, (inputs or Inputs()).shaped(chain), by)
     names = tuple(by) if wrenches is None else tuple(dict.fromkeys((*by, "object_wrench", "link_wrench")))
     found, shapes = backward(at, bars, names, also), gradient_shapes(chain)
@@ -154,7 +162,7 @@ def forward_dynamics_jvp(
     what = "forward_dynamics_jvp"
     checks.instance(along, Mapping, f"{what}: along", StateError)
     _require_names(what, along, ARGUMENTS)
-    at, result = _point(what, chain, state, tau, inputs, check, generic_rank)
+    at, result, least = _point(what, chain, state, tau, inputs, check, generic_rank)
     shapes = gradient_shapes(chain)
     given = {name: checks.numbers(x, None, name, StateError) for name, x in along.items()}
     counts = set()
@@ -166,10 +174,10 @@ def forward_dynamics_jvp(
         raise StateError(f"{what}: expected one number of directions, got {', '.join(map(str, sorted(counts)))}")
     wrenches = spring_rates(chain, state, (inputs or Inputs()).shaped(chain), list(given))
     if not counts:
-        return Derivatives(result, _forward(at, result, given, wrenches))
+        return Derivatives(result, _forward(at, given, wrenches, least))
     (count,) = counts
     each = [
-        _forward(at, result, {n: x[k] if x.ndim > len(shapes[n]) else x for n, x in given.items()}, wrenches)
+        _forward(at, {n: x[k] if x.ndim > len(shapes[n]) else x for n, x in given.items()}, wrenches, least)
         for k in range(count)
     ]
     return Derivatives(result, {name: np.array([one[name] for one in each]) for name in RESULTS})
@@ -209,14 +217,14 @@ def forward_dynamics_jacobian(
     what = "forward_dynamics_jacobian"
     _require_names(what, of, RESULTS)
     _require_names(what, by, ARGUMENTS)
-    at, result = _point(what, chain, state, tau, inputs, check, generic_rank)
+    at, result, least = _point(what, chain, state, tau, inputs, check, generic_rank)
     shapes = gradient_shapes(chain)
     wrenches = spring_rates(chain, state, (inputs or Inputs()).shaped(chain), by)
-    if wrenches is not None or result.status is Status.INDETERMINATE_FORCES:
+    if wrenches is not None or least is not None:
         columns: dict[tuple[str, str], Array] = {}
         for name in by:
             units = np.eye(int(np.prod(shapes[name])))
-            found = [_forward(at, result, {name: direction(e, name, shapes[name])}, wrenches) for e in units]
+            found = [_forward(at, {name: direction(e, name, shapes[name])}, wrenches, least) for e in units]
             columns |= {(o, name): np.array([one[o].ravel() for one in found]) for o in of}
     else:
         columns = jacobian(at, of, by, np.eye(units_needed(chain, by)))
@@ -302,24 +310,19 @@ def gradient_shapes(chain: ClosedChain) -> dict[str, tuple[int, ...]]:
     """Return the shapes of gradients by every argument."""
     n, l, g = chain.joint_count, len(chain.arms), len(chain.grasps)
     links = sum(arm.joint_count for arm in chain.arms.values())
-    shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "qd", "tau", "armature", "damping"), (n,))
-    shapes |= dict.fromkeys(("object_pose", "object_twist", "object_wrench"), (6,))
+    shapes = OF_CHAIN | dict.fromkeys(OF_JOINTS, (n,)) | {"grasp_pose": (g, 6)}
     shapes |= dict.fromkeys(("base_pose", "base_twist", "base_acceleration"), (l, 6))
-    shapes |= {"object_mass": (), "object_com": (3,), "object_inertia": (3, 3), "gravity": (3,), "grasp_pose": (g, 6)}
-    of_links = {"link_mass": (), "link_com": (3,), "link_inertia": (3, 3), "link_wrench": (6,)}
-    return shapes | {name: (links, *shape) for name, shape in of_links.items()}
+    return shapes | {name: (links, *shape) for name, shape in OF_LINK.items()}
 
 
 def _forward(
-    at: Point, result: ForwardResult, tangents: Mapping[str, Array], wrenches: SpringRates | None
+    at: Point, tangents: Mapping[str, Array], wrenches: SpringRates | None, least: LeastForces | None
 ) -> dict[str, Array]:
     """Return the rates of change of all results."""
     if wrenches is not None:
         tangents = wrenches.forward(tangents)
     found = forward(at, tangents)
-    if result.status is Status.INDETERMINATE_FORCES:
-        found = least_forces(at).forward(at, found, tangents)
-    return found
+    return found if least is None else least.forward(at, found, tangents)
 
 
 def _point(
@@ -330,8 +333,8 @@ def _point(
     inputs: Inputs | None,
     check: bool,
     generic_rank: int | None,
-) -> tuple[Point, ForwardResult]:
-    """Return where derivatives are taken, and forward dynamics there; its forces are the least where not unique."""
+) -> tuple[Point, ForwardResult, LeastForces | None]:
+    """Return where derivatives are taken, forward dynamics there, and the least forces where they are not unique."""
     checks.instance(chain, ClosedChain, "chain")
     require_derivatives(what, chain)
     result = forward_dynamics(chain, state, tau, inputs=inputs, check=check, generic_rank=generic_rank)
@@ -342,7 +345,8 @@ def _point(
     with np.errstate(all="ignore"):
         at = point(motion, sequential(motion), "auto")
     rows = dict(zip(chain.arms, result.grasp_wrench, strict=True))
-    return replace(at, unknowns={n: z._replace(wrench=rows[n]) for n, z in at.unknowns.items()}), result
+    at = replace(at, unknowns={n: z._replace(wrench=rows[n]) for n, z in at.unknowns.items()})
+    return at, result, least_forces(at) if result.status is Status.INDETERMINATE_FORCES else None
 
 
 def require_derivatives(what: str, chain: ClosedChain) -> None:

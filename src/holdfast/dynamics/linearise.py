@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.closed.forward_derivatives import rates_of
-from holdfast.dynamics.constraint import constraint_rows
+from holdfast.dynamics.constraint import DEPENDENT, constraint_rows
 from holdfast.dynamics.derivatives import forward_dynamics_jacobian
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -30,8 +30,6 @@ from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import skew
 from holdfast.state import Inputs, State
-
-NULL = 1e-9  # of the largest singular value
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,10 +128,10 @@ def tangent_basis(motion: ChainMotion) -> Array:
     chain = motion.chain
     n, half = chain.joint_count, chain.joint_count + 6
     in_position = [replace(c, rows=c.grasp.of_kind.position_rows) for c in motion.contacts]
-    N_p = _null(constraint_rows(replace(motion, contacts=in_position)).matrix, half)
+    N_p = constraint_rows(replace(motion, contacts=in_position)).motions
     rows = constraint_rows(motion)
-    turned, ends = np.zeros((len(rows.matrix), half)), rows.slices  # D
-    for name, part in zip(chain.grasps, ends, strict=True):
+    turned = np.zeros((len(rows.matrix), half))  # D
+    for name, part in zip(chain.grasps, rows.slices, strict=True):
         case = motion.cases[name]
         gap, joints = case.velocity_gap(), chain.joints[name]
         count = joints.stop - joints.start
@@ -143,14 +141,6 @@ def tangent_basis(motion: ChainMotion) -> Array:
         for k, unit in enumerate(np.eye(6)):
             moved = rates_of({"object_pose": unit}, "object", case.frame.R)
             (turned[part, n + k],) = gap.rates(*(still | moved).values())
-    N_v = _null(rows.matrix, half)
-    follows = -np.linalg.pinv(rows.matrix, rcond=NULL) @ (turned @ N_p) if len(rows.matrix) else 0.0 * N_p
+    N_v = rows.motions
+    follows = -np.linalg.pinv(rows.matrix, rcond=DEPENDENT) @ (turned @ N_p) if len(rows.matrix) else 0.0 * N_p
     return np.block([[N_p, np.zeros((half, N_v.shape[1]))], [follows, N_v]])
-
-
-def _null(matrix: Array, width: int) -> Array:
-    """Return an orthonormal basis of a matrix' null space."""
-    if not len(matrix):
-        return np.eye(width)
-    _, sizes, Vt = np.linalg.svd(matrix)
-    return Vt[int((sizes > NULL * sizes[0]).sum()) :].T

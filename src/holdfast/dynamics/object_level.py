@@ -77,10 +77,4 @@ def motion_basis(chain: ClosedChain, state: State) -> Array:
         StateError: a state of the wrong shape for the chain.
     """
     state.fits(chain)
-    motion = chain_at_rest(chain, state)
-    matrix = constraint_rows(motion).matrix
-    if not len(matrix):
-        return np.eye(matrix.shape[1])
-    _, sizes, Vt = np.linalg.svd(matrix)
-    rank = int((sizes > 1e-9 * sizes[0]).sum())
-    return Vt[rank:].T
+    return constraint_rows(chain_at_rest(chain, state)).motions

@@ -99,9 +99,15 @@ def bias(
     ]
     if link_wrenches is not None:
         wrenches = [p - unrotate(R, f) for p, R, f in zip(wrenches, at.R, link_wrenches, strict=True)]
+    return Bias(tuple(wrenches), acceleration_at_tip(arm, at, found, base_twist, base_acceleration))
+
+
+def acceleration_at_tip(
+    arm: Arm, at: Posture, found: list[tuple[Array, Array]], base_twist: Array, base_acceleration: Array
+) -> Array:
+    """Return (6,) of the tip point, world axes, of what `bias_accelerations` yields; an anchor's is its base's."""
     zeta, K = found[-1] if found else base_acceleration_and_gradient(arm, base_twist, base_acceleration)
-    tip = concatenate([zeta[:3], zeta[3:] + K @ arm.tip.p])
-    return Bias(tuple(wrenches), rotate(at.end, tip))
+    return rotate(at.end, concatenate([zeta[:3], zeta[3:] + K @ arm.tip.p]))
 
 
 def bias_torque(arm: Arm, at: Posture, wrenches: tuple[Array, ...]) -> tuple[Array, Array]:

@@ -104,7 +104,7 @@ def backward(
 def arm_gradient(case: ArmCase, z: Unknowns, y: Unknowns, names: Sequence[str]) -> dict[str, Array]:
     """Return -dL/dtheta of one arm by its numbers, and by the poses that are its own."""
     of_grasp = () if case.grasp is not None else ("grasp", "object")
-    wanted = [name for name in names if name not in OF_OBJECT and not name.startswith(of_grasp or "-")]
+    wanted = [name for name in names if name not in OF_OBJECT and not name.startswith(of_grasp)]
     found = case.gradient(z, y, wanted)
     numbers = case.numbers(wanted)
     if "link_inertia" in found:
@@ -151,10 +151,8 @@ def forward(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
     chain, none = at.motion.chain, np.zeros(6)
     case = at.motion.object_case
     assert case is not None
-    of_object = rates_of(tangents, "object", case.frame.R) | {n: tangents[n] for n in tangents if n in OF_OBJECT}
-    if "object_twist" in tangents:
-        of_object["object_twist"] = tangents["object_twist"]
-    own = {name: x for name, x in of_object.items() if name != "object_p"}
+    own = object_rates(at, tangents) | {name: x for name, x in tangents.items() if name in OF_OBJECT}
+    own.pop("object_p", None)  # not in its equations
     residual = none
     if own:
         (residual,) = case.residual(at.found.object_acceleration, list(own)).rates(*own.values())
@@ -178,16 +176,21 @@ def forward(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
 
 def arm_residual_rates(at: Point, z: Mapping[str, Unknowns], tangents: Mapping[str, Array]) -> list[Unknowns]:
     """Return how fast dL/dy of all arms changes while arguments do, z held."""
-    chain, case = at.motion.chain, at.motion.object_case
-    assert case is not None
-    of_object = rates_of(tangents, "object", case.frame.R)
-    of_object |= {name: tangents[name] for name in ("object_twist",) if name in tangents}
+    chain, of_object = at.motion.chain, object_rates(at, tangents)
     return each(
         residual_rates,
         [at.motion.cases[name] for name in chain.arms],
         [z[name] for name in chain.arms],
         [tangents_of(at, name, tangents) | (of_object if name in chain.grasps else {}) for name in chain.arms],
     )
+
+
+def object_rates(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
+    """Return how fast those of the object's numbers change that its arms' equations have too."""
+    case = at.motion.object_case
+    assert case is not None
+    twist = {"object_twist": tangents["object_twist"]} if "object_twist" in tangents else {}
+    return rates_of(tangents, "object", case.frame.R) | twist
 
 
 def known_beforehand(motion: ChainMotion, cotangents: Mapping[str, Array]) -> Second:
@@ -204,7 +207,7 @@ def known_beforehand(motion: ChainMotion, cotangents: Mapping[str, Array]) -> Se
 
 def cotangents_of(chain: ClosedChain, name: str, cotangents: Mapping[str, Array]) -> Load:
     """Return an arm's part of cotangents. One of a base's wrench is a virtual twist of the base, negative."""
-    row, part = list(chain.arms).index(name), dict(zip(chain.arms, chain.arm_joints, strict=True))[name]
+    row, part = chain.names.index(name), chain.joints[name]
     torque = cotangents["qdd"][part] if "qdd" in cotangents else np.zeros(chain.arms[name].joint_count)
     gap, base = (cotangents[w][row] if w in cotangents else np.zeros(6) for w in ("grasp_wrench", "base_wrench"))
     rates = cotangents.get("contact_acceleration", np.zeros(chain.contact_freedom_count))
@@ -214,7 +217,7 @@ def cotangents_of(chain: ClosedChain, name: str, cotangents: Mapping[str, Array]
 def tangents_of(at: Point, name: str, tangents: Mapping[str, Array]) -> dict[str, Array]:
     """Return an arm's part of tangents, by argument."""
     chain = at.motion.chain
-    row, part = list(chain.arms).index(name), dict(zip(chain.arms, chain.arm_joints, strict=True))[name]
+    row, part = chain.names.index(name), chain.joints[name]
     first = chain.joint_count - sum(arm.joint_count for arm in chain.arms.values())  # row of links
     found = {n: tangents[n][part] for n in OF_JOINTS if n in tangents}
     found |= {n: tangents[n][part.start - first : part.stop - first] for n in OF_LINKS if n in tangents}

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.bias import base_acceleration_and_gradient, bias_accelerations
+from holdfast.dynamics.arm.bias import acceleration_at_tip, bias_accelerations
 from holdfast.dynamics.arm.motion import ArmInputs
 from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
@@ -29,8 +29,8 @@ from holdfast.model.held_object import HeldObject
 from holdfast.spatial.differentiation import Linear, gradient, linearised
 from holdfast.spatial.inertia import about_origin
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array, Scalar, concatenate
-from holdfast.spatial.spatial_vector import acceleration_gradient, rotate, shift_twist, unrotate
+from holdfast.spatial.scalar import Array, Scalar
+from holdfast.spatial.spatial_vector import acceleration_gradient, shift_twist, unrotate
 
 Numbers = Mapping[str, Array]
 
@@ -131,8 +131,7 @@ class ArmCase(NamedTuple):
         of_object = Pose.unchecked(varied.get("object_R", self.frame.R), varied.get("object_p", self.frame.p))
         twist = varied.get("object_twist", self.twist)
         c = contact(grasp, of_object, twist, at.tip, tip_twist(arm, at, V, base_twist))
-        a, K = found[-1] if found else base_acceleration_and_gradient(arm, base_twist, base_acceleration)
-        tip = rotate(at.end, concatenate([a[:3], a[3:] + K @ arm.tip.p]))
+        tip = acceleration_at_tip(arm, at, found, base_twist, base_acceleration)
         apart = tip + c.g - c.a - shift_twist(c.offset, z.object_acceleration)
         together = tip_twist(arm, at, U, y.base) - shift_twist(c.offset, y.object_acceleration)
         if grasp.free:
