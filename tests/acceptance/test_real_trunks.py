@@ -9,7 +9,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.robots import load_urdf_trunk
-from holdfast.robots.urdf import UrdfTrunk
+from holdfast.robots.arms_on_trunk import ArmsOnTrunk
 from tests.acceptance.test_real_robots import FOLDER
 
 pytest.importorskip("pinocchio", reason="needs Pinocchio: pip install pin")
@@ -77,7 +77,7 @@ def test_a_hand_on_an_arm():
     assert max(differs) <= TOLERANCE
 
 
-def loaded(file: str, links: tuple[str, str], *, floating: bool) -> tuple[UrdfTrunk, dict[str, str]]:
+def loaded(file: str, links: tuple[str, str], *, floating: bool) -> tuple[ArmsOnTrunk, dict[str, str]]:
     """Return a robot that stands or floats, all but its arms held, and the links of its tips."""
     tips = dict(zip(("left", "right"), links, strict=True))
     return load_urdf_trunk(real(file), tips, floating=floating, lock_others=True, physical=False), tips

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 import holdfast as hf
-from holdfast.robots.urdf import UrdfTrunk
+from holdfast.robots.arms_on_trunk import ArmsOnTrunk
 from tests.robots.pinocchio_trunk import TRAY, Tree, holding
 from tests.robots.pinocchio_urdf import frame
 from tests.systems.problems import relative_gap
@@ -30,7 +30,7 @@ class ClosedGaps(NamedTuple):
     wrenches: float
 
 
-def closed_gaps(xml: str, found: UrdfTrunk, tips: dict[str, str], seed: int) -> ClosedGaps:
+def closed_gaps(xml: str, found: ArmsOnTrunk, tips: dict[str, str], seed: int) -> ClosedGaps:
     """Return the gaps of a robot at a random state that keeps its grasps.
 
     Args:

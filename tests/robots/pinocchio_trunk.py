@@ -14,7 +14,7 @@ import pinocchio as pin
 
 import holdfast as hf
 from holdfast.dynamics.trunk.trunk_motion import trunk_at_rest
-from holdfast.robots.urdf import UrdfTrunk
+from holdfast.robots.arms_on_trunk import ArmsOnTrunk
 from holdfast.spatial import rotation
 from tests.robots.pinocchio_urdf import Models, frame, held, put
 from tests.systems.problems import relative_gap
@@ -46,7 +46,7 @@ class Gaps(NamedTuple):
 class Tree:
     """Pinocchio's model of a robot whose other joints are held, at one state."""
 
-    def __init__(self, xml: str, found: UrdfTrunk, seed: int = 1) -> None:
+    def __init__(self, xml: str, found: ArmsOnTrunk, seed: int = 1) -> None:
         random = np.random.default_rng(seed)
         self.floats = found.trunk.floating is not None
         self.joints = [*found.trunk.joints, *(joint for arm in found.arms.values() for joint in arm.joints)]
@@ -91,7 +91,7 @@ class Tree:
         return a
 
 
-def gaps(xml: str, found: UrdfTrunk, tips: dict[str, str], tray: hf.HeldObject = TRAY, kind: str = "rigid") -> Gaps:
+def gaps(xml: str, found: ArmsOnTrunk, tips: dict[str, str], tray: hf.HeldObject = TRAY, kind: str = "rigid") -> Gaps:
     """Return the gaps of a robot with a tray in its hands, at a random state; all grasps rigid, or all balls."""
     random, tree = np.random.default_rng(0), Tree(xml, found)
     chain, state = holding(tree, found, tips, tray, kind, random)
@@ -103,7 +103,7 @@ def gaps(xml: str, found: UrdfTrunk, tips: dict[str, str], tray: hf.HeldObject =
 
 
 def holding(
-    tree: Tree, found: UrdfTrunk, tips: dict[str, str], tray: hf.HeldObject, kind: str, random: np.random.Generator
+    tree: Tree, found: ArmsOnTrunk, tips: dict[str, str], tray: hf.HeldObject, kind: str, random: np.random.Generator
 ) -> tuple[hf.ClosedChain, hf.State]:
     """Return the robot with a tray in its hands where Pinocchio says that they are, in motion; all grasps of a kind."""
     tray_at = hf.Pose(
@@ -128,7 +128,7 @@ def _frames(tree: Tree, chain: hf.ClosedChain, state: hf.State, tips: dict[str, 
     return float(worst)
 
 
-def _mass(tree: Tree, found: UrdfTrunk) -> float:
+def _mass(tree: Tree, found: ArmsOnTrunk) -> float:
     """Return the gap of the mass that moves."""
     links = [*found.trunk.bodies, *(link for arm in found.arms.values() for link in arm.links)]
     return relative_gap(sum(link.mass for link in links), pin.computeTotalMass(tree.model))

@@ -5,4 +5,6 @@ from .joint_order import free_flyer as free_flyer
 from .joint_order import linear_first as linear_first
 from .joint_order import pinocchio_order as pinocchio_order
 from .mjcf_reader import load_mjcf as load_mjcf
+from .mjcf_reader import load_mjcf_arms as load_mjcf_arms
+from .mjcf_trunk import load_mjcf_trunk as load_mjcf_trunk
 from .mjcf_writer import to_mjcf as to_mjcf

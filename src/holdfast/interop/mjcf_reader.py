@@ -3,53 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any
 
-import numpy as np
-
 from holdfast.errors import SceneError
+from holdfast.interop.mjcf_bodies import MjcfRobot, add_branches, along, held_joints, link_of, standing
 from holdfast.interop.mjcf_model import compiled_mjcf
 from holdfast.interop.mjcf_tree import (
     bodies_between,
     body_name,
-    drives_of,
     find_base,
     find_tip,
-    joint_kind,
     joint_name,
-    joints_of,
-    require_plain,
     require_serial,
 )
-from holdfast.interop.mjcf_writer import ENDLESS
 from holdfast.model import checks
 from holdfast.model.arm import Arm
-from holdfast.model.joint import UNBOUNDED, Joint
-from holdfast.model.joint_types import JOINT_TYPES
-from holdfast.model.link import Link
-from holdfast.robots.urdf.bodies import welded
-from holdfast.spatial import rotation
-from holdfast.spatial.inertia import turned
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.scalar import Array
-from holdfast.spatial.vector import product
-
-KINDS: dict[str, Any] = {row.mjcf: kind for kind, row in JOINT_TYPES.items() if row.mjcf}  # of joints, by MJCF type
-
-
-@dataclass(eq=False)
-class _Moved:
-    """Bodies that one joint moves as one, growing while the tree is walked.
-
-    Attributes:
-        joint: the joint.
-        bodies: number and pose in the joint's frame of each.
-    """
-
-    joint: Joint
-    bodies: list[tuple[int, Pose]] = field(default_factory=list)
 
 
 def load_mjcf(
@@ -72,7 +42,7 @@ def load_mjcf(
     is the joint's `actuatorfrcrange`, or else the force range of its one actuator times the
     gear, the smaller side of each. MJCF has no rate limits. What belongs to the scene is not
     read: gravity, contacts, actuators and what they do, equalities with bodies that are not of
-    the arm.
+    the arm. `load_mjcf_arms` and `load_mjcf_trunk` read several arms of one file.
 
     Args:
         path_or_text: a file, or the text itself (it begins with `<`).
@@ -91,152 +61,96 @@ def load_mjcf(
     """
     source, model = compiled_mjcf(path_or_text)
     start = find_base(source, model, base)
+    robot = MjcfRobot(source, model, held_joints(source, model, locked), lock_others)
     end, tip_frame = find_tip(source, model, start, tip)
     path = bodies_between(source, model, start, end)
-    held = _held(source, model, locked)
-    moved, tip_pose = _along(source, model, path, held)
-    if not moved:
-        raise SceneError(f"{source}: expected a joint between base and tip, got none that moves")
-    for group in moved:
-        _add_branches(source, model, group, set(path), held, lock_others)
-    bodies = {body for group in moved for body, _ in group.bodies}
-    require_serial(source, model, bodies, set(joints_of(model, path)) - set(held))
-    links = [_link(model, group) for group in moved]
-    at = _world_pose(model, start) if mount is None else checks.pose(mount, "mount")
-    name = base or body_name(model, path[0])
-    return Arm([group.joint for group in moved], links, tip_pose @ tip_frame, at, name=name)
+    at = standing(robot, start) if mount is None else checks.pose(mount, "mount")
+    return arm_along(robot, path, tip_frame, at, base or body_name(model, path[0]))
 
 
-def _held(source: str, model: Any, locked: Mapping[str, float] | None) -> dict[int, float]:
-    """Return the positions to hold joints at, by the joint's number."""
-    names = {joint_name(model, j): j for j in range(model.njnt)}
-    held = {}
-    for name, position in (locked or {}).items():
-        if name not in names:
-            raise SceneError(f"{source}: locked: no joint '{name}'.{checks.did_you_mean(str(name), names)}")
-        _require_one_freedom(source, model, names[name])
-        held[names[name]] = float(checks.numbers(position, (), f"{source}: locked: {name}", SceneError))
-    return held
+def load_mjcf_arms(
+    path_or_text: str | PathLike[str],
+    arms: Mapping[str, tuple[str, str]],
+    *,
+    locked: Mapping[str, float] | None = None,
+    lock_others: bool = False,
+    mount: Any = None,
+) -> dict[str, Arm]:
+    """Return several arms of one MJCF file, each where it stands. O(arms bodies).
 
+        load_mjcf_arms("robot.xml", {"left": ("torso", "left_hand"), "right": ("torso", "right_hand")})
 
-def _along(source: str, model: Any, path: list[int], held: Mapping[int, float]) -> tuple[list[_Moved], Pose]:
-    """Return what each joint on the path moves, without side branches, and the last body's pose in the last link."""
-    at, moved = Pose.identity(), []
-    for body in path:
-        at = at @ Pose.from_wxyz_xyz(np.r_[model.body_quat[body], model.body_pos[body]])
-        for j in joints_of(model, [body]):
-            if j in held:
-                at = at @ _turned(model, j, held[j])
-                continue
-            _require_one_freedom(source, model, j)
-            require_plain(source, model, j)
-            anchor = Pose.translation(*model.jnt_pos[j])
-            reference = _turned(model, j, 0.0)  # q counts from 0, the body stands at its reference
-            moved.append(_Moved(_joint(model, j, at @ reference @ anchor)))
-            at = anchor.inverse()
-        if moved:
-            moved[-1].bodies.append((body, at))
-    return moved, at
+    Bodies that stand still may be shared. A joint that moves two arms must be held; so must one that moves an arm's
+    base, as `lock_others` does where the model has it. Where shared joints shall move, `load_mjcf_trunk` reads them.
 
-
-def _turned(model: Any, j: int, q: float) -> Pose:
-    """Return what a joint at position q does to its body, in body axes: a turn about its anchor, or a shift."""
-    axis, travel = model.jnt_axis[j], q - model.qpos0[model.jnt_qposadr[j]]
-    if _slides(model, j):
-        return Pose(np.eye(3), travel * axis)
-    R, anchor = rotation.exp(travel * axis), model.jnt_pos[j]
-    return Pose(R, anchor - product(R, anchor))
-
-
-def _slides(model: Any, j: int) -> bool:
-    return not JOINT_TYPES[KINDS[joint_kind(model, j)]].turns
-
-
-def _joint(model: Any, j: int, placement: Pose) -> Joint:
-    dof = model.jnt_dofadr[j]
-    limits = UNBOUNDED
-    if model.jnt_limited[j]:
-        low, high = model.jnt_range[j].tolist()
-        limits = (-np.inf if low <= -ENDLESS else low, np.inf if high >= ENDLESS else high)
-    return Joint(
-        KINDS[joint_kind(model, j)],
-        np.array(model.jnt_axis[j]),
-        placement,
-        name=joint_name(model, j),
-        position_limits=limits,
-        effort_limit=_effort_limit(model, j),
-        armature=float(model.dof_armature[dof]),
-        damping=float(model.dof_damping[dof]),
-        friction=float(model.dof_frictionloss[dof]),
-        stiffness=float(model.jnt_stiffness[j]),
-        rest=float(model.qpos_spring[model.jnt_qposadr[j]]),
-    )
-
-
-def _effort_limit(model: Any, j: int) -> float:
-    """Return the largest effort in either direction [N m or N]."""
-    if model.jnt_actfrclimited[j]:
-        return float(np.abs(model.jnt_actfrcrange[j]).min()) or np.inf
-    drives = drives_of(model, j)
-    if len(drives) == 1 and model.actuator_forcelimited[drives[0]]:
-        gear = abs(float(model.actuator_gear[drives[0], 0]))
-        return gear * float(np.abs(model.actuator_forcerange[drives[0]]).min()) or np.inf
-    return np.inf
-
-
-def _add_branches(
-    source: str, model: Any, group: _Moved, path: set[int], held: Mapping[int, float], lock_others: bool
-) -> None:
-    """Add to a group the bodies that hang on it off the path.
+    Args:
+        path_or_text: a file, or the text itself (it begins with `<`).
+        arms: name of the base body, and of the site or body whose frame is the tip, by arm.
+        locked: as for `load_mjcf`, for all arms.
+        lock_others: as for `load_mjcf`; also holds joints below the bases that are on no arm's path.
+        mount: pose of the model's world in the world (a Pose or wxyz_xyz); default: the same.
 
     Raises:
-        SceneError: a joint there that is not held.
+        SceneError: as for `load_mjcf`; a joint that moves two arms or an arm's base and is not held.
+        ModelError, MissingExtra: as for `load_mjcf`.
     """
-    waiting = list(group.bodies)
-    while waiting:
-        parent, at = waiting.pop()
-        for body in np.flatnonzero(model.body_parentid == parent).tolist():
-            if body in path or body == 0:
-                continue
-            there = at @ Pose.from_wxyz_xyz(np.r_[model.body_quat[body], model.body_pos[body]])
-            for j in joints_of(model, [body]):
-                if j in held:
-                    there = there @ _turned(model, j, held[j])
-                elif not lock_others:
-                    raise SceneError(
-                        f"{source}: joint '{joint_name(model, j)}' hangs on the arm and is on no way to the tip;"
-                        f" expected it to be held, try locked={{'{joint_name(model, j)}': 0.0}} or lock_others=True"
-                    )
-            group.bodies.append((body, there))
-            waiting.append((body, there))
+    source, model = compiled_mjcf(path_or_text)
+    robot = MjcfRobot(source, model, held_joints(source, model, locked), lock_others)
+    if not isinstance(arms, Mapping) or not arms:
+        raise SceneError(f"{source}: arms: expected (base, tip) by name, such as {{'left': ('torso', 'left_hand')}}")
+    at = Pose.identity() if mount is None else checks.pose(mount, "mount")
+    bases, paths, tips = {}, {}, {}
+    for name, pair in arms.items():
+        if not isinstance(pair, tuple | list) or len(pair) != 2:
+            raise SceneError(f"{source}: arm '{name}': expected names of base and tip, got {checks.short(pair)}")
+        bases[name] = find_base(source, model, pair[0])
+        end, tips[name] = find_tip(source, model, bases[name], pair[1])
+        paths[name] = bodies_between(source, model, bases[name], end)
+    _require_apart(robot, bases, paths)
+    return {name: arm_along(robot, paths[name], tips[name], at @ standing(robot, bases[name]), name) for name in arms}
 
 
-def _link(model: Any, group: _Moved) -> Link:
-    """Return the bodies of a group as one link."""
-    parts: list[tuple[float, Array, Array]] = []
-    for body, at in group.bodies:
-        own = at @ Pose.from_wxyz_xyz(np.r_[model.body_iquat[body], model.body_ipos[body]])
-        parts.append((float(model.body_mass[body]), own.p, turned(np.diag(model.body_inertia[body]), own.R)))
-    name = body_name(model, group.bodies[0][0]) if group.bodies else ""
-    if not any(mass for mass, _, _ in parts):
-        return Link(0.0, name=name)
-    mass, com, inertia = welded(parts)
-    return Link(mass, com, 0.5 * (inertia + inertia.T), name=name)
+def arm_along(robot: MjcfRobot, path: list[int], tip_frame: Pose, base: Pose, name: str) -> Arm:
+    """Return the arm whose bodies a path has, with what hangs on them.
+
+    Args:
+        robot: the model.
+        path: numbers of its bodies, base outward.
+        tip_frame: the tip's pose in the axes of the last.
+        base: where the first body's parent stands.
+        name: of the arm.
+
+    Raises:
+        SceneError: nothing moves; joints, ties and bodies that an arm cannot have.
+    """
+    groups, tip = along(robot, path)
+    if not groups:
+        raise SceneError(f"{robot.source}: expected a joint between base and tip, got none that moves")
+    for group in groups:
+        add_branches(robot, group, set(path))
+    require_serial(robot.source, robot.model, {b for group in groups for b, _ in group.bodies}, {*robot.moving(path)})
+    joints = [group.joint for group in groups if group.joint is not None]
+    return Arm(joints, [link_of(robot.model, group) for group in groups], tip @ tip_frame, base, name=name)
 
 
-def _require_one_freedom(source: str, model: Any, j: int) -> None:
-    kind = joint_kind(model, j)
-    if kind not in KINDS:
-        raise SceneError(
-            f"{source}: joint '{joint_name(model, j)}': expected a hinge or a slide, got a {kind} joint; try a base"
-            " beyond it"
-        )
-
-
-def _world_pose(model: Any, body: int) -> Pose:
-    """Return where a body stands in the model's reference posture."""
-    pose = Pose.identity()
-    while body:
-        pose = Pose.from_wxyz_xyz(np.r_[model.body_quat[body], model.body_pos[body]]) @ pose
-        body = int(model.body_parentid[body])
-    return pose
+def _require_apart(robot: MjcfRobot, bases: Mapping[str, int], paths: Mapping[str, list[int]]) -> None:
+    """Refuse joints that move two arms, and those below a base that are not held."""
+    source, model = robot.source, robot.model
+    of_arm: dict[int, str] = {}
+    for name, path in paths.items():
+        for j in robot.moving(path):
+            if j in of_arm:
+                raise SceneError(
+                    f"{source}: joint '{joint_name(model, j)}' moves both arm '{of_arm[j]}' and arm '{name}'; try"
+                    f" locked={{'{joint_name(model, j)}': 0.0}}, or load_mjcf_trunk, which reads what arms share"
+                )
+            of_arm[j] = name
+    for name, base in bases.items():
+        below = robot.moving(bodies_between(source, model, 0, base)) if base else []
+        loose = [j for j in below if j in of_arm or not robot.lock_others]
+        if loose:
+            held = f"locked={{'{joint_name(model, loose[0])}': 0.0}}"
+            raise SceneError(
+                f"{source}: joint '{joint_name(model, loose[0])}' moves the base of arm '{name}'; expected it to be"
+                f" held, try {held}" + ("" if loose[0] in of_arm else " or lock_others=True")
+            )

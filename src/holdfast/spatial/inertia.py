@@ -88,3 +88,16 @@ def about_origin(mass: Scalar, com: Array, inertia: Array) -> RigidInertia:
     """Return the inertia about the body's origin from mass, mass centre and inertia about it."""
     h = mass * com
     return RigidInertia(mass, h, mirrored(inertia + dot(com, h) * np.eye(3) - outer(com, h)))
+
+
+def welded(parts: list[tuple[float, Array, Array]]) -> tuple[float, Array, Array]:
+    """Return mass, mass centre and inertia about it of bodies welded together, each given by the same three."""
+    m = sum(part[0] for part in parts)
+    c = sum((m_i / m * c_i for m_i, c_i, _ in parts), np.zeros(3)) if m > 0 else np.zeros(3)
+    if len(parts) == 1:
+        c = parts[0][1]
+    J = np.zeros((3, 3))
+    for m_i, c_i, J_i in parts:
+        d = c_i - c
+        J = J + J_i + m_i * (dot(d, d) * np.eye(3) - np.outer(d, d))
+    return m, c + 0.0, J + 0.0  # no -0.0

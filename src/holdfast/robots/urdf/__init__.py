@@ -17,7 +17,6 @@ from holdfast.robots.urdf.robot import UrdfJoint as UrdfJoint
 from holdfast.robots.urdf.robot import UrdfLink as UrdfLink
 from holdfast.robots.urdf.robot import UrdfRobot as UrdfRobot
 from holdfast.robots.urdf.robot import urdf_tree as urdf_tree
-from holdfast.robots.urdf.trunk import UrdfTrunk as UrdfTrunk
 from holdfast.robots.urdf.trunk import UrdfTrunkChain as UrdfTrunkChain
 from holdfast.robots.urdf.trunk import load_urdf_trunk as load_urdf_trunk
 from holdfast.robots.urdf.trunk import urdf_trunk as urdf_trunk

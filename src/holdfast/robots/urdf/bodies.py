@@ -13,15 +13,13 @@ from __future__ import annotations
 from collections.abc import Container
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from holdfast.model.link import Link
 from holdfast.robots.urdf.path import Locks, PassedJoint
 from holdfast.robots.urdf.robot import UrdfJoint, UrdfRobot
-from holdfast.spatial.inertia import turned
+from holdfast.spatial.inertia import turned, welded
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
-from holdfast.spatial.vector import dot, product
+from holdfast.spatial.vector import product
 
 Welded = dict[str, Pose]  # pose in the body's frame, by link name
 
@@ -156,16 +154,3 @@ def inertia_parts(robot: UrdfRobot, links: Welded, physical: bool) -> list[tuple
             own = Link(inertial.mass, inertial.com, inertial.inertia, link, physical)
         parts.append((own.mass, at.p + product(at.R, own.com), turned(own.inertia, at.R)))
     return parts
-
-
-def welded(parts: list[tuple[float, Array, Array]]) -> tuple[float, Array, Array]:
-    """Return mass, mass centre and inertia about it of bodies welded together, each given by the same three."""
-    m = sum(part[0] for part in parts)
-    c = sum((m_i / m * c_i for m_i, c_i, _ in parts), np.zeros(3)) if m > 0 else np.zeros(3)
-    if len(parts) == 1:
-        c = parts[0][1]
-    J = np.zeros((3, 3))
-    for m_i, c_i, J_i in parts:
-        d = c_i - c
-        J = J + J_i + m_i * (dot(d, d) * np.eye(3) - np.outer(d, d))
-    return m, c + 0.0, J + 0.0  # no -0.0

@@ -5,10 +5,11 @@ from __future__ import annotations
 from os import PathLike
 
 from holdfast.model.held_object import HeldObject
-from holdfast.robots.urdf.bodies import inertia_parts, welded
+from holdfast.robots.urdf.bodies import inertia_parts
 from holdfast.robots.urdf.document import listed, quoted
 from holdfast.robots.urdf.path import known_link
 from holdfast.robots.urdf.reader import read_urdf
+from holdfast.spatial.inertia import welded
 from holdfast.spatial.pose import Pose
 
 

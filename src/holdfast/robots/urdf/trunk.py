@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from os import PathLike
-from typing import Any, Unpack
+from typing import Unpack
 
-from holdfast.errors import ModelError
-from holdfast.model import checks
-from holdfast.model.arm import Arm
-from holdfast.model.link import Link
 from holdfast.model.trunk import BASE, Trunk
-from holdfast.robots.urdf.bodies import FoldedChain, fold, welded, welded_link
+from holdfast.robots.arms_on_trunk import ArmsOnTrunk, branching, mount_name, shared_counts
+from holdfast.robots.urdf.bodies import FoldedChain, fold, welded_link
 from holdfast.robots.urdf.chain import UrdfChain, UrdfOptions, chain_of, joints_and_links, mount_of, read_within
 from holdfast.robots.urdf.document import listed, quoted
 from holdfast.robots.urdf.path import Locks, PassedJoint, checked_locks, known_link, path_between
@@ -20,61 +17,9 @@ from holdfast.robots.urdf.reader import read_urdf
 from holdfast.robots.urdf.refusals import hanging, refuse_loose, refuse_unsupported
 from holdfast.robots.urdf.robot import UrdfRobot
 from holdfast.robots.urdf.source import Source
-from holdfast.spatial.inertia import turned
 from holdfast.spatial.pose import Pose
-from holdfast.spatial.vector import product
 
 Path = list[PassedJoint]
-
-
-@dataclass(frozen=True, eq=False)
-class UrdfTrunk:
-    """Arms and the trunk that they stand on: `ClosedChain(arms, object, grasps, trunk=trunk, mounts=mounts)`.
-
-    Attributes:
-        trunk: the joints that arms share, in the file's names; begins with the root's body if that floats.
-        arms: by name; the base of an arm in `mounts` is a pose in the axes of the trunk's link that it stands on.
-        mounts: that link's name or index by arm, "base" for the body that floats; those in the world are missing.
-        locked: where joints within trunk and arms are held [rad or m], by name.
-        notes: what was read differently from what the file states, or not at all, with its line.
-    """
-
-    trunk: Trunk
-    arms: Mapping[str, Arm]
-    mounts: Mapping[str, str | int]
-    locked: Mapping[str, float]
-    notes: tuple[str, ...]
-
-    def mounted_on(self, arm: Arm, at: Any = None) -> UrdfTrunk:
-        """Return the same on the tip of another arm, such as a hand from a file of its own. O(joints).
-
-        The arm's joints come first in the trunk; the body that floated is welded to its last link.
-
-        Args:
-            arm: the arm, where it stands in the world.
-            at: pose of the base that floated in the arm's tip frame (a Pose or wxyz_xyz); default: on it.
-
-        Raises:
-            ModelError: a base that does not float, or a pose that is none.
-        """
-        body, last, trunk = self.trunk.floating, arm.links[-1], self.trunk
-        if body is None:
-            raise ModelError(
-                "mounted_on: expected a base that floats, whose mass the arm can carry, got one in the world;"
-                " try load_urdf_trunk(..., floating=True)"
-            )
-        at = arm.tip if at is None else arm.tip @ checks.pose(at, "at")
-        parts = [(last.mass, last.com, last.inertia)]
-        parts += [(body.mass, at.p + product(at.R, body.com), turned(body.inertia, at.R))]
-        hand = Link(*welded(parts), name=last.name, physical=last.physical and body.physical)
-        joints = [replace(joint, placement=at @ joint.placement) for joint in trunk.joints[:1]] + [*trunk.joints[1:]]
-        carried = {name: trunk.body(mount, name) for name, mount in self.mounts.items()}
-        return replace(
-            self,
-            trunk=Trunk([*arm.joints, *joints], [*arm.links[:-1], hand, *trunk.links], arm.base),
-            arms={name: one if carried[name] else one.at(at @ one.base) for name, one in self.arms.items()},
-            mounts={name: arm.joint_count - 1 + k for name, k in carried.items()},
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +34,7 @@ class UrdfTrunkChain:
         chains: each arm by name, without the links that it stands on, which are the trunk's.
     """
 
-    found: UrdfTrunk
+    found: ArmsOnTrunk
     robot: UrdfRobot
     bodies: tuple[Mapping[str, Pose], ...]
     chains: Mapping[str, UrdfChain]
@@ -102,7 +47,7 @@ def load_urdf_trunk(
     base: str | None = None,
     floating: bool = False,
     **options: Unpack[UrdfOptions],
-) -> UrdfTrunk:
+) -> ArmsOnTrunk:
     """Return arms of one robot and the joints that they share, as the trunk that they stand on. O(arms links).
 
         load_urdf_trunk("robot.urdf", {"left": "left_hand", "right": "right_hand"}, lock_others=True)
@@ -167,7 +112,6 @@ def urdf_trunk(
             f" try load_urdf_arms with {{{pairs}}}, or floating=True"
         )
     longest = max(shared, key=lambda name: len(shared[name]))
-    _refuse_branches(robot, shared, longest)
     common = fold(start, _until(paths[longest], shared[longest]), locks, floats=floats)
     folds = {
         name: fold(shared[name][-1].beyond if shared[name] else start, path[len(_until(path, shared[name])) :], locks)
@@ -205,34 +149,20 @@ def _shared(locks: Locks, paths: Mapping[str, Path]) -> dict[str, Path]:
     """Return the moving joints that each arm shares with another: the first ones on the way to its tip.
 
     Raises:
-        SceneError: an arm without a joint of its own.
+        SceneError: an arm without a joint of its own; a trunk that branches.
     """
     moving = {name: [step for step in path if locks.pose(step.joint) is None] for name, path in paths.items()}
-    shared = {}
+    counts = shared_counts(moving)
     for name, steps in moving.items():
-        others = [other for key, other in moving.items() if key != name]
-        shared[name] = steps[: max((_alike(steps, other) for other in others), default=0)]
-        if len(shared[name]) == len(steps):
+        if counts[name] == len(steps):
             raise locks.robot.element.refuse(f"arm '{name}': expected a joint that moves no other arm, got none")
-    return shared
-
-
-def _alike(one: Path, other: Path) -> int:
-    """Return how many joints two paths have in common before they part."""
-    return next((k for k, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
-
-
-def _refuse_branches(robot: UrdfRobot, shared: Mapping[str, Path], longest: str) -> None:
-    """Refuse joints that arms share beside the longest row of such joints."""
-    for steps in shared.values():
-        k = _alike(steps, shared[longest])
-        if k < len(steps):
-            aside, ahead = steps[k].joint, shared[longest][k].joint
-            movers = [[key for key, path in shared.items() if step in path] for step in (steps[k], shared[longest][k])]
-            raise aside.element.refuse(
-                f"moves arms {listed(movers[0])}, while {quoted(ahead.name)} moves arms {listed(movers[1])}: expected"
-                f" shared joints in one row, got a trunk that branches; try holding one of the branches, or fewer tips"
-            )
+    if (found := branching(moving, counts)) is not None:
+        (aside, ahead), (left, right) = found
+        raise aside.joint.element.refuse(
+            f"moves arms {listed(left)}, while {quoted(ahead.joint.name)} moves arms {listed(right)}: expected"
+            f" shared joints in one row, got a trunk that branches; try holding one of the branches, or fewer tips"
+        )
+    return {name: steps[: counts[name]] for name, steps in moving.items()}
 
 
 def _until(path: Path, shared: Path) -> Path:
@@ -252,8 +182,7 @@ def _on_trunk(
     for name, folded in folds.items():
         k = shared[name]
         if k > 0:
-            link, at = trunk.links[k - 1].name, common.bodies[k - 1].links[folded.base]
-            mounts[name] = k - 1 if link == BASE else link  # the name of a body that floats
+            mounts[name], at = mount_name(trunk, k - 1), common.bodies[k - 1].links[folded.base]
         elif floats:
             mounts[name], at = BASE, common.on_base[folded.base]
         else:
@@ -263,5 +192,5 @@ def _on_trunk(
         locked |= chain.locked
         notes += chain.notes
     arms = {name: chain.arm for name, chain in chains.items()}
-    found = UrdfTrunk(trunk, arms, mounts, locked, tuple(dict.fromkeys(notes)))
+    found = ArmsOnTrunk(trunk, arms, mounts, locked, tuple(dict.fromkeys(notes)))
     return UrdfTrunkChain(found, robot, (common.on_base, *(body.links for body in common.bodies)), chains)

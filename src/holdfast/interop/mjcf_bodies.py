@@ -1,0 +1,210 @@
+"""Bodies of a compiled MuJoCo model, grouped by the joint that moves them: each group is a link of ours."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from holdfast.errors import SceneError
+from holdfast.interop.mjcf_tree import body_name, drives_of, joint_kind, joint_name, joints_of, require_plain
+from holdfast.interop.mjcf_writer import ENDLESS
+from holdfast.model import checks
+from holdfast.model.joint import UNBOUNDED, Joint
+from holdfast.model.joint_types import JOINT_TYPES
+from holdfast.model.link import Link
+from holdfast.spatial import rotation
+from holdfast.spatial.inertia import turned, welded
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.vector import product
+
+KINDS: dict[str, Any] = {row.mjcf: kind for kind, row in JOINT_TYPES.items() if row.mjcf}  # of joints, by MJCF type
+
+
+class MjcfRobot(NamedTuple):
+    """A compiled model, some of whose joints are held.
+
+    Attributes:
+        source: its name, for messages.
+        model: MuJoCo's `MjModel`.
+        held: positions of the joints that are held [rad or m], by the joint's number.
+        lock_others: whether joints off every path are held where the model has them.
+    """
+
+    source: str
+    model: Any
+    held: Mapping[int, float]
+    lock_others: bool
+
+    def moving(self, bodies: Iterable[int]) -> list[int]:
+        """Return the numbers of the joints that move some bodies and are not held, in their order."""
+        return [j for j in joints_of(self.model, bodies) if j not in self.held]
+
+
+@dataclass(eq=False)
+class BodyGroup:
+    """Bodies that move as one, growing while the tree is walked.
+
+    Attributes:
+        joint: moves them; None for bodies that float, or stand in the world.
+        bodies: number and pose of each, in the joint's frame, or in the frame of the first.
+    """
+
+    joint: Joint | None
+    bodies: list[tuple[int, Pose]] = field(default_factory=list)
+
+    def pose_of(self, body: int) -> Pose | None:
+        """Return the pose of a body; None if it is not of this group."""
+        return next((at for b, at in self.bodies if b == body), None)
+
+
+def held_joints(source: str, model: Any, locked: Mapping[str, float] | None) -> dict[int, float]:
+    """Return the positions to hold joints at, by the joint's number.
+
+    Raises:
+        SceneError: no such joint, one that cannot be held, or no position.
+    """
+    names = {joint_name(model, j): j for j in range(model.njnt)}
+    held = {}
+    for name, position in (locked or {}).items():
+        if name not in names:
+            raise SceneError(f"{source}: locked: no joint '{name}'.{checks.did_you_mean(str(name), names)}")
+        _require_one_freedom(source, model, names[name])
+        held[names[name]] = float(checks.numbers(position, (), f"{source}: locked: {name}", SceneError))
+    return held
+
+
+def along(robot: MjcfRobot, path: list[int]) -> tuple[list[BodyGroup], Pose]:
+    """Return what each joint on a path moves, without side branches, and the last body's pose in the last group.
+
+    Raises:
+        SceneError: a joint that an arm cannot have.
+    """
+    model, at, groups = robot.model, Pose.identity(), []
+    for body in path:
+        at = at @ _placed(model, body)
+        for j in joints_of(model, [body]):
+            if j in robot.held:
+                at = at @ _turned(model, j, robot.held[j])
+                continue
+            _require_one_freedom(robot.source, model, j)
+            require_plain(robot.source, model, j)
+            anchor = Pose.translation(*model.jnt_pos[j])
+            reference = _turned(model, j, 0.0)  # q counts from 0, the body stands at its reference
+            groups.append(BodyGroup(_joint(model, j, at @ reference @ anchor)))
+            at = anchor.inverse()
+        if groups:
+            groups[-1].bodies.append((body, at))
+    return groups, at
+
+
+def add_branches(robot: MjcfRobot, group: BodyGroup, elsewhere: Container[int]) -> None:
+    """Add to a group the bodies that hang on it, but those that belong elsewhere and what hangs on these.
+
+    Raises:
+        SceneError: a joint there that is not held.
+    """
+    model, waiting = robot.model, list(group.bodies)
+    while waiting:
+        parent, at = waiting.pop()
+        for body in np.flatnonzero(model.body_parentid == parent).tolist():
+            if body in elsewhere or body == 0:
+                continue
+            there = at @ _placed(model, body)
+            for j in joints_of(model, [body]):
+                if j in robot.held:
+                    there = there @ _turned(model, j, robot.held[j])
+                elif not robot.lock_others:
+                    raise SceneError(
+                        f"{robot.source}: joint '{joint_name(model, j)}' hangs on the arm and is on no way to the tip;"
+                        f" expected it to be held, try locked={{'{joint_name(model, j)}': 0.0}} or lock_others=True"
+                    )
+            group.bodies.append((body, there))
+            waiting.append((body, there))
+
+
+def link_of(model: Any, group: BodyGroup) -> Link:
+    """Return the bodies of a group as one link."""
+    parts: list[tuple[float, Array, Array]] = []
+    for body, at in group.bodies:
+        own = at @ Pose.from_wxyz_xyz(np.r_[model.body_iquat[body], model.body_ipos[body]])
+        parts.append((float(model.body_mass[body]), own.p, turned(np.diag(model.body_inertia[body]), own.R)))
+    name = body_name(model, group.bodies[0][0]) if group.bodies else ""
+    if not any(mass for mass, _, _ in parts):
+        return Link(0.0, name=name)
+    mass, com, inertia = welded(parts)
+    return Link(mass, com, 0.5 * (inertia + inertia.T), name=name)
+
+
+def standing(robot: MjcfRobot, body: int) -> Pose:
+    """Return where a body stands in the world, joints that are not held being where the model has them."""
+    model, pose = robot.model, Pose.identity()
+    while body:
+        at = _placed(model, body)
+        for j in joints_of(model, [body]):
+            at = at @ _turned(model, j, robot.held[j]) if j in robot.held else at
+        pose = at @ pose
+        body = int(model.body_parentid[body])
+    return pose
+
+
+def _placed(model: Any, body: int) -> Pose:
+    """Return the pose of a body in its parent's axes, in the model's reference posture."""
+    return Pose.from_wxyz_xyz(np.r_[model.body_quat[body], model.body_pos[body]])
+
+
+def _turned(model: Any, j: int, q: float) -> Pose:
+    """Return what a joint at position q does to its body, in body axes: a turn about its anchor, or a shift."""
+    axis, travel = model.jnt_axis[j], q - model.qpos0[model.jnt_qposadr[j]]
+    if _slides(model, j):
+        return Pose(np.eye(3), travel * axis)
+    R, anchor = rotation.exp(travel * axis), model.jnt_pos[j]
+    return Pose(R, anchor - product(R, anchor))
+
+
+def _slides(model: Any, j: int) -> bool:
+    return not JOINT_TYPES[KINDS[joint_kind(model, j)]].turns
+
+
+def _joint(model: Any, j: int, placement: Pose) -> Joint:
+    dof = model.jnt_dofadr[j]
+    limits = UNBOUNDED
+    if model.jnt_limited[j]:
+        low, high = model.jnt_range[j].tolist()
+        limits = (-np.inf if low <= -ENDLESS else low, np.inf if high >= ENDLESS else high)
+    return Joint(
+        KINDS[joint_kind(model, j)],
+        np.array(model.jnt_axis[j]),
+        placement,
+        name=joint_name(model, j),
+        position_limits=limits,
+        effort_limit=_effort_limit(model, j),
+        armature=float(model.dof_armature[dof]),
+        damping=float(model.dof_damping[dof]),
+        friction=float(model.dof_frictionloss[dof]),
+        stiffness=float(model.jnt_stiffness[j]),
+        rest=float(model.qpos_spring[model.jnt_qposadr[j]]),
+    )
+
+
+def _effort_limit(model: Any, j: int) -> float:
+    """Return the largest effort in either direction [N m or N]."""
+    if model.jnt_actfrclimited[j]:
+        return float(np.abs(model.jnt_actfrcrange[j]).min()) or np.inf
+    drives = drives_of(model, j)
+    if len(drives) == 1 and model.actuator_forcelimited[drives[0]]:
+        gear = abs(float(model.actuator_gear[drives[0], 0]))
+        return gear * float(np.abs(model.actuator_forcerange[drives[0]]).min()) or np.inf
+    return np.inf
+
+
+def _require_one_freedom(source: str, model: Any, j: int) -> None:
+    kind = joint_kind(model, j)
+    if kind not in KINDS:
+        raise SceneError(
+            f"{source}: joint '{joint_name(model, j)}': expected a hinge or a slide, got a {kind} joint; try a base"
+            " beyond it"
+        )

@@ -1,0 +1,187 @@
+"""Arms on a common trunk out of an MJCF file: the joints that several arms share are the trunk."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from os import PathLike
+from typing import Any
+
+from holdfast.errors import SceneError
+from holdfast.interop.mjcf_bodies import (
+    KINDS,
+    BodyGroup,
+    MjcfRobot,
+    add_branches,
+    along,
+    held_joints,
+    link_of,
+    standing,
+)
+from holdfast.interop.mjcf_model import compiled_mjcf
+from holdfast.interop.mjcf_reader import arm_along
+from holdfast.interop.mjcf_tree import (
+    bodies_between,
+    body_name,
+    find_base,
+    find_tip,
+    joint_kind,
+    joint_name,
+    joints_of,
+    require_serial,
+)
+from holdfast.model import checks
+from holdfast.model.trunk import BASE, Trunk
+from holdfast.robots.arms_on_trunk import ArmsOnTrunk, branching, mount_name, shared_counts
+from holdfast.spatial.pose import Pose
+
+
+def load_mjcf_trunk(
+    path_or_text: str | PathLike[str],
+    tips: Mapping[str, str] | Iterable[str],
+    *,
+    base: str | None = None,
+    floating: bool = False,
+    locked: Mapping[str, float] | None = None,
+    lock_others: bool = False,
+    mount: Any = None,
+) -> ArmsOnTrunk:
+    """Return arms of one robot and the joints that they share, as the trunk that they stand on. O(arms bodies).
+
+        load_mjcf_trunk("robot.xml", {"left": "left_hand", "right": "right_hand"}, lock_others=True)
+
+    From the base on, the joints on the way to more than one tip are the trunk, as far as they move; each arm
+    begins where no other goes along. Arms may leave the trunk at different bodies, or stand on the base; a trunk
+    that branches is refused. Bodies that are fixed to the trunk count for it. What hangs on trunk and arms by
+    joints of its own (a head, fingers; legs on a base that floats) must be held, as for `load_mjcf`.
+
+    Args:
+        path_or_text: a file, or the text itself (it begins with `<`).
+        tips: name of the site or body whose frame is the tip, by arm; or such names alone, which are the arms' names
+            then.
+        base: name of the body that stands still, or floats; default: the world.
+        floating: whether the base is a free body, as it also is where the model's first joint on the way to tips
+            is a free one; its pose is in the state then. Other arms may stand in the world.
+        locked: positions to hold joints at [rad or m], by name.
+        lock_others: hold every joint that hangs on trunk and arms where the model has it.
+        mount: pose of the base in the world (a Pose or wxyz_xyz); default: where the model has it.
+
+    Raises:
+        SceneError: as for `load_mjcf`; no joint that moves two arms, on a base that stands still; a trunk that
+            branches; an arm without a joint of its own; a mount of a base that floats, or a world that does.
+        ModelError, MissingExtra: as for `load_mjcf`.
+    """
+    source, model = compiled_mjcf(path_or_text)
+    robot = MjcfRobot(source, model, held_joints(source, model, locked), lock_others)
+    root = find_base(source, model, base)
+    ends = _ends(robot, root, tips)
+    paths = {name: bodies_between(source, model, root, body) for name, (body, _) in ends.items()}
+    free = _free_body(robot, root, paths, floating)
+    if free is not None and mount is not None:
+        raise SceneError(f"{source}: mount: expected none, since the base floats: its pose is in the state")
+    paths = {name: path[path.index(free) + 1 :] if free in path else path for name, path in paths.items()}
+    moving = {name: robot.moving(path) for name, path in paths.items()}
+    counts = _shared(robot, moving)
+    if free is None and not any(counts.values()):
+        raise SceneError(
+            f"{source}: tips: expected a joint that moves two of the arms, got none beyond"
+            f" '{body_name(model, root)}'; try load_mjcf_arms, or floating=True"
+        )
+    own = {name: _own_path(robot, path, set(moving[name][: counts[name]])) for name, path in paths.items()}
+    longest = max(counts, key=lambda name: counts[name])
+    groups, _ = along(robot, [body for body in paths[longest] if body not in own[longest]])
+    bodies = [BodyGroup(None, [] if free is None else [(free, Pose.identity())]), *groups]
+    elsewhere = {body for path in own.values() for body in path} | {b for group in groups for b, _ in group.bodies}
+    for group in bodies:
+        add_branches(robot, group, elsewhere)
+    inside = {body for group in bodies for body, _ in group.bodies}
+    require_serial(source, model, inside | elsewhere, {j for joints in moving.values() for j in joints})
+    stand = standing(robot, root) if mount is None else checks.pose(mount, "mount")
+    trunk = _trunk(model, bodies, stand)
+    arms, mounts = {}, {}
+    for name, path in own.items():
+        k, (_, tip_frame) = counts[name], ends[name]
+        on = bodies[k].pose_of(int(model.body_parentid[path[0]]))
+        if on is None:  # in the world
+            path, on = paths[name], stand
+        else:
+            mounts[name] = mount_name(trunk, k - 1) if k > 0 else BASE
+        arms[name] = arm_along(robot, path, tip_frame, on, name)
+    return ArmsOnTrunk(
+        trunk, arms, mounts, _locked(robot, inside.union(*paths.values()), set().union(*moving.values()))
+    )
+
+
+def _ends(robot: MjcfRobot, root: int, tips: Mapping[str, str] | Iterable[str]) -> dict[str, tuple[int, Pose]]:
+    """Return the body of each arm's tip, and the tip's pose in its axes."""
+    source = robot.source
+    if isinstance(tips, str) or not isinstance(tips, Iterable) or not (given := [*tips]):
+        raise SceneError(f"{source}: tips: expected sites or bodies by arm, such as {{'left': 'left_hand', ...}}")
+    named = tips if isinstance(tips, Mapping) else {str(tip): tip for tip in given}
+    return {name: find_tip(source, robot.model, root, tip) for name, tip in named.items()}
+
+
+def _free_body(robot: MjcfRobot, root: int, paths: Mapping[str, list[int]], floating: bool) -> int | None:
+    """Return the body that floats: one with a free joint that arms hang on, or the base by request; None if none does.
+
+    Raises:
+        SceneError: the world is to float; arms on several bodies that do.
+    """
+    source, model = robot.source, robot.model
+    jointed = {next((b for b in path if joints_of(model, [b])), 0) for path in paths.values()}
+    free = [b for b in sorted(jointed) if "free" in [joint_kind(model, j) for j in joints_of(model, [b])]]
+    if len(free) > 1:
+        names = " and ".join(f"'{body_name(model, b)}'" for b in free)
+        raise SceneError(f"{source}: tips: expected arms on one body that floats, got {names}; try fewer tips")
+    if free:
+        return free[0]
+    if floating and root == 0:
+        raise SceneError(f"{source}: floating: expected a base that is a body, got the world; try base=")
+    return root if floating else None
+
+
+def _trunk(model: Any, bodies: list[BodyGroup], stand: Pose) -> Trunk:
+    """Return the trunk of a body that floats, if any, and those that joints move; else it stands somewhere."""
+    base, *groups = bodies
+    free = link_of(model, base) if base.bodies else None
+    joints = [group.joint for group in groups if group.joint is not None]
+    return Trunk(joints, [link_of(model, group) for group in groups], stand if free is None else Pose.identity(), free)
+
+
+def _shared(robot: MjcfRobot, moving: Mapping[str, list[int]]) -> dict[str, int]:
+    """Return how many of its joints each arm shares with another.
+
+    Raises:
+        SceneError: an arm without a joint of its own; a trunk that branches.
+    """
+    source, model, counts = robot.source, robot.model, shared_counts(moving)
+    for name, joints in moving.items():
+        if counts[name] == len(joints):
+            raise SceneError(f"{source}: arm '{name}': expected a joint that moves no other arm, got none")
+    if (found := branching(moving, counts)) is not None:
+        (aside, ahead), (some, others) = found
+        raise SceneError(
+            f"{source}: joint '{joint_name(model, aside)}' moves arms {', '.join(some)}, while"
+            f" '{joint_name(model, ahead)}' moves arms {', '.join(others)}: expected shared joints in one row, got a"
+            " trunk that branches; try holding one of the branches, or fewer tips"
+        )
+    return counts
+
+
+def _own_path(robot: MjcfRobot, path: list[int], shared: set[int]) -> list[int]:
+    """Return a path's bodies from the first joint on that moves this arm alone."""
+    first = next(k for k, body in enumerate(path) if set(robot.moving([body])) - shared)
+    return path[first:]
+
+
+def _locked(robot: MjcfRobot, bodies: set[int], moving: set[int]) -> dict[str, float]:
+    """Return where joints on some bodies and on what hangs on them are held, by name."""
+    model, found = robot.model, {}
+    within = set(bodies)
+    for body in range(1, model.nbody):  # a parent comes before its children
+        if int(model.body_parentid[body]) in within:
+            within.add(body)
+        if body in within:
+            held = [j for j in joints_of(model, [body]) if j not in moving and joint_kind(model, j) in KINDS]
+            for j in held:
+                found[joint_name(model, j)] = robot.held.get(j, float(model.qpos0[model.jnt_qposadr[j]]))
+    return found
