@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test test-portable acceptance lint counts bench drift pictures robots docs clean
+.PHONY: demo test test-portable acceptance lint counts capabilities bench drift pictures robots docs clean
 
 demo: $(VENV)/.plot
 	$(BIN)/holdfast simulate examples/two_pandas.toml --out results/two_pandas --overwrite
@@ -32,6 +32,10 @@ lint: $(VENV)/.dev
 # Operation counts of every algorithm, into docs/operation_counts.md.
 counts: $(VENV)/.dev
 	$(BIN)/python benchmarks/operation_counts.py --write docs/operation_counts.md
+
+# Every kind of chain against every question, into docs/coverage.md (minutes).
+capabilities: $(VENV)/.dev
+	$(BIN)/python -m tests.capabilities.page --write docs/coverage.md
 
 # Speed against other libraries, into docs/benchmarks.md and the README (minutes; leave the machine alone meanwhile).
 bench: $(VENV)/.bench

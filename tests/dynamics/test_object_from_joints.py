@@ -47,8 +47,8 @@ def test_least_squares_twist():
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("hinge_2arm", r"needs rigid grasps, but 'arm1' is a hinge; 'arm2' is a hinge; give the object's pose"),
-        ("mixed_4arm_all_types", r"but 'arm2' is a hinge; 'arm3' is a ball; 'arm4' is a softfinger"),
+        ("hinge_2arm", r"but 'arm1' is a hinge grasp; 'arm2' is a hinge grasp; give the object's pose"),
+        ("mixed_4arm_all_types", r"but 'arm2' is a hinge grasp; 'arm3' is a ball grasp; 'arm4' is a softfinger grasp"),
     ],
 )
 def test_other_grasps(name, message):

@@ -9,6 +9,8 @@ from holdfast import MissingExtra, Pose, ResultError, simulate
 from holdfast.interop import mcap_writer
 from holdfast.interop.mcap_writer import write_mcap
 from holdfast.spatial import rotation
+from tests.systems.anchored import pinned
+from tests.systems.problems import random_problem
 from tests.systems.trunk_runs import still_base
 from tests.view.runs import lifted
 
@@ -134,6 +136,20 @@ def test_trunks(floating, tmp_path):
             assert tip.R @ [force.x, force.y, force.z] == pytest.approx(
                 run.grasp_wrench[k, p.chain.names.index(name), 3:]
             )
+
+
+def test_anchors(tmp_path):
+    """An anchor has no links: its tip hangs on its base, at the object's contact."""
+    p = pinned(random_problem(4, arms=2, joints=7, grasps="rigid", moving_base=False), ("ball",), moving=False)
+    run = simulate(p.chain, p.state, lambda t, s, m: (p.tau, m), 0.01, 0.01, inputs=p.inputs)
+    write_mcap(p.chain, run, tmp_path / "run.mcap")
+    store = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+    with highlevel.AnyReader([tmp_path / "run.mcap"], default_typestore=store) as reader:
+        tf = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages() if c.topic == "/tf"]
+    for message in tf:
+        frames = {t.child_frame_id: (t.header.frame_id, pose(t.transform)) for t in message.transforms}
+        assert frames["pin1/tip"][0] == "pin1"
+        assert in_world(frames, "pin1/tip").p == pytest.approx(in_world(frames, "object/pin1").p, abs=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped",

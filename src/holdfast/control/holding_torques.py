@@ -131,7 +131,7 @@ def holding_torques(
     alpha = np.zeros(6) if acceleration is None else checks.numbers(acceleration, (6,), "acceleration", StateError)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
     qdd = joint_accelerations(motion, state.qd, alpha - pseudo_gravity(chain))
-    _require_followed(motion, qdd, alpha - pseudo_gravity(chain))
+    _require_followed(motion, qdd, alpha)
     idle = joint_places(chain, undriven)
     none, base = np.zeros((len(chain.arms), 6)), None
     if chain.floats:
@@ -177,15 +177,15 @@ def _wished(motion: ChainMotion, internal: Any) -> Array:
 
 def _require_followed(motion: ChainMotion, qdd: Array, alpha: Array) -> None:
     """Refuse an acceleration that an arm cannot follow, naming the arms and what they miss."""
-    missed = []
+    missed, free_fall = [], alpha - pseudo_gravity(motion.chain)
     for name, c in zip(motion.chain.grasps, motion.contacts, strict=True):
         arm = motion.arms[name]
-        tip = shift_twist(c.offset, alpha) + c.a - c.g - arm.bias.tip_acceleration
+        tip = shift_twist(c.offset, free_fall) + c.a - c.g - arm.bias.tip_acceleration
         gap = c.transmitted(tip - jacobian(arm.arm, arm.at) @ qdd[motion.chain.joints[name]])  # no trunk accelerates
         if float(np.abs(gap).max(initial=0.0)) > POSSIBLE * max(1.0, float(np.abs(tip).max())):
             missed.append(f"arm '{name}' misses {np.abs(gap).max():.3g} (m/s^2 or rad/s^2)")
     if missed:
         raise StateError(
-            f"acceleration: expected one that the arms can follow, got {alpha} less gravity: {', '.join(missed)}. Try"
-            " holdfast.diagnose for the lost directions"
+            f"acceleration: expected one that the arms can follow at this state, got {alpha}: {', '.join(missed)}. Try"
+            " a state at rest, or holdfast.diagnose for the lost directions"
         )

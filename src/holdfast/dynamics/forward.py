@@ -114,7 +114,7 @@ def _require_finite(found: Solution) -> None:
 
 
 def _require_rigid(chain: ClosedChain, method: Method) -> None:
-    other = [f"'{name}' is a {grasp.kind}" for name, grasp in chain.grasps.items() if grasp.free]
+    other = [f"'{name}' is a {grasp.kind} grasp" for name, grasp in chain.grasps.items() if grasp.free]
     if other:
         listed = ", ".join(other[:3]) + (f" and {len(other) - 3} more" if len(other) > 3 else "")
         raise MethodNotApplicable(

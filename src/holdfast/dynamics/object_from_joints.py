@@ -43,7 +43,7 @@ def state_from_joints(
         MethodNotApplicable: a grasp is not rigid, or there is none.
         StateError: the joints do not close the chains.
     """
-    others = [f"'{name}' is a {grasp.kind}" for name, grasp in chain.grasps.items() if grasp.free]
+    others = [f"'{name}' is a {grasp.kind} grasp" for name, grasp in chain.grasps.items() if grasp.free]
     if others or not chain.grasps:
         raise MethodNotApplicable(
             f"state_from_joints: needs rigid grasps, but {'; '.join(others[:3]) or 'there is none'}; give the object's"

@@ -127,7 +127,8 @@ def _messages(chain: ClosedChain, run: Trajectory, k: int, time: int) -> Iterato
             yield topic, WRENCH, _wrench(time, f"{name}/tip", unrotate(tips[name].R, wrenches[k, i]))
         below = bodies[chain.mounted_on[name]] if name in chain.mounts else "world"
         moved = list(_frames(name, arm.joints, arm.links, state.q[chain.joints[name]]))
-        placed = [(below, name, arm.base), *moved, (moved[-1][1], f"{name}/tip", arm.tip)]
+        last = moved[-1][1] if moved else name  # an anchor has no links
+        placed = [(below, name, arm.base), *moved, (last, f"{name}/tip", arm.tip)]
         transforms += [_transform(time, *frames) for frames in placed]
     yield "/tf", TRANSFORMS, {"transforms": transforms}
 

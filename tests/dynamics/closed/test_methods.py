@@ -77,7 +77,7 @@ def test_rank_of_light_and_heavy_objects(kind, scale):
 def test_rigid_only(method):
     """Algorithms for rigid grasps name the grasps they do not cover, and what does."""
     p = random_problem(0, **MIXED)
-    others = r"'arm2' is a hinge, 'arm3' is a softfinger, 'arm4' is a ball"
+    others = r"'arm2' is a hinge grasp, 'arm3' is a softfinger grasp, 'arm4' is a ball grasp"
     message = rf"^{method}: for rigid grasps only, but {others}; try method='sequential' or 'nonrigid'$"
     with pytest.raises(MethodNotApplicable, match=message):
         p.solved(method=method)

@@ -1,0 +1,229 @@
+"""Every question that is asked of chains: each returns numbers, or raises the error that refuses the chain by name."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import holdfast as hf
+from holdfast import dynamics, forces
+from holdfast.interop import to_mjcf
+from holdfast.interop.mcap_writer import write_mcap
+from holdfast.view.film import film_of_run
+from holdfast.view.page import page
+from tests.capabilities.chains import Case
+
+STEP = 1e-4
+ANSWERED = {dynamics.Status.OK, dynamics.Status.INDETERMINATE_FORCES}
+BY = ("q", "qd", "tau", "object_pose", "object_twist", "object_mass")
+
+
+@dataclass(frozen=True)
+class Question:
+    """A question.
+
+    Attributes:
+        name: what the page calls it.
+        ask: returns numbers, of a case.
+        quick: whether it is answered in milliseconds.
+    """
+
+    name: str
+    ask: Callable[[Case], Any]
+    quick: bool = True
+
+
+def solved(c: Case, **options: Any) -> dynamics.ForwardResult:
+    """Return forward dynamics."""
+    return hf.forward_dynamics(c.chain, c.state, c.tau, inputs=c.inputs, **options)
+
+
+def inverse(c: Case) -> Any:
+    """Return the torques of the accelerations and wrenches that forward dynamics finds."""
+    found = solved(c)
+    base = found.base_acceleration if c.chain.floats else None
+    return hf.inverse_dynamics(c.chain, c.state, found.qdd, found.grasp_wrench, inputs=c.inputs, base_acceleration=base)
+
+
+def run(c: Case, **options: Any) -> hf.simulation.Trajectory:
+    """Return a run of three steps under constant torques."""
+    how = {"inputs": c.wrenches, "base_motion": c.base_motion} | options
+    return hf.simulate(c.chain, c.state, lambda t, state, memory: (c.tau, memory), 3 * STEP, STEP, **how)
+
+
+def momenta(c: Case) -> Any:
+    """Return energies, momentum, power, and how fast momentum changes."""
+    found = solved(c)
+    power = dynamics.power(c.chain, c.state, c.tau, found, c.inputs)
+    return [
+        dynamics.kinetic_energy(c.chain, c.state, c.inputs),
+        dynamics.potential_energy(c.chain, c.state),
+        *dynamics.momentum(c.chain, c.state),
+        *dynamics.momentum_rate(c.chain, c.state, found, inputs=c.inputs),
+        power.drives,
+    ]
+
+
+def let_go(c: Case) -> Any:
+    """Return the chain after one grasp has opened and closed again."""
+    name = list(c.chain.grasps)[-1]
+    free = dynamics.release(c.chain, name)
+    return dynamics.attach(free, c.state, name, c.chain.grasps[name], inputs=c.inputs).state.qd
+
+
+def as_batch(c: Case) -> list[Any]:
+    """Return what machine code takes, for two systems."""
+    s = c.state
+    return [np.tile(x, (2, 1)) for x in (s.q, s.qd, c.tau, s.object_pose, s.object_twist)]
+
+
+def parameters(c: Case) -> dict[str, Any]:
+    """Return the run-time parameters of machine code."""
+    given = c.inputs.shaped(c.chain)
+    found = {"object_wrench": given.object_wrench}
+    if np.any(given.base_twists) or np.any(given.base_accelerations):
+        found |= {"base_twist": given.base_twists, "base_acceleration": given.base_accelerations}
+    if given.link_wrenches is not None:
+        found |= {"link_wrench": given.link_wrenches}
+    if c.state.base_pose is not None:
+        found |= {"floating_pose": c.state.base_pose, "floating_twist": c.state.base_twist}
+    return found
+
+
+def compiled(c: Case) -> hf.compiled.CompiledChain:
+    """Return machine code, external wrenches on links being parameters where there are any."""
+    return hf.compile(c.chain, parameters=["link_wrench"] if c.inputs.link_wrenches is not None else [])
+
+
+def by_machine_code(c: Case) -> Any:
+    """Return qdd of a batch."""
+    found = compiled(c).forward_dynamics(*as_batch(c), **parameters(c))
+    assert set(found.status) <= ANSWERED, found.status
+    return found.qdd
+
+
+def gradients_by_machine_code(c: Case) -> Any:
+    """Return gradients of sum(qdd) of a batch."""
+    bar = np.ones((2, c.chain.joint_count))
+    return compiled(c).forward_dynamics_vjp(*as_batch(c), qdd=bar, by=BY, **parameters(c)).q
+
+
+def rollout(c: Case) -> Any:
+    """Return joint positions of two systems after three steps."""
+    law = hf.ControlLaw(lambda t, state, memory, given: (given["tau"], memory), parameters={"tau": c.tau.shape})
+    made = hf.compile_rollout(c.chain, law, inputs=c.wrenches, base_motion=c.base_motion)
+    q, qd, _, pose, twist = as_batch(c)
+    floating = {} if c.state.base_pose is None else {
+        "floating_pose": np.tile(c.state.base_pose, (2, 1)), "floating_twist": np.tile(c.state.base_twist, (2, 1))
+    }  # fmt: skip
+    systems = made.start(q, qd, pose, twist, tau=c.tau, **floating)
+    made.step(systems, STEP, steps=3)
+    assert set(systems.status) == {hf.simulation.RolloutStatus.RUNNING}, systems.status
+    return systems.q
+
+
+def gradients(c: Case) -> Any:
+    """Return gradients, rates and a Jacobian of the reference."""
+    bar = np.ones(c.chain.joint_count)
+    back = hf.forward_dynamics_vjp(c.chain, c.state, c.tau, inputs=c.inputs, by=BY, qdd=bar)
+    rates = hf.forward_dynamics_jvp(c.chain, c.state, c.tau, inputs=c.inputs, along={"qd": bar})
+    matrix = hf.forward_dynamics_jacobian(c.chain, c.state, c.tau, inputs=c.inputs, by=("tau",))
+    return [back.q, rates.qdd, matrix["qdd", "tau"]]
+
+
+def mcap(c: Case) -> int:
+    """Return the size of a run's MCAP file."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "run.mcap"
+        write_mcap(c.chain, run(c), path, base_motion=c.base_motion)
+        return path.stat().st_size
+
+
+def at_rest(c: Case) -> hf.State:
+    """Return the state with no joint and no body moving."""
+    still = None if c.state.base_twist is None else np.zeros(6)
+    return replace(c.state, qd=np.zeros(c.chain.joint_count), object_twist=np.zeros(6), base_twist=still)
+
+
+def tracking(c: Case) -> Any:
+    """Return the torques that keep the object where it is."""
+    path = hf.control.RestToRest(c.state.object_frame).at
+    return hf.control.ObjectTracking(c.chain, path)(0.0, at_rest(c), None)[0]
+
+
+DYNAMICS = [
+    Question("forward dynamics", lambda c: solved(c).qdd),
+    Question("dense equations (`kkt`)", lambda c: solved(c, method="kkt").qdd),
+    Question("RCCFD 1 .. 3 of the paper", lambda c: [solved(c, method=f"rccfd{k}").qdd for k in (1, 2, 3)]),
+    Question("inverse dynamics", inverse),
+    Question("`close`", lambda c: hf.close(c.chain, c.state, inputs=c.inputs).q),
+    Question("`project`", lambda c: hf.project(c.chain, c.state, c.inputs)[0].q),
+    Question("`diagnose`", lambda c: hf.diagnose(c.chain, c.state).rank),
+    Question("energies, momentum, power", momenta),
+    Question("object mobility and inertia", lambda c: dynamics.object_mobility(c.chain, c.state)),
+    Question("basis of the motions", lambda c: dynamics.motion_basis(c.chain, c.state)),
+    Question("`release`, `attach`", let_go),
+]
+FORCES = [
+    Question("motion and internal forces", lambda c: forces.split(c.chain, c.state, solved(c).grasp_wrench).internal),
+    Question("margins of the grasps", lambda c: forces.grasp_margins(c.chain, c.state, solved(c).grasp_wrench)),
+    Question("largest margin", lambda c: forces.largest_margin(c.chain, c.state, solved(c), inputs=c.inputs).margin),
+    Question("wrenches at wrists", lambda c: forces.wrist_wrenches(c.chain, c.state, solved(c))),
+    Question("holding torques", lambda c: hf.holding_torques(c.chain, at_rest(c))),
+    Question("`ObjectTracking`", tracking),
+]
+RUNS = [
+    Question("simulation, rk4", lambda c: run(c).q, quick=False),
+    Question("simulation, dop853", lambda c: run(c, scheme="dop853").q, quick=False),
+    Question("an arm lets go", lambda c: run(c, events=[hf.Release(STEP, list(c.chain.grasps)[-1])]).q, quick=False),
+    Question(
+        "the viewer's page", lambda c: len(page(film_of_run(c.chain, run(c), base_motion=c.base_motion))), quick=False
+    ),
+    Question("MCAP", mcap, quick=False),
+    Question("MJCF", lambda c: len(to_mjcf(c.chain, c.state))),
+]
+MACHINE_CODE = [
+    Question("forward dynamics as machine code", by_machine_code, quick=False),
+    Question("rollouts", rollout, quick=False),
+]
+DERIVATIVES = [
+    Question("derivatives of forward dynamics", gradients, quick=False),
+    Question("`linearise`", lambda c: hf.linearise(c.chain, c.state, c.tau, inputs=c.inputs).A, quick=False),
+    Question("derivatives as machine code", gradients_by_machine_code, quick=False),
+]
+TABLES = {
+    "Dynamics": DYNAMICS,
+    "Forces and control": FORCES,
+    "Runs and files": RUNS,
+    "Machine code": MACHINE_CODE,
+    "Derivatives": DERIVATIVES,
+}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """How a question is answered for a chain.
+
+    Attributes:
+        refused_by: name of the error that refuses; empty if nothing does.
+        message: its first sentence.
+    """
+
+    refused_by: str = ""
+    message: str = ""
+
+
+def answer(question: Question, c: Case) -> Answer:
+    """Return whether a question is answered with finite numbers; an error that is not ours passes through."""
+    try:
+        found = question.ask(c)
+    except hf.HoldfastError as refusal:
+        return Answer(type(refusal).__name__, str(refusal).split(";")[0])
+    for part in found if isinstance(found, list) else [found]:
+        assert not np.isnan(np.asarray(part, dtype=float)).any(), (question.name, part)
+    return Answer()
