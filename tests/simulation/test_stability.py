@@ -126,7 +126,7 @@ def test_implicit_when_asked_for():
     chain, state = squeezed(BALLS, damping=DAMPING / 100)
     law = lambda t, x, m: (np.array([0.0, 0.0, 30.0 + 9.0 * np.sin(50 * t)] * 2), m)  # noqa: E731
     exact = simulate(chain, state, law, 0.04, 0.04, scheme="dop853", rtol=1e-12).qd[-1]
-    errors = [np.abs(simulate(chain, state, law, 0.04, h, scheme="imex").qd[-1] - exact).max() for h in (4e-3, 2e-3)]
+    errors = [np.abs(simulate(chain, state, law, 0.04, h, scheme="imex").qd[-1] - exact).max() for h in (4e-4, 2e-4)]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.2)
     assert not simulate(chain, state, law, 0.04, 4e-3, scheme="imex").occurrences
 
