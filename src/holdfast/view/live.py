@@ -127,9 +127,10 @@ def _add_curves(gui: Any, film: Film, plot: dict[str, Any]) -> None:
     from viser import uplot
 
     series = [uplot.Series(label="t [s]")]
-    for curve in plot["curves"]:
+    widths = np.linspace(4.0, 2.0, len(plot["curves"]))  # so that of equal curves both are seen
+    for curve, width in zip(plot["curves"], widths, strict=True):
         dash = (6.0, 4.0) if curve["dashed"] else ()
-        series.append(uplot.Series(label=curve["label"], stroke=curve["colour"], width=2, dash=dash))
+        series.append(uplot.Series(label=curve["label"], stroke=curve["colour"], width=float(width), dash=dash))
     values = (np.array([np.nan if v is None else v for v in curve["values"]]) for curve in plot["curves"])
     scales = {"x": uplot.Scale(time=False), "y": uplot.Scale(distr=3 if plot["log"] else 1)}
     gui.add_uplot((film.t, *values), tuple(series), title=plot["title"], scales=scales, aspect=1.8)

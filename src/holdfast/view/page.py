@@ -18,11 +18,9 @@ from holdfast.view.base_travel import base_travel
 from holdfast.view.cameras import cameras
 from holdfast.view.chain_scene import ChainScene, part_colour
 from holdfast.view.figure_style import BLACK, TRUNK_COLOUR
-from holdfast.view.film import Film
+from holdfast.view.film import RATE, Film
 from holdfast.view.markers import ArrowScale
 from holdfast.view.scene_writer import SceneWriter, viewer_server
-
-PAUSE = 0.8  # the last moment stays so long before the player begins again [s]
 
 
 def export_page(film: Film, path: str | PathLike[str]) -> None:
@@ -58,7 +56,7 @@ def page(film: Film) -> str:
             recording.insert_sleep(float(film.t[k] - film.t[k - 1]))
             scene.show(k)
         if len(film) > 1:
-            recording.insert_sleep(PAUSE)
+            recording.insert_sleep(1 / RATE)  # or the player, at its end, would be at the beginning
         return with_panel(recording.as_html(), film, scene.scale)
 
 
@@ -109,11 +107,11 @@ def panel_data(film: Film, scale: ArrowScale) -> dict[str, Any]:
 def legend(film: Film, scale: ArrowScale) -> str:
     """Return a sentence or two that explain arrows and cones."""
     sentences = [
-        f"Arrows, in the arm's colour, are what the arm does to the object: 0.1 m is {0.1 / scale.force:.3g}{GAP}N,"
-        f" with two heads {0.1 / scale.moment:.3g}{GAP}N{GAP}m. Purple: the internal part of the force."
+        f"Arrows in an arm's colour are its force on the object (0.1{GAP}m is {0.1 / scale.force:.3g}{GAP}N), with two"
+        f" heads its moment (0.1{GAP}m is {0.1 / scale.moment:.3g}{GAP}N{GAP}m). Purple arrows are the internal force."
     ]
     if any(grasp.contact is not None for grasp in film.chain.grasps.values()):
-        sentences.append("Friction cones turn from green to red as a contact nears slipping.")
+        sentences.append("Friction cones turn from green to red as a contact approaches slipping.")
     return " ".join(sentences)
 
 

@@ -25,6 +25,17 @@
     return size >= 100 ? x.toFixed(0) : size >= 10 ? x.toFixed(1) : size >= 1 ? x.toFixed(2) : x.toPrecision(2);
   }
 
+  // round ends of an axis for values between low and high; it begins at 0 if the values come halfway down to it
+  function ends(low, high) {
+    if (low === 0 && high === 0) return [0, 1];
+    if (low > 0 && low < 0.5 * high) low = 0;
+    if (high < 0 && high > 0.5 * low) high = 0;
+    const span = Math.max(high - low, 0.1 * Math.max(Math.abs(low), Math.abs(high)));
+    const power = 10 ** Math.floor(Math.log10(span / 3)), more = (span - (high - low)) / 2;
+    const step = power * [1, 2, 5, 10].find((times) => times * power >= span / 5);
+    return [Math.floor((low - more) / step + 1e-6) * step, Math.ceil((high + more) / step - 1e-6) * step];
+  }
+
   // the last moment that is not later than t
   function momentAt(t) {
     let low = 0, high = last;
@@ -46,16 +57,40 @@
     fiber?.memoizedProps.onChange(t);
   }
 
-  function lookFrom(camera) {
-    const viewer = window.__viserMutable, root = viewer?.nodePoseData?.[""]?.wxyz;
-    if (!viewer?.cameraControl || !root) return;
+  // Cameras are for pictures at least as wide as high; from a narrow one the eye goes further away.
+  let chosen = data.cameras[0], looking = false;
+  const picture = () => document.querySelector("#root canvas");
+  const narrowness = () => Math.max(1, (picture()?.clientHeight ?? 1) / (picture()?.clientWidth || 1));
+  for (const moved of ["pointerdown", "wheel"])
+    document.getElementById("root").addEventListener(moved, (event) => {
+      if (event.target === picture()) chosen = null;
+    }, { capture: true, passive: true });
+  window.addEventListener("resize", () => setTimeout(() => chosen && lookFrom(chosen), 100));
+
+  // a point in the player's own axes, which have y up; null before the player is ready
+  function turned([a, b, c]) {
+    const root = window.__viserMutable?.nodePoseData?.[""]?.wxyz;
+    if (!root || !window.__viserMutable.cameraControl) return null;
     const [w, x, y, z] = root;
-    const turned = ([a, b, c]) => [  // the player's own axes have y up
+    return [
       (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - w * z) * b + 2 * (x * z + w * y) * c,
       2 * (x * y + w * z) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z - w * x) * c,
       2 * (x * z - w * y) * a + 2 * (y * z + w * x) * b + (1 - 2 * (x * x + y * y)) * c,
     ];
-    viewer.cameraControl.setLookAt(...turned(camera.position), ...turned(camera.target), true);
+  }
+
+  function lookFrom(camera) {
+    chosen = camera;
+    const eye = turned(camera.target.map((at, i) => at + narrowness() * (camera.position[i] - at)));
+    if (eye) window.__viserMutable.cameraControl.setLookAt(...eye, ...turned(camera.target), true);
+  }
+
+  // Once the player looks from its first camera, go as far away as the picture asks for.
+  function lookAtFirst() {
+    const eye = turned(chosen.position), now = window.__viserMutable?.camera?.position?.toArray();
+    if (!eye || !now || Math.hypot(...eye.map((x, i) => x - now[i])) > 1e-3 * Math.hypot(...eye)) return false;
+    lookFrom(chosen);
+    return true;
   }
 
   function plot(of) {
@@ -71,10 +106,10 @@
     let cursor = null;
     if (last > 0) {
       const scale = of.log ? Math.log10 : (v) => v;
-      let low = all.map(scale).reduce((a, b) => Math.min(a, b), of.log ? Infinity : 0);
-      let high = all.map(scale).reduce((a, b) => Math.max(a, b), of.log ? -Infinity : 0);
+      let low = all.map(scale).reduce((a, b) => Math.min(a, b), Infinity);
+      let high = all.map(scale).reduce((a, b) => Math.max(a, b), -Infinity);
       if (of.log) { low = Math.floor(low); high = Math.max(Math.ceil(high), low + 1); }
-      if (high <= low) high = low + 1;
+      else [low, high] = ends(low, high);
       const X = (t) => LEFT + (WIDTH - LEFT - 2) * t / end;
       const Y = (v) => TOP + (HEIGHT - TOP - BOTTOM) * (high - scale(v)) / (high - low);
       const svg = add(figure, "svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "img" });
@@ -85,12 +120,12 @@
       }
       for (const v of of.lines)
         add(svg, "line", { x1: LEFT, x2: WIDTH, y1: Y(v), y2: Y(v), stroke: "#d55e00", "stroke-dasharray": "2 2" });
-      for (const curve of of.curves) {
+      of.curves.forEach((curve, i) => {  // each narrower than the one below, which thus shows where both are equal
         const points = curve.values.map((v, k) => v === null ? "" : `${X(data.times[k]).toFixed(1)},${Y(v).toFixed(1)}`);
         const dashes = curve.dashed ? "4 3" : "none";
-        add(svg, "polyline", { points: points.join(" "), fill: "none", stroke: curve.colour, "stroke-width": 1.4,
-          "stroke-dasharray": dashes });
-      }
+        add(svg, "polyline", { points: points.join(" "), fill: "none", stroke: curve.colour, "stroke-width": 1.4 + 1.8 * (of.curves.length - 1 - i) / Math.max(of.curves.length - 1, 1),
+          "stroke-dasharray": dashes, "stroke-dashoffset": 3.5 * i });
+      });
       cursor = add(svg, "line", { y1: 0, y2: HEIGHT, stroke: "#000", "stroke-width": 0.8, class: "cursor" });
       cursor.moveTo = (t) => { cursor.setAttribute("x1", X(t)); cursor.setAttribute("x2", X(t)); };
       const follow = (event) => {
@@ -131,6 +166,7 @@
 
   let before = null;
   function follow() {
+    looking ||= chosen === null || lookAtFirst();
     const t = Math.min(playerTime(), end);
     if (t !== before) {
       before = t;
