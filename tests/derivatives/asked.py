@@ -15,7 +15,7 @@ from tests.derivatives.chains import TRUNKS
 from tests.oracles.chain_derivatives import INERTIAS, OUTPUTS, names_of, symmetric_basis
 from tests.systems.as_chain import Problem
 
-OF_TRUNKS = False  # whether chains with a trunk have derivatives
+OF_TRUNKS = False  # whether chains with a trunk have derivatives as machine code
 FLAVOURS = TRUNKS if OF_TRUNKS else (None,)
 STATE = ("q", "qd", "tau", "object_pose", "object_twist")
 NAMES = (
@@ -26,8 +26,8 @@ NAMES = (
 
 
 def names_for(p: Problem) -> tuple[str, ...]:
-    """Return what a problem's derivatives are taken by: all that its oracle knows, a trunk's link wrenches aside."""
-    return tuple(name for name in names_of(p.chain) if name != "trunk_link_wrench")
+    """Return what a problem's derivatives are taken by: all that its oracle knows."""
+    return names_of(p.chain)
 
 
 def compiled(p: Problem) -> Any:
@@ -70,6 +70,7 @@ def shape_of(p: Problem, by: str) -> tuple[int, ...]:
     of_all |= {"link_com": (links, 3), "link_inertia": (links, 3, 3), "link_wrench": (links, 6)}
     of_all |= {"grasp_pose": (len(chain.grasps), 6)}
     of_all |= dict.fromkeys(("base_pose", "base_twist", "base_acceleration"), (l, 6))
+    of_all |= {} if chain.trunk is None else {"trunk_link_wrench": (len(chain.trunk.bodies), 6)}
     return of_all.get(by, (6,))
 
 

@@ -198,12 +198,25 @@ def test_bound_forms():
 
 
 @pytest.mark.parametrize("trunk", [trunk for trunk in TRUNKS if trunk])
-def test_trunks_are_refused(trunk):
-    """By name, from machine code and from the reference."""
+def test_trunks_have_a_reference_only(trunk):
+    """Machine code refuses them by name, and says what computes them."""
     if OF_TRUNKS:
-        pytest.skip("chains with a trunk have derivatives")
+        pytest.skip("chains with a trunk have derivatives as machine code")
     p = random_chain(0, trunk)
-    require_refused(p, "a trunk")
+    own = {name: given(p)[name] for name in STATE_AND_TORQUES}
+    for kind, more in {"vjp": {"qdd": p.tau}, "jvp": {"along": {"q": p.tau}}, "jacobian": {}}.items():
+        with pytest.raises(NotCompiledError, match=f"a trunk runs as reference only; holdfast.forward_dynamics_{kind}"):
+            getattr(hf.compile(p.chain), f"forward_dynamics_{kind}")(**own, **more)
+
+
+def test_names_of_trunks():
+    """Arguments and results that are a trunk's are named as unknown where there is none, or another."""
+    plain, fixed = random_chain(0), random_chain(0, "fixed")
+    for p, name in ((plain, "trunk_link_wrench"), (fixed, "floating_pose")):
+        with pytest.raises(hf.StateError, match=f"no '{name}'"):
+            hf.forward_dynamics_vjp(p.chain, p.state, p.tau, qdd=p.tau, by=[name])
+    with pytest.raises(hf.StateError, match="no 'base_acceleration'"):
+        hf.forward_dynamics_vjp(fixed.chain, fixed.state, fixed.tau, base_acceleration=np.ones(6))
 
 
 def sprung() -> Problem:

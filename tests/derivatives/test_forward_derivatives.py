@@ -29,7 +29,9 @@ from tests.derivatives.chains import TRUNKS, random_chain
 from tests.derivatives.longer import mostly_long
 from tests.derivatives.products import (
     ROUNDING,
+    flat_direction,
     random_cotangents,
+    random_directions,
     state_of,
     worst_gap,
     worst_of_products,
@@ -156,6 +158,39 @@ def test_random_chains_by_the_reference(seed):
     worst = worst_of_products(Reference(p), p, chain_derivatives(p, NAMES), np.random.default_rng(seed))
     print(f"\n{', '.join(grasp.kind for grasp in p.chain.grasps.values())}: {worst:.1e}")
     assert worst < RANDOM
+
+
+@pytest.mark.parametrize("trunk", [trunk for trunk in TRUNKS if trunk])
+@pytest.mark.parametrize("seed", mostly_long(range(200, 208), (201, 204)))
+def test_trunks_by_the_reference(seed, trunk):
+    """On a torso or a floating base, some arms beside it in the world: products, those of the base's results too."""
+    p, random = random_chain(seed, trunk), np.random.default_rng(seed)
+    by = names_for(p)
+    expected = chain_derivatives(p, by)
+    assert worst_of_products(Reference(p), p, expected, random, by) < RANDOM
+    of = "base_acceleration" if trunk == "floating" else "trunk_base_wrench"
+    options = {"inputs": p.inputs, "check": False}
+    bar, along = random.normal(size=6), random_directions(p, random, by)
+    pulled = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, by=by, **options, **{of: bar})
+    for name in by:
+        wanted = bar @ expected.block(of, name)
+        size = np.abs(wanted).max(initial=0.0)
+        assert np.abs(flat_gradient(p, name, pulled[name]) - wanted).max(initial=0.0) <= RANDOM * (size or 1.0), name
+    pushed = hf.forward_dynamics_jvp(p.chain, p.state, p.tau, along=along, **options)
+    wanted = sum(expected.block(of, name) @ flat_direction(p, name, along[name]) for name in by)
+    assert relative_gap(pushed[of], wanted) < RANDOM
+
+
+def test_the_matrix_of_a_trunk_by_the_reference():
+    """Column by column the rates of change."""
+    p = random_chain(204, "floating")
+    by, of = ("q", "floating_pose", "floating_twist", "base_pose"), ("qdd", "base_acceleration", "base_wrench")
+    expected = chain_derivatives(p, by)
+    found = hf.forward_dynamics_jacobian(p.chain, p.state, p.tau, of=of, by=by, inputs=p.inputs, check=False)
+    for o in of:
+        for b in by:
+            matrix = found[o, b].reshape(-1, size_of(p, b))
+            assert relative_gap(matrix, expected.block(o, b)) < RANDOM, (o, b)
 
 
 @pytest.mark.parametrize(("seed", "any_kind"), [(100, True), (103, True), (301, False)])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from examples.benchmarks import four_bar
@@ -9,9 +11,11 @@ from scipy.linalg import expm
 from scipy.optimize import root_scalar
 
 import holdfast as hf
+from holdfast.spatial import rotation
 from tests.derivatives.tangent import tangent
 from tests.systems import random_system
 from tests.systems.as_chain import as_chain
+from tests.systems.trunk_runs import still_base
 
 
 @pytest.mark.parametrize(("damping", "published"), [(0.0, four_bar.SPRING), (1.0, four_bar.DAMPER)])
@@ -69,3 +73,46 @@ def test_a_basis_that_does_not_jump():
     assert np.allclose(np.sort_complex(np.linalg.eigvals(second.A)), np.sort_complex(np.linalg.eigvals(alone.A)))
     with pytest.raises(hf.StateError, match="basis: expected shape"):
         hf.linearise(p.chain, near, p.tau, inputs=p.inputs, basis=first.basis[:, :3])
+
+
+@pytest.mark.parametrize("floating", [False, True])
+def test_motions_on_a_trunk(floating):
+    """In motion, two runs that begin apart by T z stay apart by what A makes of it, but for the square of z."""
+    gravity = (0.0, 0.0, 0.0 if floating else -9.81)
+    p = still_base(2, 2, floating=floating, arms={"joints": (7, 6), "grasps": ("rigid", "hinge"), "gravity": gravity})
+    chain, n, state = p.chain, p.chain.joint_count, hf.project(p.chain, p.state, p.inputs)[0]
+    model = hf.linearise(chain, state, p.tau, inputs=p.inputs)
+    half = n + 6 + 6 * floating
+    assert model.basis.shape == (2 * half, len(model.A))
+    z, found = np.random.default_rng(0).normal(size=len(model.A)), []
+    for size in (1e-3, 1e-4):
+        t = size
+        begin = hf.project(chain, displaced(state, model.basis @ z * size), p.inputs)[0]
+        ends = [
+            hf.simulate(chain, at, lambda t, state, memory: (p.tau, memory), t, t, inputs=p.inputs).state(-1)
+            for at in (begin, state)
+        ]
+        apart = replace(model, state=ends[1]).coordinates(ends[0])
+        first = model.coordinates(begin)
+        assert np.abs(first - z * size).max() < 1e-2 * np.abs(z).max() * size
+        grown = t * model.A @ first
+        found.append(np.abs(apart - first - grown).max() / np.abs(grown).max())
+    assert found[1] < 5e-4 and found[1] < 0.2 * found[0]
+
+
+def displaced(state: hf.State, by: np.ndarray) -> hf.State:
+    """Return a state moved by (dq, turn, shift, .., dqd, ..)."""
+    n = len(state.q)
+    moved, rates = by[: len(by) // 2], by[len(by) // 2 :]
+    poses, twists = [], []
+    for k, (frame, twist) in enumerate(
+        ((state.object_frame, state.object_twist), (state.base_frame, state.base_twist))
+    ):
+        if frame is None:
+            break
+        at = slice(n + 6 * k, n + 6 * k + 6)
+        turn, shift = np.split(moved[at], 2)
+        poses.append(hf.Pose(rotation.exp(turn) @ frame.R, frame.p + shift))
+        twists.append(twist + rates[at])
+    base = dict(zip(("base_pose", "base_twist"), (poses[1], twists[1]), strict=True)) if len(poses) > 1 else {}
+    return hf.State(state.q + moved[:n], state.qd + rates[:n], poses[0], twists[0], **base)

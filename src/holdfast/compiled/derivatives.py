@@ -199,6 +199,11 @@ class ChainDerivatives:
         """Return the code for some derivatives, compiled when first asked for."""
         what = f"forward_dynamics_{kind}"
         lacking = without_derivatives(self.chain)
+        if self.chain.trunk is not None:
+            raise NotCompiledError(
+                f"compile: '{what}' of a chain with a trunk runs as reference only; holdfast.{what} computes it from"
+                " the chain"
+            )
         if lacking:
             raise NotCompiledError(f"compile: '{what}' of a chain with {lacking} is not there yet")
         if self.chain.springs:

@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.closed.forward_derivatives import (
-    ARGUMENTS,
     OF_JOINTS,
-    RESULTS,
     VirtualPower,
+    arguments_of,
     arm_residual_rates,
     backward,
     forward,
+    results_of,
 )
 from holdfast.dynamics.closed.forward_jacobian import (
     OF_CHAIN,
@@ -36,6 +36,7 @@ from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.indeterminate import free_wrenches
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.dynamics.spring_rates import SpringRates, spring_rates
+from holdfast.dynamics.trunk.trunk_derivatives import OF_TRUNK
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -112,8 +113,9 @@ def forward_dynamics_vjp(
         MethodNotApplicable: the chain has a trunk or bushings.
     """
     what = "forward_dynamics_vjp"
-    _require_names(what, by, ARGUMENTS)
-    _require_names(what, cotangents, RESULTS)
+    checks.instance(chain, ClosedChain, "chain")
+    _require_names(what, by, arguments_of(chain))
+    _require_names(what, cotangents, results_of(chain))
     at, result, least = _point(what, chain, state, tau, inputs, check, generic_rank)
     bars = {
         name: checks.numbers(x, np.shape(getattr(result, name)), name, StateError) for name, x in cotangents.items()
@@ -160,8 +162,9 @@ def forward_dynamics_jvp(
         MethodNotApplicable: the chain has a trunk or bushings.
     """
     what = "forward_dynamics_jvp"
+    checks.instance(chain, ClosedChain, "chain")
     checks.instance(along, Mapping, f"{what}: along", StateError)
-    _require_names(what, along, ARGUMENTS)
+    _require_names(what, along, arguments_of(chain))
     at, result, least = _point(what, chain, state, tau, inputs, check, generic_rank)
     shapes = gradient_shapes(chain)
     given = {name: checks.numbers(x, None, name, StateError) for name, x in along.items()}
@@ -180,7 +183,7 @@ def forward_dynamics_jvp(
         _forward(at, {n: x[k] if x.ndim > len(shapes[n]) else x for n, x in given.items()}, wrenches, least)
         for k in range(count)
     ]
-    return Derivatives(result, {name: np.array([one[name] for one in each]) for name in RESULTS})
+    return Derivatives(result, {name: np.array([one[name] for one in each]) for name in results_of(chain)})
 
 
 def forward_dynamics_jacobian(
@@ -215,12 +218,13 @@ def forward_dynamics_jacobian(
         MethodNotApplicable: the chain has a trunk or bushings.
     """
     what = "forward_dynamics_jacobian"
-    _require_names(what, of, RESULTS)
-    _require_names(what, by, ARGUMENTS)
+    checks.instance(chain, ClosedChain, "chain")
+    _require_names(what, of, results_of(chain))
+    _require_names(what, by, arguments_of(chain))
     at, result, least = _point(what, chain, state, tau, inputs, check, generic_rank)
     shapes = gradient_shapes(chain)
     wrenches = spring_rates(chain, state, (inputs or Inputs()).shaped(chain), by)
-    if wrenches is not None or least is not None:
+    if wrenches is not None or least is not None or chain.trunk is not None:
         columns: dict[tuple[str, str], Array] = {}
         for name in by:
             units = np.eye(int(np.prod(shapes[name])))
@@ -312,6 +316,9 @@ def gradient_shapes(chain: ClosedChain) -> dict[str, tuple[int, ...]]:
     links = sum(arm.joint_count for arm in chain.arms.values())
     shapes = OF_CHAIN | dict.fromkeys(OF_JOINTS, (n,)) | {"grasp_pose": (g, 6)}
     shapes |= dict.fromkeys(("base_pose", "base_twist", "base_acceleration"), (l, 6))
+    if chain.trunk is not None:
+        shapes |= dict.fromkeys((*OF_TRUNK, "floating_pose"), (6,))
+        shapes |= {"trunk_link_wrench": (len(chain.trunk.bodies), 6)}
     return shapes | {name: (links, *shape) for name, shape in OF_LINK.items()}
 
 
@@ -335,18 +342,21 @@ def _point(
     generic_rank: int | None,
 ) -> tuple[Point, ForwardResult, LeastForces | None]:
     """Return where derivatives are taken, forward dynamics there, and the least forces where they are not unique."""
-    checks.instance(chain, ClosedChain, "chain")
     require_derivatives(what, chain)
     result = forward_dynamics(chain, state, tau, inputs=inputs, check=check, generic_rank=generic_rank)
     given = (inputs or Inputs()).shaped(chain)
     if given.link_wrenches is None:
-        given = replace(given, link_wrenches=np.zeros((chain.joint_count, 6)))
+        links = sum(arm.joint_count for arm in chain.arms.values())
+        given = replace(given, link_wrenches=np.zeros((links, 6)))
     motion: ChainMotion = chain_motion(chain, state, checks.numbers(tau, (chain.joint_count,), "tau"), given)
     with np.errstate(all="ignore"):
         at = point(motion, sequential(motion), "auto")
     rows = dict(zip(chain.arms, result.grasp_wrench, strict=True))
     at = replace(at, unknowns={n: z._replace(wrench=rows[n]) for n, z in at.unknowns.items()})
-    return at, result, least_forces(at) if result.status is Status.INDETERMINATE_FORCES else None
+    least = result.status is Status.INDETERMINATE_FORCES
+    if least and chain.trunk is not None:
+        raise MethodNotApplicable(f"{what}: forces that are not unique, with a trunk, have no derivatives yet")
+    return at, result, least_forces(at) if least else None
 
 
 def require_derivatives(what: str, chain: ClosedChain) -> None:
@@ -361,8 +371,8 @@ def require_derivatives(what: str, chain: ClosedChain) -> None:
 
 def without_derivatives(chain: ClosedChain) -> str:
     """Return what of a chain has no derivatives yet, in words; empty if all has."""
-    if chain.trunk is not None:
-        return "a trunk"
+    if chain.trunk is not None and chain.springs:
+        return "a trunk and springs between bodies"
     return "bushings" if any(grasp.of_kind.bushing is not None for grasp in chain.grasps.values()) else ""
 
 

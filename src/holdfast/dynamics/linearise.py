@@ -4,7 +4,8 @@ A change of state x = (dq, turn, shift, dqd, d omega, dv) keeps the grasps close
 
     T = [ N_p  0 ; -G_v^+ D N_p  N_v ],    N_p = null G_p,  N_v = null G_v,  D = d(G_v v)/dx
 
-with G_p, G_v the rows of the grasps in position and in velocity. Along motions x = T z with
+with G_p, G_v the rows of the grasps in position and in velocity; turn and shift of a floating base follow those of the
+object, and its twist that of the object. Along motions x = T z with
 
     dz/dt = A z + B du + rate,    A = T^+ F_x T,  B = T^+ F_u,  rate = T^+ F
 
@@ -19,12 +20,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
-from holdfast.dynamics.closed.forward_derivatives import rates_of
+from holdfast.dynamics.closed.pose_tangents import rates_of
 from holdfast.dynamics.constraint import DEPENDENT, constraint_rows
 from holdfast.dynamics.derivatives import forward_dynamics_jacobian
+from holdfast.dynamics.trunk.trunk_power import TrunkUnknowns
 from holdfast.errors import StateError
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.spatial import rotation
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
@@ -41,7 +43,8 @@ class Linearisation(Frozen):
         A: (m, m).
         B: (m, n) by joint torques.
         rate: (m,) how fast z changes there; zero in equilibrium.
-        basis: (2n + 12, m) T; its rows are (dq, turn, shift, dqd, d omega, dv), of the object along world axes.
+        basis: (2n + 12, m) T; its rows are (dq, turn, shift, dqd, d omega, dv), of the object along world axes; with a
+            floating base (2n + 24, m), (dq, turn, shift, its turn, its shift, dqd, ..).
     """
 
     state: State
@@ -53,11 +56,14 @@ class Linearisation(Frozen):
     def coordinates(self, state: State) -> Array:
         """Return z of a state nearby, (m,): what of its difference lies along the basis."""
         here, there = self.state, state
-        turn = rotation.log(there.object_frame.R @ here.object_frame.R.T)
-        shift = there.object_frame.p - here.object_frame.p
-        velocities = (there.qd - here.qd, there.object_twist - here.object_twist)
-        difference = np.concatenate([there.q - here.q, turn, shift, *velocities])
-        return np.linalg.lstsq(self.basis, difference, rcond=None)[0]
+        positions, velocities = [there.q - here.q], [there.qd - here.qd]
+        for what in ("object", "base"):
+            old, new = (getattr(at, f"{what}_frame") for at in (here, there))
+            if old is None or new is None:
+                continue
+            positions += [rotation.log(new.R @ old.R.T), new.p - old.p]
+            velocities.append(getattr(there, f"{what}_twist") - getattr(here, f"{what}_twist"))
+        return np.linalg.lstsq(self.basis, np.concatenate([*positions, *velocities]), rcond=None)[0]
 
 
 def linearise(
@@ -88,15 +94,19 @@ def linearise(
     Raises:
         StateError: wrong shapes, or the state breaks a grasp.
         SingularChainError: the constraint's rank drops here.
-        MethodNotApplicable: the chain has a trunk or bushings.
+        MethodNotApplicable: the chain has bushings, or a trunk and springs between bodies.
     """
-    by = ("q", "object_pose", "qd", "object_twist", "tau")
+    checks.instance(chain, ClosedChain, "chain")
+    floating = chain.floats
+    positions = ("q", "object_pose", *(["floating_pose"] if floating else []))
+    velocities = ("qd", "object_twist", *(["floating_twist"] if floating else []))
+    of = ("qdd", "object_acceleration", *(["base_acceleration"] if floating else []))
     found = forward_dynamics_jacobian(
         chain,
         state,
         tau,
-        of=("qdd", "object_acceleration"),
-        by=by,
+        of=of,
+        by=(*positions, *velocities, "tau"),
         inputs=inputs,
         check=check,
         generic_rank=generic_rank,
@@ -109,38 +119,55 @@ def linearise(
             raise StateError(f"linearise: basis: expected shape {T.shape}, as the state's own has, got {old.shape}")
         U, _, Vt = np.linalg.svd(T.T @ old)
         T = T @ (U @ Vt)
-    n, half = chain.joint_count, chain.joint_count + 6
+    n, half = chain.joint_count, chain.velocity_count
+    parts = [slice(0, n), *(slice(k, k + 6) for k in range(n, half, 6))]
+    columns = [*parts, *(slice(half + part.start, half + part.stop) for part in parts)]
+    twists = [state.object_twist, *([] if state.base_twist is None else [state.base_twist])]
     F_x, F_u = np.zeros((2 * half, 2 * half)), np.zeros((2 * half, n))
     F_x[:half, half:] = np.eye(half)
-    F_x[n : n + 3, n : n + 3] = skew(state.object_twist[:3])
-    columns = (slice(0, n), slice(n, half), slice(half, half + n), slice(half + n, 2 * half))
-    for rows, of in ((columns[2], "qdd"), (columns[3], "object_acceleration")):
-        for part, name in zip(columns, by, strict=False):
-            F_x[rows, part] = found[of, name]
-        F_u[rows] = found[of, "tau"]
-    F = np.concatenate([state.qd, state.object_twist, found.result.qdd, found.result.object_acceleration])
+    for part, twist in zip(parts[1:], twists, strict=True):
+        F_x[part.start : part.start + 3, part.start : part.start + 3] = skew(twist[:3])
+    for rows, result in zip(columns[len(parts) :], of, strict=True):
+        for part, name in zip(columns, (*positions, *velocities), strict=True):
+            F_x[rows, part] = found[result, name]
+        F_u[rows] = found[result, "tau"]
+    F = np.concatenate([state.qd, *twists, *(getattr(found.result, result) for result in of)])
     inverse = np.linalg.pinv(T)
     return Linearisation(state, inverse @ F_x @ T, inverse @ F_u, inverse @ F, T)
 
 
 def tangent_basis(motion: ChainMotion) -> Array:
-    """Return T, (2n + 12, m), of a chain in motion without a trunk."""
+    """Return T, (2n + 12, m), of a chain in motion; (2n + 24, m) with a floating base."""
     chain = motion.chain
-    n, half = chain.joint_count, chain.joint_count + 6
+    half = chain.velocity_count
     in_position = [replace(c, rows=c.grasp.of_kind.position_rows) for c in motion.contacts]
     N_p = constraint_rows(replace(motion, contacts=in_position)).motions
     rows = constraint_rows(motion)
-    turned = np.zeros((len(rows.matrix), half))  # D
-    for name, part in zip(chain.grasps, rows.slices, strict=True):
-        case = motion.cases[name]
-        gap, joints = case.velocity_gap(), chain.joints[name]
-        count = joints.stop - joints.start
-        still = {"q": np.zeros(count), "object_R": np.zeros((3, 3)), "object_p": np.zeros(3)}
-        for k, unit in enumerate(np.eye(count)):
-            (turned[part, joints.start + k],) = gap.rates(*(still | {"q": unit}).values())
-        for k, unit in enumerate(np.eye(6)):
-            moved = rates_of({"object_pose": unit}, "object", case.frame.R)
-            (turned[part, n + k],) = gap.rates(*(still | moved).values())
+    turned = np.array([velocity_gap_rates(motion, unit) for unit in np.eye(half)]).T  # D
     N_v = rows.motions
+    turned = turned.reshape(len(rows.matrix), half)
     follows = -np.linalg.pinv(rows.matrix, rcond=DEPENDENT) @ (turned @ N_p) if len(rows.matrix) else 0.0 * N_p
     return np.block([[N_p, np.zeros((half, N_v.shape[1]))], [follows, N_v]])
+
+
+def velocity_gap_rates(motion: ChainMotion, moved: Array) -> Array:
+    """Return how fast what the tips move against their contacts changes while positions do, velocities held, (rows,).
+
+    Args:
+        motion: the chain in motion.
+        moved: (n + 6,) rates of joints and of the object's [turn; shift]; (n + 12,) with those of a floating base.
+    """
+    chain, n = motion.chain, motion.chain.joint_count
+    poses, carried = {"object_pose": moved[n : n + 6]}, {}
+    if motion.trunk_case is not None:
+        case, rates = motion.trunk_case, {"q": moved[chain.joints[TRUNK]]}
+        if chain.floats:
+            rates |= rates_of({"floating_pose": moved[n + 6 :]}, "floating", case.base.R, "base")
+        carried = case.base_rates(TrunkUnknowns(np.zeros(len(case.q)), np.zeros(6)), rates)
+    found = []
+    for name in chain.grasps:
+        case = motion.cases[name]
+        rates = {"q": moved[chain.joints[name]]} | rates_of(poses, "object", case.frame.R) | carried.get(name, {})
+        rates.pop("base_acceleration", None)
+        found += case.velocity_gap(list(rates)).rates(*rates.values())
+    return np.concatenate([np.zeros(0), *found])

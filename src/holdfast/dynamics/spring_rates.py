@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.closed.forward_derivatives import POSES, by_motion, numbers_of, rates_of
+from holdfast.dynamics.closed.forward_derivatives import POSES, numbers_of
+from holdfast.dynamics.closed.pose_tangents import by_motion, rates_of
 from holdfast.dynamics.closed.spring_wrenches import with_springs
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.differentiation import Linear, linearised

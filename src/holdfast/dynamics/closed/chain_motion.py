@@ -16,9 +16,16 @@ from holdfast.dynamics.closed.object_motion import ObjectMotion, object_motion
 from holdfast.dynamics.closed.spring_wrenches import with_springs
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.dynamics.closed.virtual_power import ArmCase, ObjectCase
-from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration, TrunkMotion, trunk_at_rest, trunk_motion
+from holdfast.dynamics.trunk.trunk_motion import (
+    TrunkAcceleration,
+    TrunkMotion,
+    base_motion,
+    trunk_at_rest,
+    trunk_motion,
+)
+from holdfast.dynamics.trunk.trunk_power import TrunkCase
 from holdfast.model.arm import Arm
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, concatenate, each, scan
@@ -40,6 +47,7 @@ class ChainMotion:
         trunk: what arms stand on, in motion; None without one.
         cases: what every arm's equations depend on, by name; none at rest.
         object_case: what the object's depend on; None at rest.
+        trunk_case: what the trunk's depend on; None without one or at rest.
     """
 
     chain: ClosedChain
@@ -50,6 +58,7 @@ class ChainMotion:
     trunk: TrunkMotion | None = None
     cases: Mapping[str, ArmCase] = field(default_factory=dict)
     object_case: ObjectCase | None = None
+    trunk_case: TrunkCase | None = None
 
     @property
     def lone_on_trunk(self) -> list[str]:
@@ -141,7 +150,21 @@ def chain_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -
     body = object_motion(chain.held_object, frame, state.object_twist, pushed)
     motion = _together(chain, [(arm, held) for arm, held, _ in found], body, trunk)
     cases = {name: case for name, (_, _, case) in zip(chain.arms, found, strict=True)}
-    return replace(motion, cases=cases, object_case=ObjectCase(chain.held_object, frame, state.object_twist, pushed))
+    held = ObjectCase(chain.held_object, frame, state.object_twist, pushed)
+    return replace(motion, cases=cases, object_case=held, trunk_case=trunk_case(chain, state, tau, inputs))
+
+
+def trunk_case(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -> TrunkCase | None:
+    """Return what the trunk's equations depend on; None without one."""
+    trunk = chain.trunk
+    if trunk is None:
+        return None
+    part, (twist, zeta) = chain.joints[TRUNK], base_motion(chain, state, inputs)
+    wrenches = inputs.trunk_link_wrenches
+    mounts = {name: (k, chain.arms[name].base) for name, k in chain.mounted_on.items()}
+    base = trunk.base if state.base_frame is None else state.base_frame
+    pushed = np.zeros((len(trunk.bodies), 6)) if wrenches is None else wrenches
+    return TrunkCase(trunk, base, state.q[part], state.qd[part], tau[part], twist, zeta, pushed, mounts)
 
 
 def arm_and_grasp(case: ArmCase) -> tuple[ArmMotion, Contact | None, ArmCase]:

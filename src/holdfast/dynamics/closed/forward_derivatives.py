@@ -16,13 +16,22 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion
+from holdfast.dynamics.closed.pose_tangents import by_motion, rates_of
 from holdfast.dynamics.closed.second_solve import Load, Point, asked, solved_again
 from holdfast.dynamics.closed.sequential import Second
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
+from holdfast.dynamics.trunk.trunk_derivatives import (
+    OF_TRUNK,
+    RESULTS_OF_TRUNK,
+    trunk_gradient,
+    trunk_load,
+    trunk_rates,
+)
+from holdfast.dynamics.trunk.trunk_power import MOTION, CarriedBase, TrunkUnknowns
+from holdfast.dynamics.trunk.trunk_second_solve import TrunkLoad, solved_through_trunk
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array, array, concatenate, each, scan
-from holdfast.spatial.vector import skew
 
 RESULTS = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench")
 OF_JOINTS = ("q", "qd", "tau", "armature", "damping")
@@ -30,6 +39,20 @@ OF_LINKS = ("link_mass", "link_com", "link_inertia", "link_wrench")
 OF_OBJECT = ("object_mass", "object_com", "object_inertia", "object_wrench")  # in no arm's equations
 POSES = ("object_pose", "grasp_pose", "base_pose")
 ARGUMENTS = (*OF_JOINTS, "object_twist", *OF_OBJECT, *POSES, "gravity", "base_twist", "base_acceleration", *OF_LINKS)
+
+
+def results_of(chain: ClosedChain) -> tuple[str, ...]:
+    """Return the results of forward dynamics that a chain has."""
+    of_trunk = () if chain.trunk is None else RESULTS_OF_TRUNK if chain.floats else RESULTS_OF_TRUNK[1:]
+    return RESULTS + of_trunk
+
+
+def arguments_of(chain: ClosedChain) -> tuple[str, ...]:
+    """Return the arguments that a chain's forward dynamics is differentiated by."""
+    if chain.trunk is None:
+        return ARGUMENTS
+    floating = ("floating_pose", "floating_twist")
+    return (*ARGUMENTS, "trunk_link_wrench", *(floating if chain.floats else tuple(OF_TRUNK)[1:3]))
 
 
 class VirtualPower(NamedTuple):
@@ -69,29 +92,40 @@ def backward(
     chain = at.motion.chain
     alpha_bar = cotangents.get("object_acceleration", np.zeros(6))
     loads = {name: cotangents_of(chain, name, cotangents) for name in chain.arms}
-    y, of_object = solved_again(at, loads, alpha_bar, together=together)
+    if at.trunk is None:
+        y, of_object = solved_again(at, loads, alpha_bar, together=together)
+        y = {name: one._replace(base=loads[name].base) for name, one in y.items()}
+        of_trunk = None
+    else:
+        y, of_object, of_trunk = multipliers_through_trunk(at, loads, alpha_bar, trunk_load(at, cotangents))
     names = numbers_of(by)
+    mounted = names if at.trunk is None else list(dict.fromkeys((*names, *MOTION)))
     of_arms = each(
-        lambda case, z, y, load: arm_gradient(case, z, y._replace(base=load.base), names),
-        [at.motion.cases[name] for name in chain.arms],
+        arm_gradient,
+        [at.cases[name] for name in chain.arms],
         [at.unknowns[name] for name in chain.arms],
         [y[name] for name in chain.arms],
-        [loads[name] for name in chain.arms],
+        [mounted if name in chain.mounted_on else names for name in chain.arms],
     )
     for sign, others, multipliers in also:
         for i, name in enumerate(chain.arms):
             if name in others:
-                g = arm_gradient(at.motion.cases[name], others[name], multipliers[name], names)
+                g = arm_gradient(at.cases[name], others[name], multipliers[name], names)
                 of_arms[i] = {key: x - sign * g[key] for key, x in of_arms[i].items()}
-    found: dict[str, Array] = {}
+    below: dict[str, Array] = {}
+    if of_trunk is not None:
+        below = gradient_through_trunk(at, y, of_trunk, dict(zip(chain.arms, of_arms, strict=True)), by)
+    found: dict[str, Array] = {name: below[name] for name in (*OF_TRUNK, "floating_pose") if name in below}
     for name in (*OF_JOINTS, *OF_LINKS):
         if name in by:
-            found[name] = np.concatenate([g[name] for g in of_arms])
+            first = [below[name]] if name in below else []
+            found[name] = np.concatenate([*first, *(g[name] for g in of_arms)])
     for name in ("base_twist", "base_acceleration"):
         if name in by:
             found[name] = array([g[name] for g in of_arms])
     if "gravity" in by:  # bases accelerate against it, and the object's acceleration is given with it
         found["gravity"], _ = scan(lambda total, g: (total - g["base_acceleration"][3:], None), alpha_bar[3:], of_arms)
+        found |= {"gravity": found["gravity"] + below["gravity"]} if "gravity" in below else {}
     if "base_pose" in by:
         found["base_pose"] = array([g["base_pose"] for g in of_arms])
     held = [g for g, name in zip(of_arms, chain.arms, strict=True) if name in chain.grasps]
@@ -99,6 +133,47 @@ def backward(
         of_grasps = dict(zip([name for name in chain.arms if name in chain.grasps], held, strict=True))
         found["grasp_pose"] = array([of_grasps[name]["grasp_pose"] for name in chain.grasps])
     return found | object_gradient(at, of_object, held, by)
+
+
+def multipliers_through_trunk(
+    at: Point, loads: Mapping[str, Load], alpha_bar: Array, load: TrunkLoad
+) -> tuple[dict[str, Unknowns], Array, TrunkUnknowns]:
+    """Return y by arm with the virtual twists of all bases, y_a, and the trunk's."""
+    case = at.motion.trunk_case
+    assert case is not None and at.trunk is not None
+    solved = solved_through_trunk(at, loads, alpha_bar, load)
+    carried = case.carried(at.trunk, solved.trunk)
+    bases = {name: load.base for name, load in loads.items()}
+    bases |= {name: bases[name] + base.virtual for name, base in carried.items()}
+    y = {name: one._replace(base=bases[name]) for name, one in solved.arms.items()}
+    return y, solved.object_acceleration, solved.trunk
+
+
+def gradient_through_trunk(
+    at: Point,
+    y: Mapping[str, Unknowns],
+    of_trunk: TrunkUnknowns,
+    of_arms: Mapping[str, dict[str, Array]],
+    by: Sequence[str],
+) -> dict[str, Array]:
+    """Return the trunk's part of gradients, what its arms' bases pull on included.
+
+    The rows of arms on the trunk in `of_arms` become those by their bases in the axes of the trunk's bodies, and 0 by
+    what the trunk decides.
+    """
+    case = at.motion.trunk_case
+    assert case is not None and at.trunk is not None
+    of_bases = []
+    for name, wrench in zip(case.mounts, base_wrenches(at, y), strict=True):
+        g = of_arms[name]
+        R, p, twist, acceleration = (g[part] for part in MOTION)
+        of_bases.append(CarriedBase(R, p, twist, acceleration, -wrench))
+        g |= {"base_twist": np.zeros(6), "base_acceleration": np.zeros(6)}
+    below = trunk_gradient(case, at.trunk, of_trunk, of_bases, by)
+    if "base_pose" in by:
+        for name, row in zip(case.mounts, below["base_pose"], strict=True):
+            of_arms[name]["base_pose"] = row
+    return below
 
 
 def arm_gradient(case: ArmCase, z: Unknowns, y: Unknowns, names: Sequence[str]) -> dict[str, Array]:
@@ -162,11 +237,21 @@ def forward(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
         name: Load(-r.qdd, -r.wrench, -r.contact_acceleration, none)
         for name, r in zip(chain.arms, changed, strict=True)
     }
-    found, alpha = solved_again(at, loads, wrench)
+    below: list[Array] = []
+    of_trunk: dict[str, Array] = {}
+    if at.trunk is None:
+        found, alpha = solved_again(at, loads, wrench)
+    else:
+        r_t = trunk_residual_rates(at, tangents, dict(zip(chain.arms, changed, strict=True)))
+        floats = chain.floats
+        solved = solved_through_trunk(at, loads, wrench, TrunkLoad(-r_t.qdd, -r_t.base if floats else none, none))
+        found, alpha, below = solved.arms, solved.object_acceleration, [solved.trunk.qdd]
+        of_trunk = {"trunk_base_wrench": none if floats else solved.base_wrench + r_t.base}
+        of_trunk |= {"base_acceleration": solved.trunk.base} if floats else {}
     gravity = concatenate([np.zeros(3), tangents["gravity"]]) if "gravity" in tangents else none
     bases = [found[name].base + r.base for name, r in zip(chain.arms, changed, strict=True)]
-    return {
-        "qdd": concatenate([found[name].qdd for name in chain.arms]),
+    return of_trunk | {
+        "qdd": concatenate([*below, *(found[name].qdd for name in chain.arms)]),
         "grasp_wrench": array([found[name].wrench for name in chain.arms]),
         "object_acceleration": alpha + gravity,
         "contact_acceleration": concatenate([found[name].contact_acceleration for name in chain.grasps]),
@@ -177,11 +262,34 @@ def forward(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
 def arm_residual_rates(at: Point, z: Mapping[str, Unknowns], tangents: Mapping[str, Array]) -> list[Unknowns]:
     """Return how fast dL/dy of all arms changes while arguments do, z held."""
     chain, of_object = at.motion.chain, object_rates(at, tangents)
+    carried: dict[str, dict[str, Array]] = {}
+    if at.trunk is not None and at.motion.trunk_case is not None:
+        carried = at.motion.trunk_case.base_rates(at.trunk, trunk_rates(at, tangents))
+    given = [
+        tangents_of(at, name, tangents, carried.get(name)) | (of_object if name in chain.grasps else {})
+        for name in chain.arms
+    ]
+    return each(residual_rates, [at.cases[name] for name in chain.arms], [z[name] for name in chain.arms], given)
+
+
+def trunk_residual_rates(at: Point, tangents: Mapping[str, Array], of_arms: Mapping[str, Unknowns]) -> TrunkUnknowns:
+    """Return how fast the trunk's dL/dy changes while arguments do, z held; its arms' bases' wrenches change too."""
+    case = at.motion.trunk_case
+    assert case is not None and at.trunk is not None
+    none = {name: Unknowns(*(np.zeros(len(part)) for part in at.unknowns[name])) for name in case.mounts}
+    changed = [of_arms[name].base for name in case.mounts]
+    return case.residual_rates(at.trunk, base_wrenches(at, none), trunk_rates(at, tangents), changed)
+
+
+def base_wrenches(at: Point, y: Mapping[str, Unknowns]) -> list[Array]:
+    """Return the wrench of the trunk on each arm that stands on it, (6,) about the arm's base origin, for any y."""
+    assert at.motion.trunk_case is not None
+    on = at.motion.trunk_case.mounts
     return each(
-        residual_rates,
-        [at.motion.cases[name] for name in chain.arms],
-        [z[name] for name in chain.arms],
-        [tangents_of(at, name, tangents) | (of_object if name in chain.grasps else {}) for name in chain.arms],
+        lambda case, z, y: case.base_wrench(z, y),
+        [at.cases[name] for name in on],
+        [at.unknowns[name] for name in on],
+        [y[name] for name in on],
     )
 
 
@@ -214,16 +322,20 @@ def cotangents_of(chain: ClosedChain, name: str, cotangents: Mapping[str, Array]
     return Load(torque, gap, rates[chain.contact_freedoms.get(name, slice(0, 0))], -base)
 
 
-def tangents_of(at: Point, name: str, tangents: Mapping[str, Array]) -> dict[str, Array]:
-    """Return an arm's part of tangents, by argument."""
+def tangents_of(
+    at: Point, name: str, tangents: Mapping[str, Array], carried: Mapping[str, Array] | None = None
+) -> dict[str, Array]:
+    """Return an arm's part of tangents, by argument; `carried` is how fast a trunk changes the motion of its base."""
     chain = at.motion.chain
     row, part = chain.names.index(name), chain.joints[name]
     first = chain.joint_count - sum(arm.joint_count for arm in chain.arms.values())  # row of links
     found = {n: tangents[n][part] for n in OF_JOINTS if n in tangents}
     found |= {n: tangents[n][part.start - first : part.stop - first] for n in OF_LINKS if n in tangents}
-    found |= {n: tangents[n][row] for n in ("base_twist", "base_acceleration", "base_pose") if n in tangents}
     if "grasp_pose" in tangents and name in chain.grasps:
         found["grasp_pose"] = tangents["grasp_pose"][list(chain.grasps).index(name)]
+    if carried is not None:
+        return found | dict(carried)
+    found |= {n: tangents[n][row] for n in ("base_twist", "base_acceleration", "base_pose") if n in tangents}
     if "gravity" in tangents:
         pseudo = concatenate([np.zeros(3), tangents["gravity"]])
         found["base_acceleration"] = found.get("base_acceleration", np.zeros(6)) - pseudo
@@ -247,20 +359,6 @@ def arm_rates(case: ArmCase, given: Mapping[str, Array]) -> dict[str, Array]:
     return found
 
 
-def rates_of(tangents: Mapping[str, Array], what: str, R: Array) -> dict[str, Array]:
-    """Return how fast matrix and origin of a pose change under its tangent [turn; shift], if it has one."""
-    if f"{what}_pose" not in tangents:
-        return {}
-    motion = tangents[f"{what}_pose"]
-    return {f"{what}_R": skew(motion[:3]) @ R, f"{what}_p": motion[3:]}
-
-
-def by_motion(of_R: Array, R: Array, of_p: Array) -> Array:
-    """Return the gradient (6,) by [turn; shift] of a pose from those by its matrix and its origin."""
-    A = of_R @ R.T
-    return concatenate([array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]]), of_p])
-
-
 def symmetric(x: Array) -> Array:
     """Return the gradient by a symmetric matrix."""
     return 0.5 * (x + np.swapaxes(x, -1, -2))
@@ -270,6 +368,8 @@ def numbers_of(arguments: Iterable[str]) -> list[str]:
     """Return what arguments are made of in the equations, each once."""
     found: list[str] = []
     for name in arguments:
+        if name in OF_TRUNK or name == "floating_pose":
+            continue  # in the trunk's equations alone
         of_pose = [f"{name.removesuffix('_pose')}_R", f"{name.removesuffix('_pose')}_p"]
         found += of_pose if name in POSES else ["base_acceleration" if name == "gravity" else name]
     return list(dict.fromkeys(found))

@@ -20,7 +20,8 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, Solution
 from holdfast.dynamics.closed.chain_solution import contact_acceleration
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.tip_response import Route, TipResponse, responded, tip_response
-from holdfast.dynamics.closed.virtual_power import Unknowns
+from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
+from holdfast.dynamics.trunk.trunk_power import TrunkUnknowns
 from holdfast.spatial.scalar import Array, each, scan
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 
@@ -50,12 +51,16 @@ class Point:
         found: its solution by `sequential`.
         tips: the answers of all arms at their tips, by name.
         unknowns: the solution, by arm; the base's wrench is zero there.
+        cases: what every arm's equations depend on, by name; bases on a trunk accelerate with it.
+        trunk: the trunk's part of the solution; None without one.
     """
 
     motion: ChainMotion
     found: Solution
     tips: Mapping[str, TipResponse]
     unknowns: Mapping[str, Unknowns]
+    cases: Mapping[str, ArmCase]
+    trunk: TrunkUnknowns | None = None
 
 
 def point(motion: ChainMotion, found: Solution, route: Route) -> Point:
@@ -69,15 +74,27 @@ def point(motion: ChainMotion, found: Solution, route: Route) -> Point:
     chain, alpha, none = motion.chain, found.object_acceleration, np.zeros(6)
     lone = [name for name in chain.arms if name not in chain.grasps]
     alone = each(lambda arm: tip_response(arm, route), [motion.arms[name] for name in lone])
+    trunk, cases, moved, of_columns = None, motion.cases, dict.fromkeys(chain.arms), dict.fromkeys(chain.arms)
+    if motion.trunk is not None and found.trunk is not None:
+        betas = motion.trunk.accelerations(found.trunk)
+        trunk = TrunkUnknowns(found.trunk.qdd, none if found.trunk.base is None else found.trunk.base)
+        moved = {name: motion.trunk.under(name, betas) for name in chain.arms}
+        of_columns = {name: motion.trunk.of_columns(name, found.trunk, betas) for name in chain.arms}
+        several = each(lambda case, beta: case.moved(beta), list(cases.values()), [moved[name] for name in cases])
+        cases = dict(zip(cases, several, strict=True))
     rates = each(
-        lambda arm, c, qdd: contact_acceleration(arm, c, qdd, alpha), motion.holding, motion.contacts, found.qdd
+        lambda arm, c, qdd, beta: contact_acceleration(arm, c, qdd, alpha, beta),
+        motion.holding,
+        motion.contacts,
+        found.qdd,
+        [moved[name] for name in chain.grasps],
     )
     held = zip(chain.grasps, found.qdd, found.wrenches, rates, strict=True)
     unknowns = {name: Unknowns(qdd, f, W, alpha, none) for name, qdd, f, W in held}
-    free = each(lambda tip: responded(tip, none)[0], alone)
+    free = each(lambda tip, beta: responded(tip, none, beta)[0], alone, [of_columns[name] for name in lone])
     unknowns |= {name: Unknowns(qdd, none, none[:0], alpha, none) for name, qdd in zip(lone, free, strict=True)}
     tips = dict(zip(chain.grasps, found.tips, strict=True)) | dict(zip(lone, alone, strict=True))
-    return Point(motion, found, tips, unknowns)
+    return Point(motion, found, tips, unknowns, cases, trunk)
 
 
 class Asked(NamedTuple):

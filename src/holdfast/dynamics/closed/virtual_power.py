@@ -15,6 +15,7 @@ twist of the base adds the power of the base's wrench, which so has its derivati
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -67,6 +68,17 @@ class ArmCase(NamedTuple):
     grasp: Grasp | None
     frame: Pose
     twist: Array
+
+    def moved(self, acceleration: Array | None) -> ArmCase:
+        """Return the case of a base that accelerates by so much more, (6,); None: as it is."""
+        given = self.given
+        if acceleration is None:
+            return self
+        return self._replace(given=replace(given, base_acceleration=given.base_acceleration + acceleration))
+
+    def base_wrench(self, z: Unknowns, y: Unknowns) -> Array:
+        """Return dL/dy by the virtual twist of the base: its wrench on the arm, (6,)."""
+        return gradient(lambda base: self.power(z, y._replace(base=base), {}), y.base)[0]
 
     def numbers(self, names: Sequence[str]) -> dict[str, Array]:
         """Return some of the numbers that may be varied, by name; rotations as matrices."""
@@ -139,17 +151,23 @@ class ArmCase(NamedTuple):
             together = together + c.HT @ y.contact_acceleration
         return power + y.wrench @ apart + together @ z.wrench
 
-    def velocity_gap(self) -> Linear:
-        """Return K (V+ - A V(C)), what the tip moves against its contact, made linear in q, object_R and object_p."""
-        given, grasp, names = self.given, self.grasp, ("q", "object_R", "object_p")
+    def velocity_gap(self, names: Sequence[str]) -> Linear:
+        """Return K (V+ - A V(C)), what the tip moves against its contact, made linear in the named numbers.
+
+        Of q, object_R and object_p, and of base_R, base_p and base_twist together.
+        """
+        given, grasp = self.given, self.grasp
         assert grasp is not None
 
         def gap(*x: Array) -> tuple[Array]:
-            q, R, p = x
-            at = posture(given.arm, q)
-            V = link_twists(given.arm, at, given.qd, given.base_twist)
-            tip = tip_twist(given.arm, at, V, given.base_twist)
-            return (-contact(grasp, Pose.unchecked(R, p), self.twist, at.tip, tip).velocity_gap,)
+            varied = dict(zip(names, x, strict=True))
+            twist, arm = varied.get("base_twist", given.base_twist), given.arm
+            if "base_R" in varied:
+                arm = arm.standing_at(Pose.unchecked(varied["base_R"], varied["base_p"]))
+            at = posture(arm, varied.get("q", given.q))
+            tip = tip_twist(arm, at, link_twists(arm, at, given.qd, twist), twist)
+            of_object = Pose.unchecked(varied.get("object_R", self.frame.R), varied.get("object_p", self.frame.p))
+            return (-contact(grasp, of_object, self.twist, at.tip, tip).velocity_gap,)
 
         return linearised(gap, *self.numbers(names).values())
 

@@ -47,6 +47,7 @@ def trunk_dynamics(motion: ChainMotion, route: Route = "auto") -> Solution:
         trunk=whole.trunk,
         trunk_pivots=whole.pivots,
         held=held,
+        tips=tips,
     )
 
 

@@ -182,15 +182,23 @@ def trunk_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -
     """
     if chain.trunk is None:
         return None
-    part, gravity = chain.joints[TRUNK], concatenate([np.zeros(3), chain.gravity])
-    twist, zeta = state.base_twist, -gravity  # of a floating base: what it accelerates by is to be found
-    if not chain.floats:
-        assert inputs.trunk_base_acceleration is not None
-        twist, zeta = inputs.trunk_base_twist, inputs.trunk_base_acceleration - gravity
-    assert twist is not None
+    part, (twist, zeta) = chain.joints[TRUNK], base_motion(chain, state, inputs)
     damping, stiffness, rest = np.array([(j.damping, j.stiffness, j.rest) for j in chain.trunk.joints]).reshape(-1, 3).T
     torque = tau[part] - damping * state.qd[part] - stiffness * (state.q[part] - rest)
     return _outward(chain, state, state.qd[part], torque, twist, zeta, inputs.trunk_link_wrenches)
+
+
+def base_motion(chain: ClosedChain, state: State, inputs: Inputs) -> tuple[Array, Array]:
+    """Return twist and acceleration, less [0; g], of the base of a chain's trunk, (6,) each, world axes.
+
+    What a floating base accelerates by is to be found.
+    """
+    gravity = concatenate([np.zeros(3), chain.gravity])
+    if chain.floats:
+        assert state.base_twist is not None
+        return state.base_twist, -gravity
+    assert inputs.trunk_base_twist is not None and inputs.trunk_base_acceleration is not None
+    return inputs.trunk_base_twist, inputs.trunk_base_acceleration - gravity
 
 
 class Standing(NamedTuple):

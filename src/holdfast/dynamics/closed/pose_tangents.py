@@ -1,0 +1,29 @@
+"""Tangents of poses, R -> exp(turn) R and p -> p + shift, and gradients by them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from holdfast.spatial.scalar import Array, array, concatenate
+from holdfast.spatial.vector import skew
+
+
+def rates_of(tangents: Mapping[str, Array], what: str, R: Array, named: str = "") -> dict[str, Array]:
+    """Return how fast matrix and origin of a pose change under its tangent [turn; shift], if it has one.
+
+    Args:
+        tangents: by argument.
+        what: the pose is called, less "_pose".
+        R: its matrix.
+        named: what matrix and origin are called, less "_R" and "_p"; as the pose by default.
+    """
+    if f"{what}_pose" not in tangents:
+        return {}
+    motion, name = tangents[f"{what}_pose"], named or what
+    return {f"{name}_R": skew(motion[:3]) @ R, f"{name}_p": motion[3:]}
+
+
+def by_motion(of_R: Array, R: Array, of_p: Array) -> Array:
+    """Return the gradient (6,) by [turn; shift] of a pose from those by its matrix and its origin."""
+    A = of_R @ R.T
+    return concatenate([array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]]), of_p])

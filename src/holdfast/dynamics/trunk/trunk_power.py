@@ -1,0 +1,202 @@
+"""The trunk's part of the virtual power, and how it carries the bases of the arms that stand on it.
+
+    L_t = y_t.(armature qdd_t + damping qd_t + stiffness (q_t - rest) - T_t) + sum_k U_k.(M_k alpha_k + b_k - w_k)
+
+U are the virtual twists of its bodies. An arm on the trunk has its own part of L (`closed.virtual_power`), which
+depends on the pose, the twist, the acceleration and the virtual twist of its base; these are functions of the trunk's
+numbers. So a gradient goes on from the arms' bases through the trunk, and rates come from the trunk to the bases
+(docs/theory/derivatives.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.arm.bias import bias_accelerations
+from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.velocity import link_twists
+from holdfast.model.trunk import Trunk
+from holdfast.spatial.differentiation import gradient, linearised
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array, Scalar, concatenate
+from holdfast.spatial.spatial_vector import acceleration_gradient, rotate, shift_twist, unrotate
+
+Numbers = Mapping[str, Array]
+
+
+class TrunkUnknowns(NamedTuple):
+    """The trunk's part of z, or of y.
+
+    Attributes:
+        qdd: (n_t,) accelerations of its joints; or virtual rates.
+        base: (6,) acceleration of a floating base, 0 without one; or the virtual twist of the base origin.
+    """
+
+    qdd: Array
+    base: Array
+
+
+class CarriedBase(NamedTuple):
+    """What an arm's equations need of the base that the trunk carries, world axes.
+
+    Attributes:
+        base_R, base_p: its pose.
+        base_twist: (6,) of its origin.
+        base_acceleration: (6,) of its origin less [0; g].
+        virtual: (6,) virtual twist of its origin.
+    """
+
+    base_R: Array
+    base_p: Array
+    base_twist: Array
+    base_acceleration: Array
+    virtual: Array
+
+
+MOTION = CarriedBase._fields[:-1]
+
+
+class TrunkCase(NamedTuple):
+    """What the equations of a trunk depend on.
+
+    Attributes:
+        trunk: the trunk.
+        base: pose of its base in the world.
+        q, qd, tau: (n_t,) of its joints.
+        base_twist: (6,) of the base origin, world axes.
+        base_acceleration: (6,) less [0; g]; of a floating base -[0; g].
+        wrenches: (bodies, 6) external, about the bodies' origins, world axes.
+        mounts: by arm, the place of its body, and its base in that body's axes.
+    """
+
+    trunk: Trunk
+    base: Pose
+    q: Array
+    qd: Array
+    tau: Array
+    base_twist: Array
+    base_acceleration: Array
+    wrenches: Array
+    mounts: Mapping[str, tuple[int, Pose]]
+
+    def numbers(self, names: Sequence[str]) -> dict[str, Array]:
+        """Return some of the numbers that may be varied, by name; rotations as matrices, those of mounts stacked."""
+        joints, places = self.trunk.joints, [place for _, place in self.mounts.values()]
+        own = {
+            "base_R": lambda: self.base.R,
+            "base_p": lambda: self.base.p,
+            "armature": lambda: np.array([joint.armature for joint in joints]),
+            "damping": lambda: np.array([joint.damping for joint in joints]),
+            "place_R": lambda: np.array([place.R for place in places]).reshape(-1, 3, 3),
+            "place_p": lambda: np.array([place.p for place in places]).reshape(-1, 3),
+        }
+        return {name: own[name]() if name in own else getattr(self, name) for name in names}
+
+    def outward(self, z: TrunkUnknowns, y: TrunkUnknowns, varied: Numbers) -> tuple[Scalar, list[CarriedBase]]:
+        """Return the trunk's part of L, and the bases that it carries.
+
+        Args:
+            z: the solution.
+            y: the multipliers.
+            varied: what is to be taken in the place of the case's own numbers, as `numbers` names it.
+        """
+        own = self.numbers(("base_R", "base_p", "q", "qd", "tau", "base_twist", "base_acceleration", "wrenches"))
+        R, p, q, qd, tau, twist, acceleration, external = (varied.get(name, x) for name, x in own.items())
+        base, acceleration, power = Pose.unchecked(R, p), acceleration + z.base, 0.0
+        bodies = []  # of each: frame, twist and virtual twist, acceleration with its gradient, in its own axes
+        if self.trunk.floating is not None:
+            v, a = unrotate(R, twist), unrotate(R, acceleration)
+            bodies.append((base, v, unrotate(R, y.base), a, acceleration_gradient(a[:3], v[:3])))
+        if self.trunk.serial is not None:
+            arm = self.trunk.serial.standing_at(base)
+            at = posture(arm, q)
+            V, U = link_twists(arm, at, qd, twist), link_twists(arm, at, y.qdd, y.base)
+            found = bias_accelerations(arm, at, V, qd, twist, acceleration, z.qdd)
+            frames = [Pose.unchecked(turn, at.tip.p - reach) for turn, reach in zip(at.R, at.reach, strict=True)]
+            bodies += [(f, v, u, a, K) for f, v, u, (a, K) in zip(frames, V, U, found, strict=True)]
+            drives = varied.get("armature", arm.armature) * z.qdd + varied.get("damping", arm.damping) * qd
+            power = power + y.qdd @ (drives + arm.stiffness * (q - arm.rest) - tau)
+        for link, (frame, v, u, a, K), w in zip(self.trunk.bodies, bodies, external, strict=True):
+            power = power + u @ (link.spatial_inertia.wrench(a, v[:3], K) - unrotate(frame.R, w))
+        places = self.numbers(("place_R", "place_p")) | dict(varied)
+        carried = []
+        for (k, _), turn, shift in zip(self.mounts.values(), places["place_R"], places["place_p"], strict=True):
+            frame, v, u, a, K = bodies[k]
+            moved = concatenate([a[:3], a[3:] + K @ shift])
+            six = (shift_twist(shift, v), moved, shift_twist(shift, u))
+            carried.append(
+                CarriedBase(frame.R @ turn, frame.p + frame.R @ shift, *(rotate(frame.R, part) for part in six))
+            )
+        return power, carried
+
+    def carried(self, z: TrunkUnknowns, y: TrunkUnknowns) -> dict[str, CarriedBase]:
+        """Return the bases that the trunk carries, by arm."""
+        return dict(zip(self.mounts, self.outward(z, y, {})[1], strict=True))
+
+    def gradient(
+        self, z: TrunkUnknowns, y: TrunkUnknowns, of_bases: Sequence[CarriedBase], names: Sequence[str]
+    ) -> dict[str, Array]:
+        """Return -dL/dtheta by the named numbers, z and y held.
+
+        Args:
+            z: the solution.
+            y: the multipliers.
+            of_bases: -dL/d of the arms that stand on it, by what the trunk makes of their bases.
+            names: of numbers.
+        """
+        numbers = self.numbers(names)
+
+        def less(*x: Array) -> Scalar:
+            power, carried = self.outward(z, y, dict(zip(names, x, strict=True)))
+            total: Scalar = -power
+            for base, bar in zip(carried, of_bases, strict=True):
+                for part, of_part in zip(base, bar, strict=True):
+                    total = total + np.ravel(part) @ np.ravel(of_part)
+            return total
+
+        return dict(zip(names, gradient(less, *numbers.values()), strict=True))
+
+    def base_rates(self, z: TrunkUnknowns, rates: Numbers) -> dict[str, dict[str, Array]]:
+        """Return how fast the motion of the bases that it carries changes, by arm, while numbers do, z held."""
+        none = TrunkUnknowns(np.zeros(len(self.q)), np.zeros(6))
+
+        def motion(*x: Array) -> list[Array]:
+            carried = self.outward(z, none, dict(zip(rates, x, strict=True)))[1]
+            return [part for base in carried for part in base[:-1]]
+
+        found = linearised(motion, *self.numbers(list(rates)).values()).rates(*rates.values())
+        count = len(MOTION)
+        return {
+            name: dict(zip(MOTION, found[count * i : count * (i + 1)], strict=True))
+            for i, name in enumerate(self.mounts)
+        }
+
+    def residual_rates(
+        self, z: TrunkUnknowns, wrenches: Sequence[Array], rates: Numbers, of_wrenches: Sequence[Array]
+    ) -> TrunkUnknowns:
+        """Return how fast dL/dy changes while numbers and the wrenches on its arms do, z held.
+
+        Args:
+            z: the solution.
+            wrenches: (6,) of the trunk on each arm about the arm's base origin.
+            rates: of numbers, by name.
+            of_wrenches: of the wrenches, (6,) each.
+        """
+        count = len(wrenches)
+
+        def residual(*x: Array) -> tuple[Array, ...]:
+            loads, varied = x[:count], dict(zip(rates, x[count:], strict=True))
+
+            def power(*y: Array) -> Scalar:
+                own, carried = self.outward(z, TrunkUnknowns(*y), varied)
+                for base, load in zip(carried, loads, strict=True):
+                    own = own + load @ base.virtual
+                return own
+
+            return gradient(power, np.zeros(len(self.q)), np.zeros(6))
+
+        linear = linearised(residual, *wrenches, *self.numbers(list(rates)).values())
+        return TrunkUnknowns(*linear.rates(*of_wrenches, *rates.values()))

@@ -1,0 +1,140 @@
+"""The equations of a chain with a trunk solved once more, K z = r: the chain at rest under loads, through the trunk.
+
+See `closed.second_solve`. The trunk's joints have torques of r, a floating base a wrench; a base in the world may
+accelerate, and so may every arm's base against the trunk: cotangents of the wrenches that are exchanged there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.closed.chain_solution import base_wrench
+from holdfast.dynamics.closed.contact import Contact
+from holdfast.dynamics.closed.held_rows import holding
+from holdfast.dynamics.closed.second_solve import Load, Point, along_free, under
+from holdfast.dynamics.closed.tip_response import TipResponse
+from holdfast.dynamics.closed.virtual_power import Unknowns
+from holdfast.dynamics.trunk.trunk_filter import trunk_filter
+from holdfast.dynamics.trunk.trunk_motion import TrunkMotion
+from holdfast.dynamics.trunk.trunk_power import TrunkUnknowns
+from holdfast.spatial.scalar import Array, each, scan
+from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
+
+
+class TrunkLoad(NamedTuple):
+    """The trunk's part of r.
+
+    Attributes:
+        torque: (n_t,) on its joints.
+        wrench: (6,) on a floating base about its origin, world axes; 0 without one.
+        base: (6,) acceleration of a base in the world; 0 of one that floats.
+    """
+
+    torque: Array
+    wrench: Array
+    base: Array
+
+
+class SolvedAgain(NamedTuple):
+    """z of a chain with a trunk.
+
+    Attributes:
+        arms: by name; `base` is the wrench of the base, or of the trunk, on the arm.
+        object_acceleration: (6,).
+        trunk: of its joints and base.
+        base_wrench: (6,) of the base on the trunk.
+    """
+
+    arms: dict[str, Unknowns]
+    object_acceleration: Array
+    trunk: TrunkUnknowns
+    base_wrench: Array
+
+
+def solved_through_trunk(at: Point, loads: Mapping[str, Load], wrench: Array, load: TrunkLoad) -> SolvedAgain:
+    """Return z. O(n) + O(l).
+
+    Args:
+        at: the point.
+        loads: by arm; those of arms without a grasp have no gap.
+        wrench: (6,) on the object about C, world axes.
+        load: of the trunk.
+    """
+    motion = at.motion if at.found.held is None else holding(at.motion, at.found.held)
+    chain, contacts, none = motion.chain, motion.contacts, np.zeros(6)
+    assert motion.trunk is not None
+    trunk = driven_trunk(motion.trunk, load)
+    loads = {
+        name: one._replace(base=one.base + trunk.mounts[name].acceleration) if name in trunk.mounts else one
+        for name, one in loads.items()
+    }
+    lone = [name for name in chain.arms if name not in chain.grasps]
+    held = [loads[name] for name in chain.grasps]
+    tips = each(under, [at.tips[name] for name in chain.grasps], motion.holding, held)
+    alone = each(
+        under, [at.tips[name] for name in lone], [motion.arms[n] for n in lone], [loads[name] for name in lone]
+    )
+    known = each(lambda c, load: along_free(c, load.free), contacts, held)
+    asked = each(lambda tip, f, load: asked_of(tip, f, load.gap), tips, known, held)
+    wrench, _ = scan(lambda w, c, f: (w + shift_wrench(c.offset, f), None), wrench, contacts, known)
+    at_rest = [replace(c, a=none, g=none) for c in contacts]
+    grasps = dict(zip(chain.grasps, zip(at_rest, asked, strict=True), strict=True))
+    carried = {name: tip for name, tip in zip(lone, alone, strict=True) if name in trunk.mounts}
+    free = motion.body.free.at_rest()
+    found = trunk_filter(trunk, grasps, carried, free._replace(wrench=shift_wrench(-free.centre, wrench)))
+    alpha = found.found.object_acceleration
+    betas = {name: trunk.of_columns(name, found.trunk, found.betas) for name in chain.arms}
+    holds = each(
+        lambda c, tip, load, f, own, beta: answer_on_trunk(c, tip, load, f + own, alpha, beta),
+        contacts,
+        tips,
+        held,
+        found.found.wrenches,
+        known,
+        [betas[name] for name in chain.grasps],
+    )
+    others = each(lambda tip, beta: tip.back_substitute(none, beta), alone, [betas[name] for name in lone])
+    solved = {name: Unknowns(qdd, none, none[:0], alpha, base) for name, (qdd, base) in zip(lone, others, strict=True)}
+    solved |= dict(zip(chain.grasps, holds, strict=True))
+    of_base = base_wrench(trunk, found.betas, {name: solved[name].base for name in trunk.mounts})
+    moved = load.base if found.trunk.base is None else found.trunk.base
+    return SolvedAgain(solved, alpha, TrunkUnknowns(found.trunk.qdd, moved), of_base)
+
+
+def driven_trunk(trunk: TrunkMotion, load: TrunkLoad) -> TrunkMotion:
+    """Return the trunk at rest under a load."""
+    still, zeta, bodies, k = trunk.at_rest(), load.base, [], 0
+    for body in still.bodies:
+        if body.joint is None:
+            bodies.append(body._replace(wrench=-load.wrench))
+            continue
+        zeta = shift_twist(body.reach, zeta)
+        bodies.append(body._replace(zeta=zeta, wrench=body.inertia.apply(zeta), torque=load.torque[k]))
+        k += 1
+    mounts = {
+        name: mount._replace(acceleration=shift_twist(mount.offset, bodies[mount.body].zeta))
+        for name, mount in still.mounts.items()
+    }
+    return still._replace(bodies=bodies, mounts=mounts)
+
+
+def asked_of(tip: TipResponse, known: Array, gap: Array) -> TipResponse:
+    """Return an arm's answer with a known wrench of its tip on the object, less the gap that is asked for there."""
+    base = tip.base
+    if base is not None:
+        base = base._replace(wrench=base.wrench + known @ base.X)
+    return tip._replace(free_acceleration=tip.free_acceleration - tip.mobility.apply(known) - gap, base=base)
+
+
+def answer_on_trunk(c: Contact, tip: TipResponse, load: Load, f: Array, alpha: Array, beta: Array | None) -> Unknowns:
+    """Return one arm's part of z, its wrench, the object's and the trunk's acceleration being known."""
+    qdd, base = tip.back_substitute(f, beta)
+    moved = tip.free_acceleration - tip.mobility.apply(f)
+    if tip.base is not None and beta is not None:
+        moved = moved + tip.base.X @ beta
+    apart = load.gap + shift_twist(c.offset, alpha) - moved
+    return Unknowns(qdd, f, c.rates(apart) if c.grasp.free else np.zeros(0), alpha, base)
