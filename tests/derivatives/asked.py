@@ -11,12 +11,9 @@ from typing import Any
 import numpy as np
 
 import holdfast as hf
-from tests.derivatives.chains import TRUNKS
 from tests.oracles.chain_derivatives import INERTIAS, OUTPUTS, names_of, symmetric_basis
 from tests.systems.as_chain import Problem
 
-OF_TRUNKS = False  # whether chains with a trunk have derivatives as machine code
-FLAVOURS = TRUNKS if OF_TRUNKS else (None,)
 STATE = ("q", "qd", "tau", "object_pose", "object_twist")
 NAMES = (
     *("q", "qd", "tau", "object_pose", "object_twist", "object_wrench", "gravity", "object_mass", "object_com"),

@@ -15,8 +15,8 @@ from holdfast.errors import MethodNotApplicable
 from tests.compiled import problems
 from tests.compiled.problems import chain_named, forces, numbers, one
 from tests.compiler.programs import same_bits
-from tests.derivatives.asked import NAMES, OF_TRUNKS, Reference, as_direction, compiled, given, shapes, size_of
-from tests.derivatives.chains import TRUNKS, random_chain
+from tests.derivatives.asked import NAMES, Reference, as_direction, compiled, given, shapes, size_of
+from tests.derivatives.chains import random_chain
 from tests.derivatives.longer import mostly_long
 from tests.derivatives.products import random_cotangents, random_directions, state_of
 from tests.oracles.chain_derivatives import OUTPUTS
@@ -197,26 +197,41 @@ def test_bound_forms():
         assert same_bits(vjp.found.result.qdd, pulled.result.qdd)
 
 
-@pytest.mark.parametrize("trunk", [trunk for trunk in TRUNKS if trunk])
-def test_trunks_have_a_reference_only(trunk):
-    """Machine code refuses them by name, and says what computes them."""
-    if OF_TRUNKS:
-        pytest.skip("chains with a trunk have derivatives as machine code")
-    p = random_chain(0, trunk)
-    own = {name: given(p)[name] for name in STATE_AND_TORQUES}
-    for kind, more in {"vjp": {"qdd": p.tau}, "jvp": {"along": {"q": p.tau}}, "jacobian": {}}.items():
-        with pytest.raises(NotCompiledError, match=f"a trunk runs as reference only; holdfast.forward_dynamics_{kind}"):
-            getattr(hf.compile(p.chain), f"forward_dynamics_{kind}")(**own, **more)
-
-
 def test_names_of_trunks():
     """Arguments and results that are a trunk's are named as unknown where there is none, or another."""
     plain, fixed = random_chain(0), random_chain(0, "fixed")
     for p, name in ((plain, "trunk_link_wrench"), (fixed, "floating_pose")):
         with pytest.raises(hf.StateError, match=f"no '{name}'"):
             hf.forward_dynamics_vjp(p.chain, p.state, p.tau, qdd=p.tau, by=[name])
-    with pytest.raises(hf.StateError, match="no 'base_acceleration'"):
-        hf.forward_dynamics_vjp(fixed.chain, fixed.state, fixed.tau, base_acceleration=np.ones(6))
+    with pytest.raises(hf.StateError, match="no 'floating_acceleration'"):
+        hf.forward_dynamics_vjp(fixed.chain, fixed.state, fixed.tau, floating_acceleration=np.ones(6))
+
+
+def test_a_floating_base_is_an_input():
+    """Its pose and twist are asked for by name; a bound call has them among its arrays; bits are a batch's."""
+    p = random_chain(200, "floating")
+    fast, own, by = hf.compile(p.chain), given(p), ("q", "floating_pose", "floating_twist")
+    acting = {name: own[name] for name in ("base_twist", "base_acceleration", "object_wrench")}
+    own = {name: own[name] for name in (*STATE_AND_TORQUES, "floating_pose", "floating_twist")}
+    bar = np.linspace(-1.0, 1.0, 6)
+    lacking = {name: x for name, x in own.items() if name != "floating_twist"}
+    with pytest.raises(hf.StateError, match="floating_twist: expected that of the trunk's floating base"):
+        fast.forward_dynamics_vjp(**lacking, floating_acceleration=bar, by=by)
+    found = fast.forward_dynamics_vjp(**own, **acting, floating_acceleration=bar, by=by)
+    many = fast.forward_dynamics_vjp(
+        **{name: np.stack([x] * 3) for name, x in own.items()},
+        **acting,
+        floating_acceleration=np.stack([bar] * 3),
+        by=by,
+    )
+    bound = fast.bind_derivatives("vjp", of=("floating_acceleration",), by=by, **acting)
+    for name, x in own.items():
+        bound.arrays[name][...] = x
+    bound.given["floating_acceleration"][...] = bar
+    assert bound() is Status.OK
+    for name in by:
+        assert same_bits(bound.found[name], found[name])
+        assert same_bits(many[name][2], found[name])
 
 
 def sprung() -> Problem:

@@ -153,7 +153,7 @@ class Derivatives:
     """What forward dynamics returns, and its partial derivatives.
 
     Attributes:
-        values: by output, flat; a trunk's `base_acceleration` and `trunk_base_wrench` too.
+        values: by output, flat; a trunk's `floating_acceleration` and `trunk_base_wrench` too.
         matrices: by output, (size, all directions).
         at: where the directions of a name lie among all.
     """
@@ -247,7 +247,7 @@ class Equations:
                 "base_wrench": bases[:count],
             }
             if TRUNK in chain.joints:
-                found |= {"base_acceleration": x[at.base], "trunk_base_wrench": bases[count:]}
+                found |= {"floating_acceleration": x[at.base], "trunk_base_wrench": bases[count:]}
             return found
 
         return Derivatives(parts(z, of_z.bases), parts(dz, of_bases), self.seeded.at)

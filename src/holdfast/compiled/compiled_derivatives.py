@@ -14,15 +14,16 @@ import numpy as np
 from holdfast.compiled import arrays, statuses
 from holdfast.compiled.arrays import Addresses
 from holdfast.compiled.derivative_schedule import FOUND, UNITS, WITH, Request, derivative_shapes
-from holdfast.compiled.externals import BASE_MOTION, LINKS
+from holdfast.compiled.externals import FLOATING, LINKS, MOVING
 from holdfast.compiled.kernels import kernel
-from holdfast.compiled.parameters import parameters_of, parse_parameters
+from holdfast.compiled.parameters import WRENCHES, parameters_of, parse_parameters
 from holdfast.compiled.result import INDETERMINATE, CompiledResult, ResultLayout
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiler.kernel import Bound
-from holdfast.dynamics.closed.forward_derivatives import RESULTS
+from holdfast.dynamics.closed.forward_derivatives import results_of
 from holdfast.errors import StateError
 from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 
 if TYPE_CHECKING:
@@ -106,6 +107,7 @@ class CompiledDerivatives:
         }
         if parameters:
             found |= parse_parameters(parameters, self.externals, chain)
+        require_floating(found, chain)
         batch = arrays.batch_of(found, self.externals)
         if not isinstance(threads, int) or threads < 1:
             raise StateError(f"threads: expected an integer >= 1, got {threads!r}")
@@ -154,7 +156,7 @@ class CompiledDerivatives:
         if not low.any() or not choices:
             return
         if result.batch is None:
-            others = ", ".join(name for name in RESULTS if name not in NOT_UNIQUE)
+            others = ", ".join(name for name in results_of(result.chain) if name not in NOT_UNIQUE)
             raise StateError(
                 f"{choices[0]}: the forces are not unique here, and machine code finds one choice among them, whose"
                 f" derivative means nothing; try those of {others}"
@@ -178,12 +180,19 @@ class CompiledDerivatives:
         return self.kernel.bind()
 
 
+def require_floating(given: Mapping[str, Array], chain: ClosedChain) -> None:
+    """Refuse a call that leaves out the state of a trunk's floating base."""
+    for name in FLOATING:
+        if chain.floats and name not in given:
+            raise StateError(f"{name}: expected that of the trunk's floating base, got none; its state is an input")
+
+
 def options_of(options: Options, request: Request, moving: bool) -> Options:
     """Return the options of derivatives: what is varied must be a run-time parameter."""
-    varied = any(name in BASE_MOTION for name in request.arguments)
+    varied = any(name in MOVING for name in request.arguments)
     return replace(
         options,
         link_inertia=options.link_inertia or any(name in LINKS for name in request.arguments),
-        link_wrenches=options.link_wrenches or "link_wrench" in request.arguments,
+        link_wrenches=options.link_wrenches or any(name in WRENCHES for name in request.arguments),
         base_motion=options.base_motion or moving or varied,
     )

@@ -16,10 +16,9 @@ from holdfast.compiled.structure import Structure
 from holdfast.compiled.traced_chain import Given, traced, traced_chain, traced_inputs, traced_state
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External, Schedule
-from holdfast.dynamics.closed.forward_derivatives import RESULTS, backward, forward
-from holdfast.dynamics.closed.forward_jacobian import jacobian, units_needed
+from holdfast.dynamics.closed.forward_derivatives import backward, forward, results_of
+from holdfast.dynamics.closed.forward_jacobian import gradient_shapes, jacobian, units_needed
 from holdfast.dynamics.closed.second_solve import point
-from holdfast.dynamics.derivatives import gradient_shapes
 from holdfast.model.closed_chain import ClosedChain
 
 WITH = "with."  # before the names of what a product is taken with: cotangents of results, tangents of arguments
@@ -98,4 +97,4 @@ class Request(NamedTuple):
 def derivative_shapes(chain: ClosedChain) -> dict[str, Shape]:
     """Return the shapes of cotangents and tangents, by result and argument: poses as [turn; shift]."""
     known = shapes(chain)
-    return {name: known[name] for name in RESULTS} | gradient_shapes(chain)
+    return {name: known[name] for name in results_of(chain)} | gradient_shapes(chain)

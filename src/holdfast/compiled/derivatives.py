@@ -11,7 +11,7 @@ from holdfast.compiled.derivative_schedule import WITH, Request
 from holdfast.compiled.externals import MOVING
 from holdfast.compiled.not_compiled import NotCompiledError
 from holdfast.compiled.structure import Options
-from holdfast.dynamics.closed.forward_derivatives import ARGUMENTS, RESULTS
+from holdfast.dynamics.closed.forward_derivatives import arguments_of, results_of
 from holdfast.dynamics.derivatives import STATE_AND_TORQUES, without_derivatives
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -73,10 +73,11 @@ class ChainDerivatives:
         Raises:
             StateError: wrong names, shapes or numbers; a cotangent of forces that are not unique.
             SingularChainError: for a single call, the constraint's rank drops here.
-            NotCompiledError: the chain has a trunk, bushings, or springs between bodies.
+            NotCompiledError: the chain has bushings, or springs between bodies.
         """
-        cotangents = {n: x for n, x in cotangents_and_parameters.items() if n in RESULTS}
-        parameters = {n: x for n, x in cotangents_and_parameters.items() if n not in RESULTS}
+        results = results_of(self.chain)
+        cotangents = {n: x for n, x in cotangents_and_parameters.items() if n in results}
+        parameters = {n: x for n, x in cotangents_and_parameters.items() if n not in results}
         code = self._derivatives("vjp", tuple(cotangents), by, parameters)
         given = dict(zip(STATE_AND_TORQUES, (q, qd, tau, object_pose, object_twist), strict=True))
         return code(given | {f"{WITH}{n}": x for n, x in cotangents.items()}, parameters, out, threads)
@@ -90,7 +91,7 @@ class ChainDerivatives:
         object_twist: Any,
         *,
         along: Mapping[str, Any],
-        of: Sequence[str] = RESULTS,
+        of: Sequence[str] | None = None,
         out: Derivatives | None = None,
         threads: int = 1,
         **parameters: Any,
@@ -105,7 +106,7 @@ class ChainDerivatives:
             object_twist: (6,) [omega; v of C], world axes.
             along: by argument, how fast it changes, of the shape of its gradient; of one system (d, ...) for d
                 directions at once, of a batch (batch, ...).
-            of: the results whose rates are wanted.
+            of: the results whose rates are wanted; all by default.
             out: earlier ones of the same names to be written over.
             threads: how many threads share a batch.
             **parameters: as in `forward_dynamics`.
@@ -116,10 +117,10 @@ class ChainDerivatives:
         Raises:
             StateError: wrong names, shapes or numbers; forces are wanted that are not unique.
             SingularChainError: for a single call, the constraint's rank drops here.
-            NotCompiledError: the chain has a trunk, bushings, or springs between bodies.
+            NotCompiledError: the chain has bushings, or springs between bodies.
         """
         checks.instance(along, Mapping, "forward_dynamics_jvp: along", StateError)
-        code = self._derivatives("jvp", of, tuple(along), parameters)
+        code = self._derivatives("jvp", results_of(self.chain) if of is None else of, tuple(along), parameters)
         given = dict(zip(STATE_AND_TORQUES, (q, qd, tau, object_pose, object_twist), strict=True))
         return code(given | {f"{WITH}{n}": x for n, x in along.items()}, parameters, out, threads)
 
@@ -158,7 +159,7 @@ class ChainDerivatives:
         Raises:
             StateError: wrong names, shapes or numbers; forces are wanted that are not unique.
             SingularChainError: for a single call, the constraint's rank drops here.
-            NotCompiledError: the chain has a trunk, bushings, or springs between bodies.
+            NotCompiledError: the chain has bushings, or springs between bodies.
         """
         code = self._derivatives("jacobian", of, by, parameters)
         given: dict[str, Any] = dict(zip(STATE_AND_TORQUES, (q, qd, tau, object_pose, object_twist), strict=True))
@@ -182,7 +183,7 @@ class ChainDerivatives:
 
         Raises:
             StateError: wrong names, shapes or numbers.
-            NotCompiledError: the chain has a trunk, bushings, or springs between bodies.
+            NotCompiledError: the chain has bushings, or springs between bodies.
         """
         if kind not in ("vjp", "jvp", "jacobian"):
             raise StateError(f"bind_derivatives: expected vjp, jvp or jacobian, got {kind!r}")
@@ -199,11 +200,6 @@ class ChainDerivatives:
         """Return the code for some derivatives, compiled when first asked for."""
         what = f"forward_dynamics_{kind}"
         lacking = without_derivatives(self.chain)
-        if self.chain.trunk is not None:
-            raise NotCompiledError(
-                f"compile: '{what}' of a chain with a trunk runs as reference only; holdfast.{what} computes it from"
-                " the chain"
-            )
         if lacking:
             raise NotCompiledError(f"compile: '{what}' of a chain with {lacking} is not there yet")
         if self.chain.springs:
@@ -211,14 +207,15 @@ class ChainDerivatives:
                 f"compile: '{what}' of a chain with springs between bodies runs as reference only, since their wrenches"
                 f" are made linear apart; holdfast.{what} computes it from the chain"
             )
-        for names, known, side in ((of, RESULTS, "results"), (by, ARGUMENTS, "arguments")):
+        results, arguments = results_of(self.chain), arguments_of(self.chain)
+        for names, known, side in ((of, results, "results"), (by, arguments, "arguments")):
             checks.instance(names, (list, tuple), f"{what}: {side}", StateError)
             if not names:
                 raise StateError(f"{what}: expected some {side} of {', '.join(known)}, got none")
             for name in names:
                 if name not in known:
                     raise StateError(f"{what}: {side}: no {name!r}.{checks.did_you_mean(str(name), known)}")
-        request = Request(kind, tuple(n for n in RESULTS if n in of), tuple(n for n in ARGUMENTS if n in by))
+        request = Request(kind, tuple(n for n in results if n in of), tuple(n for n in arguments if n in by))
         key = request, any(name in MOVING for name in parameters)
         made: dict[tuple[Request, bool], CompiledDerivatives] = self.__dict__.setdefault("_derivatives_made", {})
         if key not in made:

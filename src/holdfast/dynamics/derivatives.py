@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.closed.forward_derivatives import (
-    OF_JOINTS,
     VirtualPower,
     arguments_of,
     arm_residual_rates,
@@ -20,9 +19,8 @@ from holdfast.dynamics.closed.forward_derivatives import (
     results_of,
 )
 from holdfast.dynamics.closed.forward_jacobian import (
-    OF_CHAIN,
-    OF_LINK,
     direction,
+    gradient_shapes,
     jacobian,
     unit_wrenches,
     units_needed,
@@ -36,7 +34,6 @@ from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.indeterminate import free_wrenches
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.dynamics.spring_rates import SpringRates, spring_rates
-from holdfast.dynamics.trunk.trunk_derivatives import OF_TRUNK
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -118,7 +115,7 @@ def forward_dynamics_vjp(
     _require_names(what, cotangents, results_of(chain))
     at, result, least = _point(what, chain, state, tau, inputs, check, generic_rank)
     bars = {
-        name: checks.numbers(x, np.shape(getattr(result, name)), name, StateError) for name, x in cotangents.items()
+        name: checks.numbers(x, np.shape(_result(result, name)), name, StateError) for name, x in cotangents.items()
     }
     also: tuple[VirtualPower, ...] = ()
     if least is not None:
@@ -224,7 +221,7 @@ def forward_dynamics_jacobian(
     at, result, least = _point(what, chain, state, tau, inputs, check, generic_rank)
     shapes = gradient_shapes(chain)
     wrenches = spring_rates(chain, state, (inputs or Inputs()).shaped(chain), by)
-    if wrenches is not None or least is not None or chain.trunk is not None:
+    if wrenches is not None or least is not None:
         columns: dict[tuple[str, str], Array] = {}
         for name in by:
             units = np.eye(int(np.prod(shapes[name])))
@@ -233,7 +230,7 @@ def forward_dynamics_jacobian(
     else:
         columns = jacobian(at, of, by, np.eye(units_needed(chain, by)))
     return Derivatives(
-        result, {(o, b): x.T.reshape(*np.shape(getattr(result, o)), *shapes[b]) for (o, b), x in columns.items()}
+        result, {(o, b): x.T.reshape(*np.shape(_result(result, o)), *shapes[b]) for (o, b), x in columns.items()}
     )
 
 
@@ -310,18 +307,6 @@ def least_forces(at: Point) -> LeastForces:
     return LeastForces(N, W, mu)
 
 
-def gradient_shapes(chain: ClosedChain) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of gradients by every argument."""
-    n, l, g = chain.joint_count, len(chain.arms), len(chain.grasps)
-    links = sum(arm.joint_count for arm in chain.arms.values())
-    shapes = OF_CHAIN | dict.fromkeys(OF_JOINTS, (n,)) | {"grasp_pose": (g, 6)}
-    shapes |= dict.fromkeys(("base_pose", "base_twist", "base_acceleration"), (l, 6))
-    if chain.trunk is not None:
-        shapes |= dict.fromkeys((*OF_TRUNK, "floating_pose"), (6,))
-        shapes |= {"trunk_link_wrench": (len(chain.trunk.bodies), 6)}
-    return shapes | {name: (links, *shape) for name, shape in OF_LINK.items()}
-
-
 def _forward(
     at: Point, tangents: Mapping[str, Array], wrenches: SpringRates | None, least: LeastForces | None
 ) -> dict[str, Array]:
@@ -374,6 +359,11 @@ def without_derivatives(chain: ClosedChain) -> str:
     if chain.trunk is not None and chain.springs:
         return "a trunk and springs between bodies"
     return "bushings" if any(grasp.of_kind.bushing is not None for grasp in chain.grasps.values()) else ""
+
+
+def _result(found: ForwardResult, name: str) -> Array:
+    """Return a result by the name that derivatives know it by."""
+    return getattr(found, "base_acceleration" if name == "floating_acceleration" else name)
 
 
 def _require_names(what: str, names: Any, known: Sequence[str]) -> None:

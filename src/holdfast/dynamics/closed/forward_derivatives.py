@@ -42,7 +42,7 @@ ARGUMENTS = (*OF_JOINTS, "object_twist", *OF_OBJECT, *POSES, "gravity", "base_tw
 
 
 def results_of(chain: ClosedChain) -> tuple[str, ...]:
-    """Return the results of forward dynamics that a chain has."""
+    """Return the results of forward dynamics that a chain has; `floating_acceleration` is a floating base's."""
     of_trunk = () if chain.trunk is None else RESULTS_OF_TRUNK if chain.floats else RESULTS_OF_TRUNK[1:]
     return RESULTS + of_trunk
 
@@ -247,7 +247,7 @@ def forward(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
         solved = solved_through_trunk(at, loads, wrench, TrunkLoad(-r_t.qdd, -r_t.base if floats else none, none))
         found, alpha, below = solved.arms, solved.object_acceleration, [solved.trunk.qdd]
         of_trunk = {"trunk_base_wrench": none if floats else solved.base_wrench + r_t.base}
-        of_trunk |= {"base_acceleration": solved.trunk.base} if floats else {}
+        of_trunk |= {"floating_acceleration": solved.trunk.base} if floats else {}
     gravity = concatenate([np.zeros(3), tangents["gravity"]]) if "gravity" in tangents else none
     bases = [found[name].base + r.base for name, r in zip(chain.arms, changed, strict=True)]
     return of_trunk | {

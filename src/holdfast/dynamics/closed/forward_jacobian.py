@@ -7,6 +7,7 @@ elsewhere. Columns are items of a loop, each a direction given as numbers, so th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -24,6 +25,7 @@ from holdfast.dynamics.closed.forward_derivatives import (
 from holdfast.dynamics.closed.second_solve import Load, Point, along_free, under
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
+from holdfast.dynamics.trunk.trunk_derivatives import OF_TRUNK
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.differentiation import Linear
 from holdfast.spatial.scalar import Array, array, concatenate, each
@@ -43,6 +45,18 @@ OF_CHAIN: dict[str, Shape] = {
     "gravity": (3,),
 }
 OF_LINK: dict[str, Shape] = {"link_mass": (), "link_com": (3,), "link_inertia": (3, 3), "link_wrench": (6,)}
+
+
+def gradient_shapes(chain: ClosedChain) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of gradients by every argument."""
+    n, l, g = chain.joint_count, len(chain.arms), len(chain.grasps)
+    links = sum(arm.joint_count for arm in chain.arms.values())
+    shapes = OF_CHAIN | dict.fromkeys(OF_JOINTS, (n,)) | {"grasp_pose": (g, 6)}
+    shapes |= dict.fromkeys(("base_pose", "base_twist", "base_acceleration"), (l, 6))
+    if chain.trunk is not None:
+        shapes |= dict.fromkeys((*OF_TRUNK, "floating_pose"), (6,))
+        shapes |= {"trunk_link_wrench": (len(chain.trunk.bodies), 6)}
+    return shapes | {name: (links, *shape) for name, shape in OF_LINK.items()}
 
 
 class ByWrench(NamedTuple):
@@ -80,7 +94,8 @@ def jacobian(at: Point, of: Sequence[str], by: Sequence[str], units: Array) -> d
     """
     chain = at.motion.chain
     rows = 6 * len(chain.grasps) + 6
-    arm_arguments = any(name not in OF_CHAIN for name in by)
+    whole = {name for name in by if name in OF_CHAIN or chain.trunk is not None}  # arms on a trunk move each other
+    arm_arguments = any(name not in whole for name in by)
     answers = each(lambda e: unit_answer(at, e), units[:rows, :rows]) if arm_arguments else []
     tips = [at.tips[name] for name in chain.grasps]
     by_wrench = each(unit_wrenches, tips, at.motion.holding) if arm_arguments else []
@@ -89,7 +104,7 @@ def jacobian(at: Point, of: Sequence[str], by: Sequence[str], units: Array) -> d
     everyone = Everyone(at.motion.contacts, [tip.mobility for tip in tips], by_wrench, arms)
     found: dict[tuple[str, str], list[list[Array]]] = {(result, name): [] for name in by for result in of}
     for name in by:
-        if name in OF_CHAIN:
+        if name in whole:
             columns = [chain_columns(at, name, of, units)]
         else:
             columns = arm_columns(at, name, tuple(of), units, answers, everyone)
@@ -101,6 +116,9 @@ def jacobian(at: Point, of: Sequence[str], by: Sequence[str], units: Array) -> d
 
 def units_needed(chain: ClosedChain, by: Sequence[str]) -> int:
     """Return how many units `jacobian` takes for some arguments."""
+    if chain.trunk is not None:
+        shapes = gradient_shapes(chain)
+        return max(math.prod(shapes[name]) for name in by)
     counts = [arm.joint_count for arm in chain.arms.values()]
     sizes = [int(np.prod(arm_shape(name, N))) for name in by if name not in OF_CHAIN for N in counts]
     return max([6 * len(chain.grasps) + 6, 9, len(counts), *sizes])
@@ -136,10 +154,11 @@ def unit_wrenches(tip: TipResponse, arm: ArmMotion) -> ByWrench:
 
 def chain_columns(at: Point, name: str, of: Sequence[str], units: Array) -> list[list[Array]]:
     """Return the columns of an argument that concerns the whole chain."""
-    size = int(np.prod(OF_CHAIN[name]))
+    shape = gradient_shapes(at.motion.chain)[name]
+    size = math.prod(shape)
 
     def column(unit: Array) -> list[Array]:
-        found = forward(at, {name: direction(unit, name, OF_CHAIN[name])})
+        found = forward(at, {name: direction(unit, name, shape)})
         return [found[result].ravel() for result in of]
 
     return each(column, units[:size, :size])

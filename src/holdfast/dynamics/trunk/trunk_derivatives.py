@@ -21,7 +21,7 @@ OF_TRUNK = {
     "trunk_base_acceleration": "base_acceleration",
     "floating_twist": "base_twist",
 }
-RESULTS_OF_TRUNK = ("base_acceleration", "trunk_base_wrench")
+RESULTS_OF_TRUNK = ("floating_acceleration", "trunk_base_wrench")
 
 
 def trunk_load(at: Point, cotangents: Mapping[str, Array]) -> TrunkLoad:
