@@ -95,11 +95,13 @@ def forward_dynamics_vjp(
         inputs: external wrenches and base motion; zero by default.
         by: the arguments: q, qd, tau, object_pose, object_twist, object_wrench, gravity, object_mass, object_com,
             object_inertia, grasp_pose, base_pose, base_twist, base_acceleration, armature, damping, link_mass,
-            link_com, link_inertia, link_wrench.
+            link_com, link_inertia, link_wrench; with a trunk also trunk_link_wrench, and floating_pose and
+            floating_twist or trunk_base_twist and trunk_base_acceleration. The base_pose of an arm on a trunk is in
+            the axes of its body.
         check: False skips the consistency check.
         generic_rank: rank of the constraint away from singular configurations, if known.
         **cotangents: of any of qdd (n,), grasp_wrench (arms, 6), object_acceleration (6,), contact_acceleration
-            (n_g,), base_wrench (arms, 6).
+            (n_g,), base_wrench (arms, 6); with a trunk trunk_base_wrench (6,), or floating_acceleration (6,).
 
     Returns:
         By argument its gradient, in its shape.
@@ -107,7 +109,7 @@ def forward_dynamics_vjp(
     Raises:
         StateError: wrong names, shapes or numbers; the state breaks a grasp.
         SingularChainError: the constraint's rank drops here.
-        MethodNotApplicable: the chain has a trunk or bushings.
+        MethodNotApplicable: the chain has bushings; or a trunk, with springs between bodies or indeterminate forces.
     """
     what = "forward_dynamics_vjp"
     checks.instance(chain, ClosedChain, "chain")
@@ -156,7 +158,7 @@ def forward_dynamics_jvp(
     Raises:
         StateError: wrong names, shapes or numbers; the state breaks a grasp.
         SingularChainError: the constraint's rank drops here.
-        MethodNotApplicable: the chain has a trunk or bushings.
+        MethodNotApplicable: the chain has bushings; or a trunk, with springs between bodies or indeterminate forces.
     """
     what = "forward_dynamics_jvp"
     checks.instance(chain, ClosedChain, "chain")
@@ -212,7 +214,7 @@ def forward_dynamics_jacobian(
     Raises:
         StateError: wrong names, shapes or numbers; the state breaks a grasp.
         SingularChainError: the constraint's rank drops here.
-        MethodNotApplicable: the chain has a trunk or bushings.
+        MethodNotApplicable: the chain has bushings; or a trunk, with springs between bodies or indeterminate forces.
     """
     what = "forward_dynamics_jacobian"
     checks.instance(chain, ClosedChain, "chain")
