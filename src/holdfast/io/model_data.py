@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from pathlib import PurePath
 from typing import Any
 
 import msgspec
@@ -24,6 +23,7 @@ from holdfast.model.grasp import Friction, Grasp, WrenchLimits
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
+from holdfast.model.looks import Box, Capsule, Cylinder, Looks, Mesh, Sphere, Visual
 from holdfast.model.spring import Spring, SpringEnd
 from holdfast.model.trunk import Trunk
 from holdfast.spatial.pose import Pose
@@ -31,10 +31,12 @@ from holdfast.spatial.pose import Pose
 KINDS = {
     kind.__name__: kind
     for kind in (
-        Anchor, Arm, ClosedChain, Friction, Grasp, HeldObject, Joint, Link, Pose, Spring, SpringEnd, Trunk, WrenchLimits,
+        Anchor, Arm, Box, Capsule, ClosedChain, Cylinder, Friction, Grasp, HeldObject, Joint, Link, Looks, Mesh, Pose,
+        Sphere, Spring, SpringEnd, Trunk, Visual, WrenchLimits,
     )
 }  # fmt: skip
 IS = "is"  # the key under which data say what they are
+MAPPING = "mapping"
 UNBOUNDED = {"inf": math.inf, "-inf": -math.inf}  # JSON has no infinities
 
 
@@ -44,14 +46,14 @@ def model_data(value: Any) -> Any:
         parts = {f.name: getattr(value, f.name) for f in fields(value) if f.init}
         return {IS: type(value).__name__, **{name: model_data(part) for name, part in parts.items()}}
     if isinstance(value, Mapping):
-        return {name: model_data(part) for name, part in value.items()}
+        return {IS: MAPPING, "of": {name: model_data(part) for name, part in value.items()}}
     if isinstance(value, list | tuple):
         return [model_data(part) for part in value]
     if isinstance(value, np.ndarray | np.generic):
         return model_data(value.tolist())
     if isinstance(value, float) and math.isinf(value):
-        return "inf" if value > 0 else "-inf"
-    return str(value) if isinstance(value, PurePath) else value
+        return {IS: "inf" if value > 0 else "-inf"}
+    return value
 
 
 def model_of(text: bytes, source: str) -> ClosedChain:
@@ -68,7 +70,7 @@ def model_of(text: bytes, source: str) -> ClosedChain:
         chain = _made(msgspec.json.decode(text))
     except HoldfastError as cause:
         raise ResultError(f"{source}: {cause}") from cause
-    except (msgspec.DecodeError, TypeError, ValueError, UnicodeDecodeError, RecursionError, OverflowError) as cause:
+    except (msgspec.DecodeError, TypeError, ValueError, AttributeError, UnicodeDecodeError, RecursionError, OverflowError) as cause:
         raise ResultError(f"{source}: not a chain: {cause}") from cause
     if not isinstance(chain, ClosedChain):
         raise ResultError(f"{source}: expected a ClosedChain, got a {type(chain).__name__}")
@@ -78,14 +80,13 @@ def model_of(text: bytes, source: str) -> ClosedChain:
 def _made(data: Any) -> Any:
     if isinstance(data, list):
         return [_made(part) for part in data]
-    if isinstance(data, str):
-        return UNBOUNDED.get(data, data)
     if not isinstance(data, dict):
         return data
-    parts = {name: part if isinstance(part, str) and name == "name" else _made(part) for name, part in data.items()}
-    if IS not in data:
-        return parts
-    kind = parts.pop(IS)
+    kind, parts = data.get(IS), {name: part for name, part in data.items() if name != IS}
+    if kind == MAPPING:
+        return {name: _made(part) for name, part in parts.get("of", {}).items()}
+    if kind in UNBOUNDED:
+        return UNBOUNDED[kind]
     if kind not in KINDS:
         raise ResultError(f"expected one of {', '.join(KINDS)}, got {str(kind)[:60]!r}")
-    return KINDS[kind](**parts)
+    return KINDS[kind](**{name: _made(part) for name, part in parts.items()})

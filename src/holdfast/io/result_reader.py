@@ -55,8 +55,13 @@ class Result(RunOutputs):
         parts = list(self.parts())
         arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in array_names()}
         occurrences = tuple(one for part in parts for one in part.occurrences)
-        setting = self.setting if (self.folder / MODEL).exists() else None
+        setting = self.setting if self.keeps_model else None
         return Trajectory(**arrays, stopped=self.meta.stopped, occurrences=occurrences, setting=setting)
+
+    @property
+    def keeps_model(self) -> bool:
+        """Whether the folder keeps its chain, as that of a run made in Python does; else it has a scene."""
+        return (self.folder / MODEL).exists()
 
     @cached_property
     def setting(self) -> Setting:

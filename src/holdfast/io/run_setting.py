@@ -8,6 +8,7 @@ from holdfast.errors import ResultError, StateError
 from holdfast.io.model_data import model_of
 from holdfast.io.result_chunk import Damage, read_arrays
 from holdfast.io.result_meta import BASES, MODEL, ResultMeta, kept_robots, read_bytes
+from holdfast.model.fingerprint import fingerprint
 from holdfast.simulation.setting import RecordedBase, Setting
 
 
@@ -31,6 +32,8 @@ def setting_of(folder: Path, meta: ResultMeta) -> Setting:
             f"{folder}: not the chain of this run: expected the joints {', '.join(meta.joints)}, got"
             f" {', '.join(joints)}"
         )
+    if (folder / MODEL).exists() and fingerprint(chain) != meta.model_sha256:
+        raise ResultError(f"{folder / MODEL}: expected the model that was simulated, got another one")
     return Setting(chain, moved, meta.scene, meta.duration, meta.step, meta.options)
 
 
