@@ -69,9 +69,7 @@ def _film(target: Path, rate: float, trust_xacro: bool) -> Film:
     if not os.path.isdir(target):
         return _film_of_scene(opened_scene(target, trust_xacro), target)
     setting, result = recorded(target, trust_xacro)
-    return film_of_run(
-        setting.chain, result.trajectory, setting.name, rate, setting.base_motion, _looks(setting.chain)
-    )
+    return film_of_run(setting.chain, result.trajectory, setting.name, rate, setting.base_motion, _looks(setting.chain))
 
 
 def _film_of_scene(scenario: Scenario, source: Path) -> Film:

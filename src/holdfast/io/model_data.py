@@ -40,6 +40,9 @@ MAPPING = "mapping"
 UNBOUNDED = {"inf": math.inf, "-inf": -math.inf}  # JSON has no infinities
 
 
+_NO_MODEL = (msgspec.DecodeError, TypeError, ValueError, AttributeError, RecursionError, OverflowError)
+
+
 def model_data(value: Any) -> Any:
     """Return a part of the model as dicts, lists, numbers and texts, which JSON can hold."""
     if is_dataclass(value) and not isinstance(value, type):
@@ -70,7 +73,7 @@ def model_of(text: bytes, source: str) -> ClosedChain:
         chain = _made(msgspec.json.decode(text))
     except HoldfastError as cause:
         raise ResultError(f"{source}: {cause}") from cause
-    except (msgspec.DecodeError, TypeError, ValueError, AttributeError, UnicodeDecodeError, RecursionError, OverflowError) as cause:
+    except _NO_MODEL as cause:
         raise ResultError(f"{source}: not a chain: {cause}") from cause
     if not isinstance(chain, ClosedChain):
         raise ResultError(f"{source}: expected a ClosedChain, got a {type(chain).__name__}")

@@ -216,6 +216,8 @@ class ResultWriter:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as cause:
             raise ResultError(f"{self.folder}: cannot be written: {reason_of(cause)}") from cause
+        except ValueError as cause:  # a name that no file system takes
+            raise ResultError(f"{str(self.folder)!r}: cannot be written: {cause}") from cause
         self._write_meta(self._meta)  # first, so that the folder is known as ours before anything else is in it
         remove(*(path for pattern in RESULT_FILES for path in self.folder.glob(pattern)))
         for name, content in {"scene.toml": self._scene, **self._files}.items():

@@ -138,7 +138,7 @@ def fitting_looks(looks: Any, links: int, label: str) -> Looks | None:
     Raises:
         ModelError: what are no looks.
     """
-    checks.instance(looks, Looks | None, f"{label}: looks")
+    checks.instance(looks, (Looks, type(None)), f"{label}: looks")
     return looks if looks is not None and len(looks.bodies) == links + 1 else None
 
 

@@ -59,9 +59,7 @@ def recorded_base(name: str, motion: BaseMotion, times: Array) -> RecordedBase:
     poses = [checks.pose(pose, f"base motion of '{name}'") for pose, _, _ in moments]
     R, p = np.array([pose.R for pose in poses]), np.array([pose.p for pose in poses])
     twist, acceleration = (np.array([moment[i] for moment in moments]) for i in (1, 2))
-    return RecordedBase(
-        times, R.reshape(-1, 3, 3), p.reshape(-1, 3), twist.reshape(-1, 6), acceleration.reshape(-1, 6)
-    )
+    return RecordedBase(times, R.reshape(-1, 3, 3), p.reshape(-1, 3), twist.reshape(-1, 6), acceleration.reshape(-1, 6))
 
 
 @dataclass(frozen=True, eq=False)

@@ -165,7 +165,8 @@ def simulate(
         run = replace(stacked(samples, later), occurrences=at.checkpoint.occurrences[first:])
     moved = {base: recorded_base(base, motion, run.t) for base, motion in environment.base_motion.items()}
     asked = {"scheme": scheme, "on_slip": on_slip, "on_limit": on_limit, "on_singular": on_singular, "rtol": rtol}
-    asked |= {"atol": atol, "largest_drift": limit, "controller": getattr(controller, "__qualname__", type(controller).__qualname__)}
+    called = getattr(controller, "__qualname__", type(controller).__qualname__)
+    asked |= {"atol": atol, "largest_drift": limit, "controller": called}
     return replace(run, setting=Setting(chain, moved, name, float(duration), float(step), asked))
 
 

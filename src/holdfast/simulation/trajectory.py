@@ -347,7 +347,7 @@ def text_of(run: Trajectory) -> str:
 
 def stacked(samples: Sequence[Trajectory], stopped: str | None = None) -> Trajectory:
     """Return single samples as one run."""
-    arrays = {key: np.stack([getattr(s, key) for s in samples]) for key in array_names()}
+    arrays: dict[str, Any] = {key: np.stack([getattr(s, key) for s in samples]) for key in array_names()}
     return Trajectory(**arrays, stopped=stopped, occurrences=tuple(one for s in samples for one in s.occurrences))
 
 

@@ -124,11 +124,12 @@ def film_of_run(
         state = run.state(j)
         places.append(_placed(*world.at(t, state), state))
     strength = np.array([at.strength for at in places])
+    surfaces = pieces_in_files(chain)[0] if looks is None else looks
     strength[~run.holding[k]] = 1.0
     bases, below, tips = (np.array([getattr(at, part) for at in places]) for part in ("bases", "below", "tips"))
     return Film(
         chain, title, run.t[k], run.q[k], bases, below, run.object_pose[k], tips, run.grasp_wrench[k],
-        run.internal_wrench[k], run.margin[k], run.condition[k], strength, run.tau[k], pieces_in_files(chain)[0] if looks is None else looks,
+        run.internal_wrench[k], run.margin[k], run.condition[k], strength, run.tau[k], surfaces,
     )  # fmt: skip
 
 
@@ -143,8 +144,8 @@ def film_of_instant(at: Instant, title: str, looks: Looks | None = None) -> Film
         at.t, state.q, place.bases, place.below, state.object_pose, place.tips, found.grasp_wrench, internal, margin,
         found.condition, place.strength, at.tau,
     )  # fmt: skip
-    found_looks = pieces_in_files(chain)[0] if looks is None else looks
-    return Film(chain, title, *(np.array([part]) for part in moment), looks=found_looks)
+    surfaces = pieces_in_files(chain)[0] if looks is None else looks
+    return Film(chain, title, *(np.array([part]) for part in moment), looks=surfaces)
 
 
 class _Place(NamedTuple):
