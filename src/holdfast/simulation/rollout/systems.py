@@ -14,6 +14,7 @@ from holdfast.forces.margins import joint_limits, margins_of_joints
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout.kernel import Systems
+from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.frozen import Frozen, read_only
 from holdfast.spatial.scalar import Array
 
@@ -193,6 +194,25 @@ class RolloutSystems:
 
 
 @dataclass(frozen=True, eq=False)
+class Begun(Frozen):
+    """What a record is made from.
+
+    Attributes:
+        rollout: the `Rollout`.
+        systems: as they were at first.
+        step: h [s].
+        every: steps from one record to the next.
+        options: of `Rollout.step`.
+    """
+
+    rollout: Any
+    systems: RolloutSystems
+    step: float
+    every: int
+    options: Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
 class RolloutRecord(Frozen):
     """Systems at the recorded times; the first axis of every array is the time, the second the system.
 
@@ -203,12 +223,41 @@ class RolloutRecord(Frozen):
         systems: at the end.
         stopped: (systems,) when each stopped [s], infinite if it did not; the instant of a slip
             is refined within its step.
+        begun: what it is made from; None for one put together from arrays.
     """
 
     t: Array
     arrays: Mapping[str, Array]
     systems: RolloutSystems
     stopped: Array
+    begun: Begun | None = None
+
+    def __repr__(self) -> str:
+        """Return how many systems there are, when, what was recorded, and what became of them, on one line."""
+        names = [status.name.lower() for status in self.systems.status]
+        fates = ", ".join(f"{names.count(name)} {name}" for name in dict.fromkeys(names))
+        span = f"{self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else "no time"
+        return (
+            f"<RolloutRecord of {len(names)} systems at {len(self.t)} times, {span}: {', '.join(self.arrays)}; {fates}>"
+        )
+
+    def trajectory(self, system: int, every: int | None = None) -> Trajectory:
+        """Return one system as a run, with all that `simulate` records and all methods of a run.
+
+        Its steps are taken again, to the same bits; the samples are at the recorded times, or closer. Margins
+        are looked at at the samples only. A system that stood still ends where it did, and `stopped` says why.
+
+        Args:
+            system: its number, from 0.
+            every: steps from one sample to the next; as recorded by default.
+
+        Raises:
+            StateError: no such system, a record that was put together from arrays, or a system whose first state
+                is faulty.
+        """
+        from holdfast.simulation.rollout.replay import replayed_run
+
+        return replayed_run(self, system, every)
 
     def __getitem__(self, name: str) -> Array:
         """Return a recorded array."""
