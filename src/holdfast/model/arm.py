@@ -76,6 +76,12 @@ class Arm(Frozen):
         object.__setattr__(self, "base", checks.pose(self.base, f"{label}: base"))
         return label
 
+    def __repr__(self) -> str:
+        """Return name, joints and place, on one line."""
+        joints = f"{self.joint_count} joint{'' if self.joint_count == 1 else 's'}, " if self.joints else ""
+        name = f" '{self.name}'" if self.name else ""
+        return f"<{type(self).__name__}{name}: {joints}base at {checks.place(self.base.p)} m>"
+
     @property
     def joint_count(self) -> int:
         """N."""

@@ -61,6 +61,11 @@ class Trunk(Frozen):
         put(self, "links", serial.links)
         put(self, "looks", fitting_looks(self.looks, len(serial.links), NAME))
 
+    def __repr__(self) -> str:
+        """Return joints and base, on one line."""
+        base = f"base at {checks.place(self.base.p)} m" if self.floating is None else "a floating base"
+        return f"<Trunk: {self.joint_count} joint{'' if self.joint_count == 1 else 's'}, {base}>"
+
     @frozen_property
     def serial(self) -> Arm | None:
         """Its joints and links as an arm whose tip is the last link's frame; None without joints."""

@@ -28,7 +28,9 @@ def agree(run, expected):
     assert len(run) == len(expected)
     for name in set(array_names()) - UNLIKE:
         a, b = getattr(run, name), getattr(expected, name)
-        assert np.allclose(a, b, rtol=AGREEMENT, atol=AGREEMENT * max(1.0, np.abs(b[np.isfinite(b)]).max(initial=0))), name
+        assert np.allclose(a, b, rtol=AGREEMENT, atol=AGREEMENT * max(1.0, np.abs(b[np.isfinite(b)]).max(initial=0))), (
+            name
+        )
 
 
 @pytest.mark.parametrize("floating", [True, False])

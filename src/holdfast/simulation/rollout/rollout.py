@@ -29,6 +29,7 @@ from holdfast.simulation.rollout.arguments import (
     kernel_arguments,
     number,
     state_arguments,
+    step_inputs,
     step_lengths,
     stop_margins,
     whole_number,
@@ -91,6 +92,11 @@ class Rollout:
             return StepKernel(self.chain, self.law, tableau, rank, **surroundings)
 
         return {False: of(scheme_of(self.scheme)), True: of(IMEX)}
+
+    def __repr__(self) -> str:
+        """Return chain, scheme and the law's parameters, a line each."""
+        given = ", ".join(self.law.parameters) or "none"
+        return f"<Rollout by {self.scheme}, parameters of its law: {given}\n{self.chain!r}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what makes the rollout again: machine code is compiled, or found on disk."""
@@ -225,7 +231,7 @@ class Rollout:
         self.kernel.require_own(systems.arrays)  # nothing is changed before the last refusal
         systems.set_step_length(lengths)
         if systems.keep_inputs(new, self.law, self.inputs):  # slopes were found under other torques
-            inputs |= _step_inputs(systems, NO_STOPS)
+            inputs |= step_inputs(systems, NO_STOPS)
             self.kernel.run(systems.arrays, inputs, parameters, 1, threads, slopes_only=True)
         going = systems.running
         if limit is None:
@@ -355,7 +361,7 @@ class Rollout:
             rows = np.flatnonzero(stiff == implicit)
             kernel, part = self._kernels[implicit], systems if len(rows) == len(systems) else systems.copy(rows)
             inputs, parameters = kernel_arguments(kernel, part.call_inputs)
-            kernel.run(part.arrays, inputs | _step_inputs(part, least), parameters, steps, threads)
+            kernel.run(part.arrays, inputs | step_inputs(part, least), parameters, steps, threads)
             if part is not systems:
                 systems.put(rows, part)
 
@@ -385,14 +391,3 @@ class Rollout:
         at = {name: systems.arrays[name] for name in state_fields(self.chain)} | self.kernel.parameters | parameters
         chain, state = system(self.chain, at, row)
         return Environment(chain, self.base_motion).chain_at(float(systems.t[row])), state
-
-
-def _step_inputs(systems: RolloutSystems, least: StopMargins) -> dict[str, Array]:
-    """Return the inputs of the machine code besides torques and wrenches: the time, and what stops a system."""
-    return {
-        "begin": systems.begin,
-        "step": systems.step_length,
-        "held": np.array(0.0),
-        "least_margin": np.array(least[SLIPPED]),
-        "least_joint_margin": np.array(least[LIMITED]),
-    }

@@ -104,6 +104,11 @@ class RolloutSystems:
     def __len__(self) -> int:
         return len(self.begin)
 
+    def __repr__(self) -> str:
+        """Return how many there are, when, and what became of them, on one line."""
+        times = f"{self.t.min():g} s" if np.ptp(self.t) == 0 else f"{self.t.min():g} to {self.t.max():g} s"
+        return f"<RolloutSystems: {len(self)} at t = {times}; {fates(self)}>"
+
     def __setattr__(self, name: str, value: Any) -> None:
         """Refuse what would not act: arrays in the place of the machine code's, and names that nothing reads."""
         if isinstance(getattr(type(self), name, None), property):
@@ -193,6 +198,12 @@ class RolloutSystems:
         return vars(self) | {"under": ()}
 
 
+def fates(systems: RolloutSystems) -> str:
+    """Return how many systems go on, and how many stand still and why."""
+    names, counts = np.unique([status.name.lower() for status in systems.status], return_counts=True)
+    return ", ".join(f"{count} {name}" for name, count in zip(names, counts, strict=True))
+
+
 @dataclass(frozen=True, eq=False)
 class Begun(Frozen):
     """What a record is made from.
@@ -234,12 +245,9 @@ class RolloutRecord(Frozen):
 
     def __repr__(self) -> str:
         """Return how many systems there are, when, what was recorded, and what became of them, on one line."""
-        names = [status.name.lower() for status in self.systems.status]
-        fates = ", ".join(f"{names.count(name)} {name}" for name in dict.fromkeys(names))
         span = f"{self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else "no time"
-        return (
-            f"<RolloutRecord of {len(names)} systems at {len(self.t)} times, {span}: {', '.join(self.arrays)}; {fates}>"
-        )
+        what = f"{len(self.systems)} systems at {len(self.t)} times, {span}: {', '.join(self.arrays)}"
+        return f"<RolloutRecord of {what}; {fates(self.systems)}>"
 
     def trajectory(self, system: int, every: int | None = None) -> Trajectory:
         """Return one system as a run, with all that `simulate` records and all methods of a run.
