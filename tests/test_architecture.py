@@ -48,10 +48,11 @@ MAY_IMPORT = {
 ON_CALL = {
     "model/held_object.py": {"robots"},
     "simulation/run_outputs.py": {"io", "view", "interop"},
+    "simulation/rollout/systems.py": {"io"},
     "io/run_setting.py": {"scenario"},
 }
 HEAVY = {"scipy", "llvmlite", "tyro", "rich", "matplotlib", "pinocchio", "mujoco", "viser", "mpmath"}
-HEAVY |= {"pandas", "pyarrow"}
+HEAVY |= {"pandas", "pyarrow", "xarray", "IPython"}
 
 
 def room(path: Path) -> str:

@@ -103,6 +103,28 @@ class RunOutputs:
         write_mcap(setting.chain, run, path, setting.base_motion)
         return Path(path)
 
+    def to_pandas(self) -> Any:
+        """Return the run as a pandas DataFrame, the table of `to_csv`.
+
+        Raises:
+            MissingExtra: pandas is not installed.
+            StateError: a run that does not know its chain, or one without samples.
+        """
+        from holdfast.io.frames import frame_of_run
+
+        return frame_of_run(self._run_and_setting()[0])
+
+    def to_xarray(self) -> Any:
+        """Return the run as an xarray Dataset: its arrays over `t`, joints and arms by name, each with its unit.
+
+        Raises:
+            MissingExtra: xarray is not installed.
+            StateError: a run that does not know its chain, or one without samples.
+        """
+        from holdfast.io.frames import data_set_of_run
+
+        return data_set_of_run(self._run_and_setting()[0])
+
     def plot(self) -> dict[str, Any]:
         """Return the figures that have something to show, matplotlib's, by name; no window opens.
 

@@ -342,7 +342,7 @@ def text_of(run: Trajectory) -> str:
         return "without samples"
     of = "" if run.setting is None else f" '{run.setting.name}' of {', '.join(run.setting.chain.names)}"
     end = "complete" if run.stopped is None else run.stopped
-    return f"run{of}: {len(run)} samples, {run.t[0]:g} to {run.t[-1]:g} s, {end}"
+    return f"run{of}: {len(run)} sample{'' if len(run) == 1 else 's'}, {run.t[0]:g} to {run.t[-1]:g} s, {end}"
 
 
 def stacked(samples: Sequence[Trajectory], stopped: str | None = None) -> Trajectory:

@@ -267,6 +267,26 @@ class RolloutRecord(Frozen):
 
         return replayed_run(self, system, every)
 
+    def to_pandas(self) -> Any:
+        """Return the record as a pandas DataFrame: a row for each system and time, which index it.
+
+        Raises:
+            MissingExtra: pandas is not installed.
+        """
+        from holdfast.io.frames import frame_of_record
+
+        return frame_of_record(self)
+
+    def to_xarray(self) -> Any:
+        """Return the record as an xarray Dataset: its arrays over `t` and `system`, joints and arms by name.
+
+        Raises:
+            MissingExtra: xarray is not installed.
+        """
+        from holdfast.io.frames import data_set_of_record
+
+        return data_set_of_record(self)
+
     def __getitem__(self, name: str) -> Array:
         """Return a recorded array."""
         if name not in self.arrays:
