@@ -2,6 +2,7 @@
 
 import builtins
 import json
+import pickle
 import webbrowser
 from dataclasses import replace
 
@@ -300,7 +301,9 @@ def test_in_a_notebook(run, monkeypatch):
     pytest.importorskip("matplotlib", reason="needs matplotlib: pip install 'holdfast[plot]'")
     assert run._repr_html_().count("<img") == 1
     assert "closure error (position)" in run._repr_html_()
-    assert run.plot()._repr_html_().count("<img") == 4
+    figures = run.plot()
+    assert figures._repr_html_().count("<img") == 4
+    assert pickle.loads(pickle.dumps(figures["load_share"]))._repr_png_().startswith(b"\x89PNG")
     assert replace(run, setting=None)._repr_html_() is None
     real = builtins.__import__
 

@@ -8,6 +8,8 @@ import io
 import sys
 import tempfile
 import webbrowser
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +24,12 @@ INLINE_DPI = 110
 
 
 class Figures(dict[str, Any]):
-    """Matplotlib figures by name; a notebook shows them all."""
+    """Matplotlib figures by name; a notebook shows each, and all of them."""
+
+    def __init__(self, figures: Mapping[str, Any]) -> None:
+        super().__init__(figures)
+        for figure in self.values():  # matplotlib leaves it to pyplot, which need not be in use
+            figure._repr_png_ = partial(png, figure)
 
     def _repr_html_(self) -> str:
         return "".join(image(figure, name) for name, figure in self.items())
@@ -70,11 +77,16 @@ def in_notebook() -> bool:
     return getattr(shell, "kernel", None) is not None
 
 
-def image(figure: Any, name: str) -> str:
-    """Return a matplotlib figure as an HTML image."""
+def png(figure: Any) -> bytes:
+    """Return a matplotlib figure as a PNG file."""
     file = io.BytesIO()
     figure.savefig(file, format="png", dpi=INLINE_DPI)
-    data = base64.b64encode(file.getvalue()).decode()
+    return file.getvalue()
+
+
+def image(figure: Any, name: str) -> str:
+    """Return a matplotlib figure as an HTML image."""
+    data = base64.b64encode(png(figure)).decode()
     return f'<img alt="{html.escape(name, quote=True)}" src="data:image/png;base64,{data}">'
 
 
