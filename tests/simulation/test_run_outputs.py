@@ -165,7 +165,7 @@ def test_bases_that_move(run, tmp_path):
     swayed, motion = moving(run)
     write_mcap(swayed.setting.chain, swayed, tmp_path / "given.mcap", motion)
     result = hf.load_result(swayed.save(tmp_path / "run"))
-    for one in (swayed, result):
+    for one in (swayed, result, pickle.loads(pickle.dumps(swayed))):
         one.to_mcap(tmp_path / "own.mcap")
         assert (tmp_path / "own.mcap").read_bytes() == (tmp_path / "given.mcap").read_bytes()
     assert np.ptp(result.film(rate=500.0).base_pose[:, 0, 4:], axis=0).max() > 0

@@ -89,6 +89,8 @@ def test_laws_that_remember():
     record = rollout.run(systems, 0.004, STEP, record=RECORDED)
     run = record.trajectory(1)
     assert run.t[0] == pytest.approx(0.003)
+    assert same_bits(systems.state(1).q, run.q[0])
+    assert same_bits(record.systems.state(1).object_pose, run.object_pose[-1])
     assert same_bits(run.q, record["q"][:, 1]) and same_bits(run.tau, record["tau"][:, 1])
 
 
@@ -100,6 +102,8 @@ def test_refusals():
     for number in (1, -1, 0.0, "0", None, True):
         with pytest.raises(hf.StateError, match="system: expected a number from 0 to 0"):
             record.trajectory(number)
+        with pytest.raises(hf.StateError, match="system: expected a number from 0 to 0"):
+            systems.state(number)
     for every in (0, 1.5, "2"):
         with pytest.raises(hf.StateError, match="every: expected an integer"):
             record.trajectory(0, every=every)

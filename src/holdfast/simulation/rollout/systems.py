@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.errors import FrozenError
+from holdfast.compiled.externals import state_fields
+from holdfast.errors import FrozenError, StateError
 from holdfast.forces.margins import joint_limits, margins_of_joints
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -17,6 +18,7 @@ from holdfast.simulation.rollout.kernel import Systems
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.frozen import Frozen, read_only
 from holdfast.spatial.scalar import Array
+from holdfast.state import State
 
 
 class RolloutStatus(Enum):
@@ -120,6 +122,19 @@ class RolloutSystems:
             known = [n for n, x in vars(type(self)).items() if isinstance(x, property)]
             raise FrozenError(f"systems: no attribute '{name}'.{checks.did_you_mean(name, known)}")
         object.__setattr__(self, name, value)
+
+    def state(self, system: int) -> State:
+        """Return the state of one system, as `simulate` and the functions of one state take it.
+
+        Args:
+            system: its number, from 0.
+
+        Raises:
+            StateError: no such system, or one whose inputs were faulty.
+        """
+        if isinstance(system, bool) or not isinstance(system, int | np.integer) or not 0 <= system < len(self):
+            raise StateError(f"system: expected a number from 0 to {len(self) - 1}, got {system!r}")
+        return State(**{field: self.arrays[name][system] for name, field in state_fields(self.chain).items()})
 
     @property
     def t(self) -> Array:
