@@ -44,9 +44,15 @@ MAY_IMPORT = {
     "bench": FILES_AND_SCENES | {"holdfast"},  # calls the library as its users do
     "cli": FILES_AND_SCENES | {"bench", "view", "holdfast"},
 }
-ON_CALL = {"model/held_object.py": {"robots"}}  # constructors that read files ask the room that reads, when called
+# constructors that read files, and methods that write or draw, ask the room that does so, when called
+ON_CALL = {
+    "model/held_object.py": {"robots"},
+    "simulation/run_outputs.py": {"io", "view", "interop"},
+    "simulation/rollout/systems.py": {"io"},
+    "io/run_setting.py": {"scenario"},
+}
 HEAVY = {"scipy", "llvmlite", "tyro", "rich", "matplotlib", "pinocchio", "mujoco", "viser", "mpmath"}
-HEAVY |= {"pandas", "pyarrow"}
+HEAVY |= {"pandas", "pyarrow", "xarray", "IPython"}
 
 
 def room(path: Path) -> str:

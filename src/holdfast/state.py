@@ -52,6 +52,14 @@ class State(Frozen):
         elif self.base_twist is not None:
             raise StateError("state: base_twist: expected the pose of the floating base with it, got no base_pose")
 
+    def __repr__(self) -> str:
+        """Return joints, where the object is, and whether anything moves, on one line."""
+        rates = [x for x in (self.qd, self.object_twist, self.base_twist) if x is not None]
+        known = all(x.dtype != object for x in rates)
+        moves = "" if not known else ", in motion" if any(x.any() for x in rates) else ", at rest"
+        floats = "" if self.base_pose is None else f", floating base at {checks.place(self.base_pose[4:])} m"
+        return f"<State: {len(self.q)} joints, object at {checks.place(self.object_pose[4:])} m{floats}{moves}>"
+
     @frozen_property
     def object_frame(self) -> Pose:
         """The object's pose as rotation and origin."""

@@ -26,6 +26,12 @@ def readers(folder: Path) -> dict:
     (folder / "two.urdf").write_text(TWO_ARMED)
     body = '<body name="arm"><joint name="j" axis="0 1 0"/><geom size="0.1"/></body>'
     (folder / "arm.xml").write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    hands = "".join(
+        f'<body name="{name}"><joint name="{name}" axis="1 0 0"/><geom size="0.1"/></body>'
+        for name in ("left", "right")
+    )
+    on_one = body.replace("</body>", f"{hands}</body>")
+    (folder / "hands.xml").write_text(f"<mujoco><worldbody>{on_one}</worldbody></mujoco>")
     torso = {"base": "torso", "lock_others": True}
     return {
         hf.load_result: (folder / "run", {}),
@@ -37,6 +43,8 @@ def readers(folder: Path) -> dict:
         hf.robots.load_urdf_trunk: (folder / "two.urdf", {"tips": ["left_grasp", "right_grasp"], "lock_others": True}),
         read_urdf: (folder / "two.urdf", {}),
         hf.interop.load_mjcf: (folder / "arm.xml", {}),
+        hf.interop.load_mjcf_arms: (folder / "arm.xml", {"arms": {"one": ("world", "arm")}}),
+        hf.interop.load_mjcf_trunk: (folder / "hands.xml", {"tips": ["left", "right"]}),
     }
 
 
@@ -95,10 +103,10 @@ def test_written_by_text(tmp_path):
 
 @pytest.mark.parametrize("export", [hf.io.export_csv, hf.io.export_parquet])
 def test_tables_of_what_is_no_result(tmp_path, export):
-    """A run in memory, a folder's name: the message says how to come by a result."""
+    """A run that does not know its chain, a folder's name: the message says how to come by one that does."""
     if export is hf.io.export_parquet:
         pytest.importorskip("pyarrow")
-    with pytest.raises(hf.ResultError, match=r"got a Trajectory, which does not know.* Try `holdfast simulate"):
+    with pytest.raises(hf.StateError, match="expected one that knows its chain, as simulate and load_result return it"):
         export(lifted()[1], tmp_path / "run.csv")
     with pytest.raises(hf.ResultError, match=r"got a str\. Try load_result of it"):
         export("run", tmp_path / "run.csv")

@@ -37,7 +37,7 @@ def test_moved_and_copied():
     pickled = pickle.loads(pickle.dumps(pin))
     assert type(pickled) is hf.Anchor and fingerprint(pickled) == fingerprint(pin)
     assert fingerprint(pin.at(hf.Pose.identity())) != fingerprint(pin)
-    assert repr(pin).startswith("Anchor(") and "name='pin'" in repr(pin)
+    assert repr(pin).startswith("<Anchor 'pin': base at ")
     lever = hf.Anchor(PLACE, tip=hf.Pose.translation(0.1, 0, 0))
     assert lever.length == 0.1
     np.testing.assert_allclose(hf.dynamics.tip_pose(lever, []).p, PLACE.p + 0.1 * PLACE.R[:, 0], rtol=1e-15)

@@ -3,12 +3,12 @@
 import numpy as np
 
 from holdfast import Pose
+from holdfast.model.looks import Box, Sphere, Visual
+from holdfast.model.looks import Mesh as MeshFile
 from holdfast.robots import panda
 from holdfast.robots.looks import looks_of
 from holdfast.robots.primitive import COLOURS
 from holdfast.robots.urdf import urdf_chain, urdf_visuals
-from holdfast.robots.urdf.visuals import Box, Sphere, Visual
-from holdfast.robots.urdf.visuals import Mesh as MeshFile
 from holdfast.view.pieces import SHRINK, pieces_of, pieces_of_urdf
 from tests.robots.two_armed import TWO_ARMED
 

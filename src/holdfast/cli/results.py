@@ -27,6 +27,7 @@ from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
 from holdfast.scenario.build import Scenario, load_scene
+from holdfast.simulation.setting import Setting
 from holdfast.spatial.pose import Pose
 from holdfast.view.plots import save_plots
 
@@ -43,18 +44,30 @@ def opened_scene(path: Path, trust_xacro: bool) -> Scenario:
     return scenario
 
 
-def recorded(folder: Path, trust_xacro: bool = False) -> tuple[Scenario, Result]:
-    """Return scenario and result of a folder; say on stderr what is missing of an incomplete run.
+def recorded(folder: Path, trust_xacro: bool = False) -> tuple[Setting, Result]:
+    """Return setting and result of a folder; say on stderr what is missing of an incomplete run.
 
     Raises:
-        ResultError: no result, or its scene.toml is of another chain.
-        SceneError, ClosureError: as for `scenario_of`.
+        ResultError, SceneError, ClosureError: as for `setting_of`.
     """
     result = load_result(folder)
-    scenario = scenario_of(result, trust_xacro)
+    setting = setting_of(result, trust_xacro)
     if result.note:
         complain(f"{folder}: {result.note}")
-    return scenario, result
+    return setting, result
+
+
+def setting_of(result: Result, trust_xacro: bool = False) -> Setting:
+    """Return what a run is a run of: from the model that its folder keeps, if it was made in Python, or its scene.
+
+    Raises:
+        ResultError: a model that cannot be read, or as for `scenario_of`.
+        SceneError, ClosureError: as for `scenario_of`.
+    """
+    if result.keeps_model:
+        return result.setting
+    scenario = scenario_of(result, trust_xacro)
+    return Setting(scenario.chain, scenario.options.get("base_motion", {}), scenario.name)
 
 
 def scenario_of(result: Result, trust_xacro: bool = False) -> Scenario:
@@ -91,7 +104,7 @@ def chain_for_figures(folder: Path, trust_xacro: bool = False) -> tuple[ClosedCh
     """
     result = load_result(folder)
     try:
-        chain = scenario_of(result, trust_xacro).chain
+        chain = setting_of(result, trust_xacro).chain
     except SceneError as cause:
         if result.meta.robots or not result.meta.scene_folder:
             raise
@@ -162,8 +175,8 @@ def plot(folder: Path, out: Path | None, trust_xacro: bool) -> int:
 
 
 def _export_mcap(result: Result, path: Path, trust_xacro: bool) -> list[Path]:
-    scenario = scenario_of(result, trust_xacro)
-    write_mcap(scenario.chain, result.trajectory, path, scenario.options.get("base_motion"))
+    setting = setting_of(result, trust_xacro)
+    write_mcap(setting.chain, result.trajectory, path, setting.base_motion)
     return [path]
 
 

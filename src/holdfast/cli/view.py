@@ -10,7 +10,7 @@ from holdfast.cli.results import opened_scene, recorded
 from holdfast.cli.streams import say
 from holdfast.errors import ModelError, ResultError, SingularChainError, StateError
 from holdfast.io.typed import refusal
-from holdfast.robots.urdf import urdf_visuals
+from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.scenario.build import Scenario
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
@@ -18,7 +18,7 @@ from holdfast.state import Inputs
 from holdfast.view.film import Film, Looks, film_of_instant, film_of_run
 from holdfast.view.live import watch
 from holdfast.view.page import export_page
-from holdfast.view.pieces import pieces_of_urdf
+from holdfast.view.pieces import pieces_in_files
 
 LAST_PORT = 65535
 
@@ -68,9 +68,8 @@ def _film(target: Path, rate: float, trust_xacro: bool) -> Film:
         raise refusal(str(target), "no such file or folder; expected a result folder or a scene file")
     if not os.path.isdir(target):
         return _film_of_scene(opened_scene(target, trust_xacro), target)
-    scenario, result = recorded(target, trust_xacro)
-    moving = scenario.options.get("base_motion")
-    return film_of_run(scenario.chain, result.trajectory, scenario.name, rate, moving, _looks(scenario))
+    setting, result = recorded(target, trust_xacro)
+    return film_of_run(setting.chain, result.trajectory, setting.name, rate, setting.base_motion, _looks(setting.chain))
 
 
 def _film_of_scene(scenario: Scenario, source: Path) -> Film:
@@ -80,24 +79,17 @@ def _film_of_scene(scenario: Scenario, source: Path) -> Film:
     )
     try:
         return film_of_instant(
-            evaluate(world, scenario.controller, 0.0, scenario.state, None), scenario.name, _looks(scenario)
+            evaluate(world, scenario.controller, 0.0, scenario.state, None), scenario.name, _looks(scenario.chain)
         )
     except (SingularChainError, StateError) as cause:
         raise type(cause)(f"{source}: {cause}") from cause
 
 
-def _looks(scenario: Scenario) -> Looks:
+def _looks(chain: ClosedChain) -> Looks:
     """Return the surfaces of arms and trunk whose files have them; say on stderr whose meshes are not to be had."""
-    looks = {}
-    for name, made in scenario.made.items():
-        if made.links is None or made.source is None or made.source.folder is None:
-            continue
-        found = pieces_of_urdf(urdf_visuals(made.links), made.source.folder)
-        if found.pieces is not None:
-            looks[name] = found.pieces
-        elif found.missing:
-            first, *others = found.missing
-            more = f", and {len(others)} more" if others else ""
-            what = name if made is scenario.trunk else f"arm '{name}'"
-            say(f"note: {what} is drawn with simple solids: {first}{more}")
+    looks, missing = pieces_in_files(chain)
+    for name, (first, *others) in missing.items():
+        more = f", and {len(others)} more" if others else ""
+        what = name if name == TRUNK else f"arm '{name}'"
+        say(f"note: {what} is drawn with simple solids: {first}{more}")
     return looks

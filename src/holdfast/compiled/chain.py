@@ -187,6 +187,10 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
         """The same chain on bases that move: other code, made when a base's motion is first given."""
         return CompiledChain(self.chain, replace(self.options, base_motion=True), self.generic_rank)
 
+    def __repr__(self) -> str:
+        """Return the chain that it is the machine code of."""
+        return f"<CompiledChain of {self.chain!r}>"
+
     @property
     def operation_count(self) -> int:
         """Arithmetic operations of one system's forward dynamics, all run-time parameters in."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from html import escape
 from typing import Literal
 
 import numpy as np
@@ -57,6 +58,14 @@ class Diagnosis(Frozen):
     status: Literal["regular", "indeterminate", "singular"]
     lost_directions: tuple[LostDirection, ...]
     indeterminate_forces: tuple[IndeterminateForce, ...]
+
+    def __repr__(self) -> str:
+        """Return the report."""
+        return f"<Diagnosis: {self.report()}>"
+
+    def _repr_html_(self) -> str:
+        """Return the report for notebooks."""
+        return f"<pre>{escape(self.report())}</pre>"
 
     def report(self) -> str:
         """Return the diagnosis in words, several lines."""

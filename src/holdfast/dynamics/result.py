@@ -83,6 +83,18 @@ class ForwardResult(Frozen):
     base_acceleration: Array | None = None
     trunk_base_wrench: Array | None = None
 
+    def __repr__(self) -> str:
+        """Return what kind of answer it is, and the wrench of each arm that holds, a line each."""
+        if self.qdd.ndim > 1:
+            return f"<{type(self).__name__} by {self.method}: {len(self.qdd)} systems of {', '.join(self.chain.names)}>"
+        head = f"{type(self).__name__} by {self.method}: rank {self.rank}, mobility {self.mobility}, condition"
+        lines = [f"{head} {self.condition:.4g}; {self.status.value}"]
+        for name in self.chain.grasps:
+            wrench = self.grasp_wrench[self.chain.names.index(name)]
+            force, moment = checks.place(wrench[3:]), checks.place(wrench[:3])
+            lines.append(f"  {name}: force {force} N, moment {moment} N m on the object")
+        return f"<{chr(10).join(lines)}>"
+
     def __getitem__(self, arm: str) -> ArmResult:
         """Return one arm's part."""
         names = self.chain.names

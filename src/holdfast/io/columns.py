@@ -43,11 +43,26 @@ def columns(meta: ResultMeta, run: Trajectory) -> list[Column]:
     """
     found = []
     for array in array_names():
-        shape = getattr(run, array).shape[1:]
-        axes = _axes(array, shape, meta)
-        for labels in product(*axes):
-            unit = next((label.unit for label in labels if label.unit), UNIT.get(array, meta.units[array]))
-            found.append(Column(" ".join([array, *(label.name for label in labels)]), unit))
+        found += _of_array(array, getattr(run, array).shape[1:], meta)
+    return found
+
+
+def labels_of(array: str, shape: tuple[int, ...], meta: ResultMeta) -> list[str]:
+    """Return the titles of an array's columns, those of a rollout's own arrays too.
+
+    Args:
+        array: its name.
+        shape: of one sample.
+        meta: of the run.
+    """
+    return [column.title for column in _of_array(array, shape, meta)]
+
+
+def _of_array(array: str, shape: tuple[int, ...], meta: ResultMeta) -> list[Column]:
+    found = []
+    for labels in product(*_axes(array, shape, meta)):
+        unit = next((one.unit for one in labels if one.unit), UNIT.get(array, meta.units.get(array, NO_UNIT)))
+        found.append(Column(" ".join([array, *(label.name for label in labels)]), unit))
     return found
 
 

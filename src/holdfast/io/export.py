@@ -7,15 +7,17 @@ import io
 from collections.abc import Callable, Iterable, Iterator
 from os import PathLike
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 
 from holdfast.errors import MissingExtra, ResultError
 from holdfast.io.columns import TEXTS, Cell, Column, columns, occurrence_columns, occurrence_row, rows
 from holdfast.io.files import file_path, remove, write_atomically
+from holdfast.io.result_meta import ResultMeta
 from holdfast.io.result_reader import Result
-from holdfast.simulation.trajectory import Trajectory
+from holdfast.io.save_run import meta_of
+from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial.scalar import Array
 
 Rows = Array | list[list[Cell]]
@@ -23,7 +25,7 @@ Rows = Array | list[list[Cell]]
 TableWriter = Callable[[IO[bytes], list[Column], Iterable[Rows]], None]
 
 
-def export_csv(result: Result, path: str | PathLike[str]) -> list[Path]:
+def export_csv(result: Result | Trajectory, path: str | PathLike[str]) -> list[Path]:
     """Write a run as CSV, a header line and a row for each sample, and return the files written.
 
     Columns are named `array what-in-it [unit]`, such as `q left/joint1 [rad]` or `object_pose qw`.
@@ -31,28 +33,30 @@ def export_csv(result: Result, path: str | PathLike[str]) -> list[Path]:
     to a second file, `occurrences_path(path)`, if anything did. One chunk is in memory at a time.
 
     Args:
-        result: what `load_result` returned.
+        result: what `simulate` or `load_result` returned.
         path: of the file; what is there is replaced.
 
     Raises:
         ResultError: a file cannot be written, or the result no longer be read.
+        StateError: a run that does not know its chain, or has no samples.
     """
-    return _export(result, path, _write_csv)
+    return _export(_source(result), path, _write_csv)
 
 
-def export_parquet(result: Result, path: str | PathLike[str]) -> list[Path]:
+def export_parquet(result: Result | Trajectory, path: str | PathLike[str]) -> list[Path]:
     """Write a run as Parquet, the tables of `export_csv`, and return the files written.
 
     The unit of a column stands in its title and, alone, in its metadata under `unit`; every chunk
     is a row group.
 
     Args:
-        result: what `load_result` returned.
+        result: what `simulate` or `load_result` returned.
         path: of the file; what is there is replaced.
 
     Raises:
         MissingExtra: pyarrow is not installed.
         ResultError: a file cannot be written, or the result no longer be read.
+        StateError: a run that does not know its chain, or has no samples.
     """
     try:
         import pyarrow as arrow  # pyright: ignore[reportMissingImports]
@@ -60,17 +64,19 @@ def export_parquet(result: Result, path: str | PathLike[str]) -> list[Path]:
     except ImportError as cause:
         raise MissingExtra("Parquet needs pyarrow; try pip install 'holdfast[parquet]', or CSV") from cause
 
+    source = _source(result)
+
     def write(file: IO[bytes], head: list[Column], blocks: Iterable[Rows]) -> None:
         kinds = [arrow.string() if column.name in TEXTS else arrow.float64() for column in head]
         fields = [arrow.field(c.title, kind, metadata={"unit": c.unit}) for c, kind in zip(head, kinds, strict=True)]
-        schema = arrow.schema(fields, metadata={"scene": result.meta.scene, **result.meta.versions})
+        schema = arrow.schema(fields, metadata={"scene": source.meta.scene, **source.meta.versions})
         with parquet.ParquetWriter(file, schema) as table:
             for block in blocks:
                 by_column = np.ascontiguousarray(block.T) if isinstance(block, np.ndarray) else zip(*block, strict=True)
                 entries = [arrow.array(given, kind) for given, kind in zip(by_column, kinds, strict=True)]
                 table.write_table(arrow.Table.from_arrays(entries, schema=schema))
 
-    return _export(result, path, write)
+    return _export(source, path, write)
 
 
 def occurrences_path(path: Path) -> Path:
@@ -78,18 +84,29 @@ def occurrences_path(path: Path) -> Path:
     return path.with_name(f"{path.stem}_occurrences{path.suffix}")
 
 
-def _export(result: Result, given: str | PathLike[str], write: TableWriter) -> list[Path]:
-    _require_result(result)
+class _Source(NamedTuple):
+    """What tables are made of.
+
+    Attributes:
+        meta: which run it is.
+        parts: yields it piece by piece.
+    """
+
+    meta: ResultMeta
+    parts: Callable[[], Iterable[Trajectory]]
+
+
+def _export(source: _Source, given: str | PathLike[str], write: TableWriter) -> list[Path]:
     path = file_path(given, "path")
-    meta, log = result.meta, occurrences_path(path)
+    meta, log = source.meta, occurrences_path(path)
     happened: list[list[Cell]] = []
 
     def blocks() -> Iterator[Rows]:
-        for part in result.parts():
+        for part in source.parts():
             happened.extend(occurrence_row(one, meta) for one in part.occurrences)
             yield rows(part)
 
-    head = columns(meta, next(result.parts()))
+    head = columns(meta, next(iter(source.parts())))
     write_atomically(path, lambda file: write(file, head, blocks()))
     if not happened:
         remove(log)  # of an earlier export
@@ -98,21 +115,23 @@ def _export(result: Result, given: str | PathLike[str], write: TableWriter) -> l
     return [path, log]
 
 
-def _require_result(result: Any) -> None:
-    """Refuse what is no result on disk.
+def _source(run: Any) -> _Source:
+    """Return what the tables of a run are made of.
 
     Raises:
-        ResultError: saying how to come by one.
+        ResultError: what is no run.
+        StateError: a run that does not know its chain, or has no samples.
     """
-    if isinstance(result, Result):
-        return
-    got = f"expected a result, as load_result(folder) returns it, got a {type(result).__name__}"
-    if isinstance(result, Trajectory):
-        raise ResultError(
-            f"{got}, which does not know its joints' names. Try `holdfast simulate SCENE --out FOLDER`, then"
-            " export_csv(load_result(FOLDER), path); or keep its arrays with numpy.savez(path, t=run.t, q=run.q)"
-        )
-    raise ResultError(f"{got}{'. Try load_result of it' if isinstance(result, str | PathLike) else ''}")
+    if isinstance(run, Result):
+        return _Source(run.meta, run.parts)
+    if isinstance(run, Trajectory):
+        setting = run.require_setting()
+        require_run_of(setting.chain, run)
+        return _Source(meta_of(setting), lambda: [run])
+    raise ResultError(
+        "expected a run, as simulate(...) or load_result(folder) returns it, got a"
+        f" {type(run).__name__}{'. Try load_result of it' if isinstance(run, str | PathLike) else ''}"
+    )
 
 
 def _write_csv(file: IO[bytes], head: list[Column], blocks: Iterable[Rows]) -> None:

@@ -6,6 +6,8 @@
     chunk_0000.npz        samples: the trajectory's arrays under their names
     checkpoint_0000.npz   what the run goes on from, while it has not ended
     summary.json          the summary table's numbers, once it has
+    model.json            of a run made in Python instead of a scene: its chain
+    bases.npz             of such a run: how bases moved
 
 A flush writes files under new names, then moves a meta.json that names them over the old one: that
 move is the flush. Files that meta.json does not name do not count. docs/results.md is the format in full.
@@ -28,9 +30,11 @@ from holdfast.errors import ResultError
 from holdfast.io.files import reason_of, remove, write_atomically
 from holdfast.io.result_chunk import Damage, cut_chunk, read_arrays, read_chunk, stray_chunks, write_arrays, write_chunk
 from holdfast.io.result_meta import (
+    BASES,
     FORMAT,
     FORMAT_VERSION,
     META,
+    MODEL,
     CheckpointRecord,
     ResultMeta,
     differences,
@@ -54,6 +58,8 @@ RESULT_FILES = (
     "scene.toml",
     "robot_*.urdf",
     "summary.json",
+    MODEL,
+    BASES,
     "chunk_*.npz",
     "checkpoint_*.npz",
     "trajectory*.csv",
@@ -79,6 +85,8 @@ class ResultWriter:
         *,
         robots: Mapping[str, Source] | None = None,
         overwrite: bool = False,
+        files: Mapping[str, bytes] | None = None,
+        advice: str = "--resume, --overwrite, or another --out",
     ) -> None:
         """Check that the folder can be used.
 
@@ -88,15 +96,18 @@ class ResultWriter:
             scene_text: the scene file's own text.
             robots: the URDF of each arm that is out of a file, by the arm's name.
             overwrite: replace an earlier result there.
+            files: what else is in the folder, by name.
+            advice: what to try where an earlier result is there.
 
         Raises:
             ResultError: the folder is in use.
         """
-        require_free(folder, overwrite)
+        require_free(folder, overwrite, advice)
         self.folder = folder
         self.start: Checkpoint | None = None
         self._scene = scene_text.encode("utf-8")
-        records, self._robots = kept_files(robots or {})
+        records, kept = kept_files(robots or {})
+        self._files = {**kept, **(files or {})}
         self._meta = replace(meta, scene_sha256=sha256(self._scene), robots=records)
         self._waiting: list[Trajectory] = []
         self._reported = 0  # occurrences
@@ -205,9 +216,11 @@ class ResultWriter:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as cause:
             raise ResultError(f"{self.folder}: cannot be written: {reason_of(cause)}") from cause
+        except ValueError as cause:  # a name that no file system takes
+            raise ResultError(f"{str(self.folder)!r}: cannot be written: {cause}") from cause
         self._write_meta(self._meta)  # first, so that the folder is known as ours before anything else is in it
         remove(*(path for pattern in RESULT_FILES for path in self.folder.glob(pattern)))
-        for name, content in {"scene.toml": self._scene, **self._robots}.items():
+        for name, content in {"scene.toml": self._scene, **self._files}.items():
             write_atomically(self.folder / name, content)
         self._begun = True
 
@@ -316,7 +329,7 @@ def _remove_the_rest(folder: Path, meta: ResultMeta) -> None:
     remove(*stray_chunks(folder, len(meta.chunks)), *stray, *folder.glob("*.part"), folder / "summary.json")
 
 
-def require_free(folder: Path, overwrite: bool) -> None:
+def require_free(folder: Path, overwrite: bool, advice: str) -> None:
     """Refuse a folder that holds anything, unless it is an earlier result to be replaced.
 
     Raises:
@@ -332,7 +345,7 @@ def require_free(folder: Path, overwrite: bool) -> None:
     if not earlier:
         raise ResultError(f"{folder}: expected a new or empty folder, or an earlier result; found '{names[0]}' in it")
     if not overwrite:
-        raise ResultError(f"{folder}: holds an earlier result; try --resume, --overwrite, or another --out")
+        raise ResultError(f"{folder}: holds an earlier result; try {advice}")
 
 
 def run_meta(

@@ -13,13 +13,16 @@ import numpy as np
 from holdfast.errors import ResultError
 from holdfast.io.files import file_path
 from holdfast.io.result_chunk import Damage, chunk_name, read_chunk, stray_chunks
-from holdfast.io.result_meta import ResultMeta, read_bytes, read_meta, sha256
+from holdfast.io.result_meta import MODEL, ResultMeta, read_bytes, read_meta, sha256
+from holdfast.io.run_setting import setting_of
+from holdfast.simulation.run_outputs import RunOutputs
+from holdfast.simulation.setting import Setting
 from holdfast.simulation.trajectory import OF_TRUNK, Trajectory, array_names
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
-    """A run on disk.
+class Result(RunOutputs):
+    """A run on disk; what `simulate` returns has the same methods.
 
     Attributes:
         folder: where it is.
@@ -52,7 +55,36 @@ class Result:
         parts = list(self.parts())
         arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in array_names()}
         occurrences = tuple(one for part in parts for one in part.occurrences)
-        return Trajectory(**arrays, stopped=self.meta.stopped, occurrences=occurrences)
+        setting = self.setting if self.keeps_model else None
+        return Trajectory(**arrays, stopped=self.meta.stopped, occurrences=occurrences, setting=setting)
+
+    @property
+    def keeps_model(self) -> bool:
+        """Whether the folder keeps its chain, as that of a run made in Python does; else it has a scene."""
+        return (self.folder / MODEL).exists()
+
+    @cached_property
+    def setting(self) -> Setting:
+        """What it is a run of; a scene is read anew, of the robots that the folder keeps.
+
+        Raises:
+            ResultError: the folder changed, or is of another chain.
+            SceneError, ClosureError: the scene cannot be read any more.
+        """
+        return setting_of(self.folder, self.meta)
+
+    def whole_run(self) -> Trajectory:
+        """Return every sample, with what it is a run of.
+
+        Raises:
+            HoldfastError: as for `trajectory` and `setting`.
+        """
+        return replace(self.trajectory, setting=self.setting)
+
+    def __repr__(self) -> str:
+        """Return folder, length and state, on one line."""
+        state = "complete" if self.complete else self.note
+        return f"<Result '{self.meta.scene}' in {self.folder}: {self.samples} samples, {state}>"
 
     def parts(self) -> Iterator[Trajectory]:
         """Yield the run chunk by chunk, from its first sample on, one chunk in memory at a time.

@@ -12,7 +12,7 @@ from holdfast.spatial.converted import making
 from holdfast.spatial.pose import Pose, PoseField
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Anchor(Arm):
     """An arm without joints: by its grasp the object is pinned to the world, to a body of a trunk or to a moving place.
 

@@ -11,8 +11,10 @@ import numpy as np
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
+from holdfast.model.fingerprint import PICTURE
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
+from holdfast.model.looks import Looks
 from holdfast.spatial.converted import making
 from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.pose import Pose, PoseField
@@ -29,6 +31,7 @@ class Arm(Frozen):
         tip: pose of the tip frame in the last link's axes; where the arm touches.
         base: pose of the base frame in the world.
         name: for messages.
+        looks: what its file says it looks like, for the viewer; dropped where it is of another number of links.
     """
 
     joints: Sequence[Joint]
@@ -36,6 +39,7 @@ class Arm(Frozen):
     tip: PoseField = field(default_factory=making(Pose.identity))
     base: PoseField = field(default_factory=making(Pose.identity))
     name: str = ""
+    looks: Looks | None = field(default=None, metadata=PICTURE)
 
     def __post_init__(self) -> None:
         label, put = self._check_frames(), object.__setattr__
@@ -61,6 +65,7 @@ class Arm(Frozen):
             tuple(one for joint, link in zip(self.joints, self.links, strict=True) for one in _links(joint, link)),
         )
         put(self, "joints", tuple(part for joint in self.joints for part in joint.parts))
+        put(self, "looks", fitting_looks(self.looks, len(self.links), label))
 
     def _check_frames(self) -> str:
         """Check name, tip and base, and return what messages call the arm."""
@@ -70,6 +75,12 @@ class Arm(Frozen):
         object.__setattr__(self, "tip", checks.pose(self.tip, f"{label}: tip"))
         object.__setattr__(self, "base", checks.pose(self.base, f"{label}: base"))
         return label
+
+    def __repr__(self) -> str:
+        """Return name, joints and place, on one line."""
+        joints = f"{self.joint_count} joint{'' if self.joint_count == 1 else 's'}, " if self.joints else ""
+        name = f" '{self.name}'" if self.name else ""
+        return f"<{type(self).__name__}{name}: {joints}base at {checks.place(self.base.p)} m>"
 
     @property
     def joint_count(self) -> int:
@@ -125,6 +136,16 @@ class Arm(Frozen):
     def rest(self) -> Array:
         """(N,) joint positions at which the springs are slack [rad or m]."""
         return np.array([j.rest for j in self.joints])
+
+
+def fitting_looks(looks: Any, links: int, label: str) -> Looks | None:
+    """Return the looks of a base and so many links; None if they are of other links.
+
+    Raises:
+        ModelError: what are no looks.
+    """
+    checks.instance(looks, (Looks, type(None)), f"{label}: looks")
+    return looks if looks is not None and len(looks.bodies) == links + 1 else None
 
 
 def _links(joint: Joint, link: Link) -> tuple[Link, ...]:

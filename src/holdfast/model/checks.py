@@ -109,6 +109,15 @@ def limit(value: Any, what: str) -> float:
     return math.inf if infinite else number(value, what, above=0.0)
 
 
+def place(p: Any) -> str:
+    """Return a position, a force or a moment as text of four digits, rounding as 0; what is traced has no numbers."""
+    x = np.asarray(p)
+    if x.dtype == object:
+        return "(...)"
+    noise = 1e-9 * max(1.0, float(np.abs(x).max()))  # m, N or N m
+    return f"({', '.join(f'{one:.4g}' for one in np.where(np.abs(x) < noise, 0.0, x).tolist())})"
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return ' Did you mean ...?' or a list of what is known."""
     known = list(known)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from html import escape
 
 import numpy as np
 
@@ -88,6 +89,35 @@ class ClosedChain(Frozen):
             if name not in self.arms:
                 raise ModelError(f"mount of '{name}': no such arm.{checks.did_you_mean(name, self.arms)}")
             self.trunk.body(mount, f"mount of '{name}'")
+
+    def __repr__(self) -> str:
+        """Return arms, grasps and object, a line each."""
+        lines = [f"ClosedChain: {_count(len(self.arms), 'arm')}, {_count(self.joint_count, 'joint')}"]
+        lines += [f"  {name}: {', '.join(filter(None, row))}" for name, *row in self._table()]
+        return f"<{chr(10).join(lines)}>"
+
+    def _repr_html_(self) -> str:
+        """Return arms, grasps and object as a table, for notebooks."""
+        titles = ("", "", "stands", "grasp")
+        head = "".join(f"<th>{title}</th>" for title in titles)
+        body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in self._table())
+        return f"<table><tr>{head}</tr>{body}</table>"
+
+    def _table(self) -> list[tuple[str, str, str, str]]:
+        """Return name, joints, place and grasp of trunk, arms and object."""
+        rows = []
+        if self.trunk is not None:
+            place = "floats" if self.floats else f"base at {checks.place(self.trunk.base.p)} m"
+            rows.append((TRUNK, _count(self.trunk.joint_count, "joint"), place, ""))
+        for name, arm in self.arms.items():
+            where = f"on {self.mounts[name]}" if name in self.mounts else f"base at {checks.place(arm.base.p)} m"
+            held = "holds nothing"
+            if (grasp := self.grasps.get(name)) is not None:
+                held = f"{grasp.kind} grasp" + ("" if grasp.contact is None else f" with friction {grasp.contact.mu}")
+            rows.append((name, _count(arm.joint_count, "joint") if arm.joints else "anchor", where, held))
+        mass = self.held_object.mass
+        rows.append(("object", f"{mass:.4g} kg" if isinstance(mass, float) else "", "", ""))
+        return rows
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -200,3 +230,7 @@ class ClosedChain(Frozen):
         if name not in self.grasps:
             raise ModelError(f"grasp '{name}': no such grasp.{checks.did_you_mean(name, self.grasps)}")
         return replace(self, grasps={n: g for n, g in self.grasps.items() if n != name})
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"

@@ -12,6 +12,7 @@ import numpy as np
 
 # of a field that earlier versions did not have: at its default it has no part, so that their models keep their text
 ADDED = {"added": True}
+PICTURE = {"picture": True}  # of a field that nothing is computed from: it has no part
 
 
 def fingerprint(model: Any) -> str:
@@ -56,7 +57,7 @@ def _parts(value: Any, exact: bool) -> Iterator[bytes]:
     if exact and type(value) not in (list, tuple) and (is_dataclass(value) or isinstance(value, list | tuple)):
         yield _name_of(type(value)).encode()
     if is_dataclass(value) and not isinstance(value, type):
-        own = [(f, getattr(value, f.name)) for f in fields(value)]
+        own = [(f, getattr(value, f.name)) for f in fields(value) if f.metadata != PICTURE]
         value = {f.name: x for f, x in own if f.metadata != ADDED or not _same(x, f.default)}
     if isinstance(value, Mapping):
         yield b"{"

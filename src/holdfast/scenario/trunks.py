@@ -122,7 +122,7 @@ def _at_rest(trunk: Trunk) -> SceneTrunk:
 
 
 def _carrying(arm: Arm) -> Trunk:
-    return Trunk(arm.joints, arm.links, arm.base)
+    return Trunk(arm.joints, arm.links, arm.base, looks=arm.looks)
 
 
 def _of_file(

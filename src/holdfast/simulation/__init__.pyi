@@ -4,4 +4,5 @@ from .rollout.rollout import Rollout as Rollout
 from .rollout.systems import RolloutRecord as RolloutRecord
 from .rollout.systems import RolloutStatus as RolloutStatus
 from .rollout.systems import RolloutSystems as RolloutSystems
+from .setting import Setting as Setting
 from .trajectory import Trajectory as Trajectory

@@ -27,6 +27,7 @@ from holdfast.simulation.run_state import RunState
 from holdfast.simulation.runge_kutta import scheme as scheme_named
 from holdfast.simulation.sample import sample
 from holdfast.simulation.segment import MakeStepper, RunSettings
+from holdfast.simulation.setting import Setting, recorded_base
 from holdfast.simulation.stops import ALIKE, MOST_STEPS, step_times, stops
 from holdfast.simulation.trajectory import Trajectory, array_names, stacked
 from holdfast.state import Inputs, State
@@ -56,6 +57,7 @@ def simulate(
     on_sample: Callable[[Trajectory], None] | None = None,
     on_checkpoint: Callable[[Checkpoint], None] | None = None,
     make_stepper: MakeStepper | None = None,
+    name: str = "run",
 ) -> Trajectory:
     """Return the motion from a state, by Runge-Kutta steps with projection, contacts verified all along.
 
@@ -96,6 +98,7 @@ def simulate(
         on_sample: called with every sample as it is made.
         on_checkpoint: called after that with what the run can go on from.
         make_stepper: what takes the steps; without it machine code does, unless there are too few to compile for.
+        name: what the run is called in pages and files.
 
     Raises:
         ModelError: a duration or step that is not positive, too many steps, an unknown policy or scheme, an
@@ -107,6 +110,7 @@ def simulate(
     checks.instance(chain, ClosedChain, "simulation: chain")
     checks.instance(state, State, "simulation: state", StateError)
     require_controller(controller)
+    checks.instance(name, str, "simulation: name")
     if isinstance(controller, ControlLaw):
         controller.require_no_parameters()
     named = scheme_named(scheme)
@@ -156,8 +160,14 @@ def simulate(
         at = later
     if not samples:  # a run that went on from its end
         none = stacked([sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins)], later)
-        return replace(none, **{name: getattr(none, name)[:0] for name in array_names()})
-    return replace(stacked(samples, later), occurrences=at.checkpoint.occurrences[first:])
+        run = replace(none, **{name: getattr(none, name)[:0] for name in array_names()})
+    else:
+        run = replace(stacked(samples, later), occurrences=at.checkpoint.occurrences[first:])
+    moved = {base: recorded_base(base, motion, run.t) for base, motion in environment.base_motion.items()}
+    asked = {"scheme": scheme, "on_slip": on_slip, "on_limit": on_limit, "on_singular": on_singular, "rtol": rtol}
+    called = getattr(controller, "__qualname__", type(controller).__qualname__)
+    asked |= {"atol": atol, "largest_drift": limit, "controller": called}
+    return replace(run, setting=Setting(chain, moved, name, float(duration), float(step), asked))
 
 
 SINGULAR = (

@@ -11,6 +11,8 @@ import numpy as np
 from holdfast.errors import ModelError, StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import imbalance, momentum_imbalance
+from holdfast.simulation.run_outputs import RunOutputs
+from holdfast.simulation.setting import Setting
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.rotation import quaternion_product
 from holdfast.spatial.scalar import Array
@@ -170,7 +172,7 @@ OF_TRUNK = ("base_pose", "base_twist", "base_acceleration", "trunk_base_wrench")
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory(Frozen):
+class Trajectory(Frozen, RunOutputs):
     """A run sampled at every step; the first axis of every array is the sample.
 
     One sample alone has the same fields without that axis. `UNITS` gives units and axes. Times
@@ -197,6 +199,7 @@ class Trajectory(Frozen):
         trunk_base_wrench: (samples, 6); (samples, 0) without a trunk.
         stopped: None for a run that reached its end, else what ended it.
         occurrences: grasps that closed and opened, limits that were passed, in order of time.
+        setting: what it is a run of; None for one put together from arrays.
     """
 
     t: Annotated[Array, "s"]
@@ -263,6 +266,7 @@ class Trajectory(Frozen):
     ] = field(default_factory=_none)
     stopped: str | None = None
     occurrences: tuple[Occurrence, ...] = ()
+    setting: Setting | None = None
 
     def __post_init__(self) -> None:
         for name in OF_TRUNK:
@@ -272,6 +276,27 @@ class Trajectory(Frozen):
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def __repr__(self) -> str:
+        """Return name, length and how it ended, on one line."""
+        return f"<Trajectory {text_of(self)}>"
+
+    def whole_run(self) -> Trajectory:
+        """Return the run itself."""
+        return self
+
+    def require_setting(self) -> Setting:
+        """Return what it is a run of.
+
+        Raises:
+            StateError: it does not know.
+        """
+        if self.setting is None:
+            raise StateError(
+                "run: expected one that knows its chain, as simulate and load_result return it, got one put together"
+                " from arrays; try dataclasses.replace(run, setting=hf.simulation.Setting(chain))"
+            )
+        return self.setting
 
     def state(self, k: int) -> State:
         """Return the state of sample k."""
@@ -309,9 +334,20 @@ class Trajectory(Frozen):
         return momentum_imbalance(self.t, self.momentum, self.momentum_rate, self.base_impulse)
 
 
+def text_of(run: Trajectory) -> str:
+    """Return in a few words how long a run is, of what, and how it ended."""
+    if np.ndim(run.t) == 0:
+        return f"one sample at t = {float(run.t):g} s"
+    if not len(run):
+        return "without samples"
+    of = "" if run.setting is None else f" '{run.setting.name}' of {', '.join(run.setting.chain.names)}"
+    end = "complete" if run.stopped is None else run.stopped
+    return f"run{of}: {len(run)} sample{'' if len(run) == 1 else 's'}, {run.t[0]:g} to {run.t[-1]:g} s, {end}"
+
+
 def stacked(samples: Sequence[Trajectory], stopped: str | None = None) -> Trajectory:
     """Return single samples as one run."""
-    arrays = {key: np.stack([getattr(s, key) for s in samples]) for key in array_names()}
+    arrays: dict[str, Any] = {key: np.stack([getattr(s, key) for s in samples]) for key in array_names()}
     return Trajectory(**arrays, stopped=stopped, occurrences=tuple(one for s in samples for one in s.occurrences))
 
 

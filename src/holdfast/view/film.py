@@ -22,7 +22,7 @@ from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
-from holdfast.view.pieces import Piece
+from holdfast.view.pieces import Piece, pieces_in_files
 
 Looks = Mapping[str, Sequence[Sequence[Piece]]]
 RATE = 30.0  # moments a second
@@ -108,7 +108,7 @@ def film_of_run(
         title: what it is called.
         rate: moments a second of the run's time.
         base_motion: as for `simulate`.
-        looks: as for `Film`.
+        looks: as for `Film`; None: what the files of arms and trunk say, where their meshes can be read.
 
     Raises:
         StateError: what is no run, or not of this chain.
@@ -124,11 +124,12 @@ def film_of_run(
         state = run.state(j)
         places.append(_placed(*world.at(t, state), state))
     strength = np.array([at.strength for at in places])
+    surfaces = pieces_in_files(chain)[0] if looks is None else looks
     strength[~run.holding[k]] = 1.0
     bases, below, tips = (np.array([getattr(at, part) for at in places]) for part in ("bases", "below", "tips"))
     return Film(
         chain, title, run.t[k], run.q[k], bases, below, run.object_pose[k], tips, run.grasp_wrench[k],
-        run.internal_wrench[k], run.margin[k], run.condition[k], strength, run.tau[k], looks or {},
+        run.internal_wrench[k], run.margin[k], run.condition[k], strength, run.tau[k], surfaces,
     )  # fmt: skip
 
 
@@ -143,7 +144,8 @@ def film_of_instant(at: Instant, title: str, looks: Looks | None = None) -> Film
         at.t, state.q, place.bases, place.below, state.object_pose, place.tips, found.grasp_wrench, internal, margin,
         found.condition, place.strength, at.tau,
     )  # fmt: skip
-    return Film(chain, title, *(np.array([part]) for part in moment), looks=looks or {})
+    surfaces = pieces_in_files(chain)[0] if looks is None else looks
+    return Film(chain, title, *(np.array([part]) for part in moment), looks=surfaces)
 
 
 class _Place(NamedTuple):

@@ -9,11 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from holdfast.model.closed_chain import TRUNK, ClosedChain
+from holdfast.model.looks import Box, Capsule, Cylinder, Sphere, Visual
+from holdfast.model.looks import Mesh as MeshFile
 from holdfast.robots.mesh_files.limits import FARTHEST, MeshFault, require_triangles
 from holdfast.robots.mesh_files.read import read_mesh
 from holdfast.robots.primitive import COLOURS, Primitive
-from holdfast.robots.urdf.visuals import Box, Capsule, Cylinder, Sphere, Visual
-from holdfast.robots.urdf.visuals import Mesh as MeshFile
 from holdfast.view import meshes
 from holdfast.view.meshes import Mesh
 
@@ -54,14 +55,21 @@ def pieces_of(looks: Sequence[Sequence[Primitive]]) -> list[list[Piece]]:
     ]
 
 
-def pieces_of_urdf(visuals: Sequence[Sequence[Visual]], folder: Path) -> UrdfPieces:
+def pieces_of_urdf(visuals: Sequence[Sequence[Visual]], folder: Path | None) -> UrdfPieces:
     """Return what a URDF says its base and links look like; nothing if a mesh file is not to be had.
 
     Args:
         visuals: of `urdf_visuals`.
-        folder: that relative file names start from; a `package://` name is looked for in it and above it.
+        folder: that relative file names start from; a `package://` name is looked for in it and above it; None: there
+            are none.
     """
-    read = cache(lambda filename: read_mesh(filename, folder))
+
+    @cache
+    def read(filename: str) -> Mesh:
+        if folder is None:
+            raise MeshFault(f"{filename}: the robot came without a file whose folder it could be in")
+        return read_mesh(filename, folder)
+
     found: list[list[Piece]] = []
     missing: list[str] = []
     triangles = 0
@@ -76,6 +84,23 @@ def pieces_of_urdf(visuals: Sequence[Sequence[Visual]], folder: Path) -> UrdfPie
             except MeshFault as cause:
                 missing.append(str(cause))
     return UrdfPieces(None if missing or not any(found) else found, tuple(missing))
+
+
+def pieces_in_files(chain: ClosedChain) -> tuple[dict[str, list[list[Piece]]], dict[str, tuple[str, ...]]]:
+    """Return what files say that arms, and "trunk", look like, and whose meshes are not to be had, and why; by name.
+
+    Those that are in neither have no looks: they are drawn with simple solids, as those whose meshes are missing.
+    """
+    pieces, missing = {}, {}
+    for name, of in {**({} if chain.trunk is None else {TRUNK: chain.trunk}), **chain.arms}.items():
+        if of.looks is None:
+            continue
+        found = pieces_of_urdf(of.looks.bodies, Path(of.looks.folder) if of.looks.folder else None)
+        if found.pieces is not None:
+            pieces[name] = found.pieces
+        elif found.missing:
+            missing[name] = found.missing
+    return pieces, missing
 
 
 def _of_primitive(solid: Primitive, scale: float) -> Piece:

@@ -156,15 +156,29 @@ def viewer_server(port: int = 0) -> Iterator[Any]:
         import viser
     except ImportError as cause:
         raise MissingExtra("the viewer needs viser; try pip install 'holdfast[view]'") from cause
-    with contextlib.redirect_stdout(io.StringIO()):  # its banner
+    with _silence():  # its banner
         server = viser.ViserServer(host="127.0.0.1", port=port, verbose=False)
     try:
         if port not in (0, server.get_port()):  # viser takes the next free one silently
             raise HoldfastError(f"port {port} is in use; try another --port, or none")
         yield server
     finally:
-        with contextlib.redirect_stdout(io.StringIO()):
+        with _silence():
             server.stop()
+
+
+@contextlib.contextmanager
+def _silence() -> Iterator[None]:
+    """Keep from terminal and notebook what is printed meanwhile."""
+    from rich import get_console
+
+    console = get_console()  # in a notebook it does not write to stdout
+    before, console.quiet = console.quiet, True
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):
+            yield
+    finally:
+        console.quiet = before
 
 
 def _pose(at: Pose) -> dict[str, Array]:

@@ -9,11 +9,11 @@ import warnings
 import numpy as np
 import pytest
 
+from holdfast.model.looks import Mesh as MeshFile
+from holdfast.model.looks import Visual
 from holdfast.robots.mesh_files import limits
 from holdfast.robots.mesh_files.limits import MeshFault
 from holdfast.robots.mesh_files.read import read_mesh
-from holdfast.robots.urdf.visuals import Mesh as MeshFile
-from holdfast.robots.urdf.visuals import Visual
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.view.pieces import pieces_of_urdf

@@ -7,6 +7,13 @@ caller chose: base, tip, held joints), `bodies` (what is welded together), `chai
 
 from __future__ import annotations
 
+from holdfast.model.looks import Box as Box
+from holdfast.model.looks import Capsule as Capsule
+from holdfast.model.looks import Cylinder as Cylinder
+from holdfast.model.looks import Mesh as Mesh
+from holdfast.model.looks import Shape as Shape
+from holdfast.model.looks import Sphere as Sphere
+from holdfast.model.looks import Visual as Visual
 from holdfast.robots.urdf.chain import UrdfChain as UrdfChain
 from holdfast.robots.urdf.chain import load_urdf as load_urdf
 from holdfast.robots.urdf.chain import load_urdf_arms as load_urdf_arms
@@ -20,11 +27,4 @@ from holdfast.robots.urdf.robot import urdf_tree as urdf_tree
 from holdfast.robots.urdf.trunk import UrdfTrunkChain as UrdfTrunkChain
 from holdfast.robots.urdf.trunk import load_urdf_trunk as load_urdf_trunk
 from holdfast.robots.urdf.trunk import urdf_trunk as urdf_trunk
-from holdfast.robots.urdf.visuals import Box as Box
-from holdfast.robots.urdf.visuals import Capsule as Capsule
-from holdfast.robots.urdf.visuals import Cylinder as Cylinder
-from holdfast.robots.urdf.visuals import Mesh as Mesh
-from holdfast.robots.urdf.visuals import Shape as Shape
-from holdfast.robots.urdf.visuals import Sphere as Sphere
-from holdfast.robots.urdf.visuals import Visual as Visual
 from holdfast.robots.urdf.visuals import urdf_visuals as urdf_visuals

@@ -21,6 +21,7 @@ from holdfast.robots.urdf.reader import read_urdf
 from holdfast.robots.urdf.refusals import hanging, refuse_loose, refuse_unsupported, shared
 from holdfast.robots.urdf.robot import MOVING, UrdfRobot
 from holdfast.robots.urdf.source import Source
+from holdfast.robots.urdf.visuals import looks_of_bodies
 from holdfast.spatial.pose import Pose
 
 SAME_PLACE = 1e-6  # [m] between the origins of two frames
@@ -110,8 +111,9 @@ def chain_of(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOption
         raise robot.element.refuse(
             f"expected a joint that moves between base {quoted(base)} and tip {quoted(tip)}, got none"
         )
-    arm = Arm(*joints_and_links(robot, folded, options), _plain(folded.tip), mount, robot.name)
     bodies = (folded.on_base, *(body.links for body in folded.bodies))
+    looks, unread = looks_of_bodies(robot, bodies)
+    arm = Arm(*joints_and_links(robot, folded, options), _plain(folded.tip), mount, robot.name, looks)
     inside = {name for links in bodies for name in links}
     locked, notes = read_within(locks, folded)
     tip_note = _tip_note(robot, arm, tip, folded)
@@ -123,7 +125,7 @@ def chain_of(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOption
         locked=locked,
         bodies=bodies,
         elsewhere=tuple(name for name in robot.links if name not in inside),
-        notes=(*notes, *([tip_note] if tip_note else [])),
+        notes=(*notes, *unread, *([tip_note] if tip_note else [])),
         tip_note=tip_note,
     )
 

@@ -56,8 +56,9 @@ def read_urdf(
     links = [_link(element) for element in root.children if element.tag == "link"]
     links = _by_name([*links, *(link for _, between in parts for link in between)])
     joints = _by_name([joint for apart, _ in parts for joint in apart])
+    folder = "" if source.folder is None else str(source.folder.resolve())
     name = attributes.name(root) if root.attributes.get("name", "").strip() else ""
-    robot = UrdfRobot(name, links, joints, _root(root, links, joints), root, notes)
+    robot = UrdfRobot(name, links, joints, _root(root, links, joints), root, notes, folder)
     _refuse_circles(robot)
     return robot
 

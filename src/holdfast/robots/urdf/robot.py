@@ -130,6 +130,7 @@ class UrdfRobot:
         root: the name of the link that no joint moves.
         element: the <robot>.
         notes: what of the <robot> itself was not read.
+        folder: that relative names of meshes start from; empty for a text that came without a file.
     """
 
     name: str
@@ -138,6 +139,7 @@ class UrdfRobot:
     root: str
     element: Element = field(repr=False)
     notes: tuple[str, ...]
+    folder: str = ""
 
     @cached_property
     def joint_above(self) -> Mapping[str, UrdfJoint]:

@@ -17,6 +17,7 @@ from holdfast.robots.urdf.reader import read_urdf
 from holdfast.robots.urdf.refusals import hanging, refuse_loose, refuse_unsupported
 from holdfast.robots.urdf.robot import UrdfRobot
 from holdfast.robots.urdf.source import Source
+from holdfast.robots.urdf.visuals import looks_of_bodies
 from holdfast.spatial.pose import Pose
 
 Path = list[PassedJoint]
@@ -176,8 +177,11 @@ def _on_trunk(
     """Return trunk and arms, which have so many joints of the trunk below them."""
     robot, floats = locks.robot, common.floats
     free = welded_link(robot, common.on_base, "it floats", options.get("physical", True)) if floats else None
-    trunk = Trunk(*joints_and_links(robot, common, options), mount_of(options), free)
+    bodies = (common.on_base, *(body.links for body in common.bodies))
+    looks, unread = looks_of_bodies(robot, bodies)
+    trunk = Trunk(*joints_and_links(robot, common, options), mount_of(options), free, looks)
     locked, notes = read_within(locks, common)
+    notes += unread
     chains, mounts = {}, {}
     for name, folded in folds.items():
         k = shared[name]
@@ -188,9 +192,11 @@ def _on_trunk(
         else:
             at = trunk.base
         chain = chain_of(locks, folded, at, options)
-        chains[name] = replace(chain, bodies=({}, *chain.bodies[1:]))
+        looks = chain.arm.looks  # what the arm stands on is the trunk's
+        own = replace(chain.arm, looks=None if looks is None else replace(looks, bodies=((), *looks.bodies[1:])))
+        chains[name] = replace(chain, arm=own, bodies=({}, *chain.bodies[1:]))
         locked |= chain.locked
         notes += chain.notes
     arms = {name: chain.arm for name, chain in chains.items()}
     found = ArmsOnTrunk(trunk, arms, mounts, locked, tuple(dict.fromkeys(notes)))
-    return UrdfTrunkChain(found, robot, (common.on_base, *(body.links for body in common.bodies)), chains)
+    return UrdfTrunkChain(found, robot, bodies, chains)

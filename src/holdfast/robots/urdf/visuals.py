@@ -1,101 +1,35 @@
-"""What the links of a URDF look like: boxes, cylinders, spheres and mesh files, for a viewer."""
+"""What the links of a URDF look like: its <visual> elements, for a viewer."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from typing import Protocol
 
+from holdfast.errors import SceneError
+from holdfast.model.looks import Box, Capsule, Cylinder, Looks, Mesh, Rgba, Shape, Sphere, Visual
 from holdfast.robots.urdf import attributes
-from holdfast.robots.urdf.chain import UrdfChain
 from holdfast.robots.urdf.document import Element
 from holdfast.robots.urdf.robot import UrdfRobot
-from holdfast.robots.urdf.trunk import UrdfTrunkChain
 from holdfast.spatial.pose import Pose
 
-Rgba = tuple[float, float, float, float]
+Bodies = Sequence[Mapping[str, Pose]]
 
 
-@dataclass(frozen=True)
-class Box:
-    """A box, centred.
+class Chain(Protocol):
+    """What has visuals: a `UrdfChain` or a `UrdfTrunkChain`."""
 
-    Attributes:
-        size: edges along x, y, z [m].
-    """
+    @property
+    def robot(self) -> UrdfRobot:
+        """The file's links and joints."""
+        ...
 
-    size: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Cylinder:
-    """A cylinder about z, centred.
-
-    Attributes:
-        radius: [m].
-        length: [m].
-    """
-
-    radius: float
-    length: float
+    @property
+    def bodies(self) -> Bodies:
+        """Mappings from link name to pose: of the links on the base, then of those welded into each link."""
+        ...
 
 
-@dataclass(frozen=True)
-class Capsule:
-    """A cylinder about z with half spheres on both ends, centred.
-
-    Attributes:
-        radius: [m].
-        length: of the cylinder alone [m].
-    """
-
-    radius: float
-    length: float
-
-
-@dataclass(frozen=True)
-class Sphere:
-    """A sphere, centred.
-
-    Attributes:
-        radius: [m].
-    """
-
-    radius: float
-
-
-@dataclass(frozen=True)
-class Mesh:
-    """A mesh in a file of its own.
-
-    Attributes:
-        filename: as the file says, `package://` and relative paths included.
-        scale: along x, y, z.
-    """
-
-    filename: str
-    scale: tuple[float, float, float]
-
-
-Shape = Box | Cylinder | Capsule | Sphere | Mesh
-
-
-@dataclass(frozen=True, eq=False)
-class Visual:
-    """One piece of what a link looks like.
-
-    Attributes:
-        link: name of the URDF link it belongs to.
-        pose: in the frame of the arm's base or link.
-        shape: what it is.
-        rgba: colour, 0 to 1 each; None if the file gives none.
-    """
-
-    link: str
-    pose: Pose
-    shape: Shape
-    rgba: Rgba | None
-
-
-def urdf_visuals(chain: UrdfChain | UrdfTrunkChain) -> tuple[tuple[Visual, ...], ...]:
+def urdf_visuals(chain: Chain) -> tuple[tuple[Visual, ...], ...]:
     """Return what the base and each link of an arm, or of a trunk, look like, N + 1 tuples. O(links).
 
     Poses are in the frame of the base, then of arm link k, so a viewer turns link k's
@@ -104,15 +38,33 @@ def urdf_visuals(chain: UrdfChain | UrdfTrunkChain) -> tuple[tuple[Visual, ...],
     Raises:
         SceneError: a shape that is none, with file, line and element.
     """
-    colours = _colours(chain.robot)
+    return _visuals(chain.robot, chain.bodies)
+
+
+def looks_of_bodies(robot: UrdfRobot, bodies: Bodies) -> tuple[Looks | None, list[str]]:
+    """Return what bodies look like, None without visuals, and notes on what cannot be read of it.
+
+    Args:
+        robot: the file's links and joints.
+        bodies: as those of a `UrdfChain`.
+    """
+    try:
+        visuals = _visuals(robot, bodies)
+    except SceneError as cause:  # no reason to refuse an arm
+        return None, [f"{cause}; drawn with simple solids"]
+    return Looks(visuals, robot.folder) if any(visuals) else None, []
+
+
+def _visuals(robot: UrdfRobot, bodies: Bodies) -> tuple[tuple[Visual, ...], ...]:
+    colours = _colours(robot)
     return tuple(
         tuple(
             _visual(visual, link, at, colours)
             for link, at in links.items()
-            for visual in chain.robot.links[link].element.children
+            for visual in robot.links[link].element.children
             if visual.tag == "visual"
         )
-        for links in chain.bodies
+        for links in bodies
     )
 
 

@@ -208,3 +208,14 @@ def common_time(systems: RolloutSystems) -> float:
             " `step`"
         )
     return float(times[0])
+
+
+def step_inputs(systems: RolloutSystems, least: StopMargins) -> dict[str, Array]:
+    """Return the inputs of the machine code besides torques and wrenches: the time, and what stops a system."""
+    return {
+        "begin": systems.begin,
+        "step": systems.step_length,
+        "held": np.array(0.0),
+        "least_margin": np.array(least[SLIPPED]),
+        "least_joint_margin": np.array(least[LIMITED]),
+    }

@@ -29,6 +29,7 @@ from holdfast.simulation.rollout.arguments import (
     kernel_arguments,
     number,
     state_arguments,
+    step_inputs,
     step_lengths,
     stop_margins,
     whole_number,
@@ -37,7 +38,7 @@ from holdfast.simulation.rollout.arguments import (
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.parts import contradicted, subdivided
 from holdfast.simulation.rollout.stiff import stiff_systems
-from holdfast.simulation.rollout.systems import RolloutRecord, RolloutSystems
+from holdfast.simulation.rollout.systems import Begun, RolloutRecord, RolloutSystems
 from holdfast.simulation.rollout.traced_step import BROKEN, LIMITED, OPEN, SINGULAR, SLIPPED, TOO_LONG
 from holdfast.simulation.rollout.user_functions import Motions, travelling_inputs, travelling_law, travelling_motion
 from holdfast.simulation.runge_kutta import IMEX, Tableau
@@ -78,8 +79,8 @@ class Rollout:
         self._kernels = self._kernels_for(generic_rank)
 
     @property
-    def _kernel(self) -> StepKernel:
-        """The step of the scheme."""
+    def kernel(self) -> StepKernel:
+        """The machine code of a step of the scheme."""
         return self._kernels[False]
 
     def _kernels_for(self, generic_rank: int | None) -> dict[bool, StepKernel]:
@@ -91,6 +92,11 @@ class Rollout:
             return StepKernel(self.chain, self.law, tableau, rank, **surroundings)
 
         return {False: of(scheme_of(self.scheme)), True: of(IMEX)}
+
+    def __repr__(self) -> str:
+        """Return chain, scheme and the law's parameters, a line each."""
+        given = ", ".join(self.law.parameters) or "none"
+        return f"<Rollout by {self.scheme}, parameters of its law: {given}\n{self.chain!r}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what makes the rollout again: machine code is compiled, or found on disk."""
@@ -132,7 +138,7 @@ class Rollout:
         """
         every = (q, qd, object_pose, object_twist, floating_pose, floating_twist)
         systems = self._systems_at(state_arguments(self.chain, *every), memory, number("t", t))
-        systems.keep_inputs(call_inputs(self._kernel, given, len(systems)), self.law, self.inputs)
+        systems.keep_inputs(call_inputs(self.kernel, given, len(systems)), self.law, self.inputs)
         return self._started(systems, whole_number("threads", threads))
 
     def take_over(self, systems: RolloutSystems, *, threads: int = 1, **given: Any) -> RolloutSystems:
@@ -162,16 +168,16 @@ class Rollout:
         begun = systems.copy()
         stale = [] if list(systems.chain.grasps) == list(self.chain.grasps) else ["grasp_R", "grasp_p"]
         stale += ["base_R", "base_p"] if self.base_motion else []
-        takes = {name: external.shape for name, external in self._kernel.externals.items() if name not in stale}
+        takes = {name: external.shape for name, external in self.kernel.externals.items() if name not in stale}
         kept = {name: x for name, x in begun.call_inputs.items() if takes.get(name) == x.shape[1:]}
         memory = begun.arrays.get("memory", np.zeros((len(systems), 0)))
         remembered = memory if memory.shape[1] == len(self.law.memory) else None
-        found = self._kernel.systems({name: begun.arrays[name] for name in state_fields(self.chain)}, remembered)
+        found = self.kernel.systems({name: begun.arrays[name] for name in state_fields(self.chain)}, remembered)
         for array, x in ((found[key], begun.arrays.get(key)) for key in found):
             if x is not None and x.shape == array.shape:
                 array[~begun.running] = x[~begun.running]
         made = RolloutSystems(self.chain, found, begun.t, np.zeros(len(systems)))
-        made.keep_inputs(kept | call_inputs(self._kernel, given, len(systems)), self.law, self.inputs)
+        made.keep_inputs(kept | call_inputs(self.kernel, given, len(systems)), self.law, self.inputs)
         made = self._started(made, whole_number("threads", threads))
         made.arrays["work"][...] = begun.arrays["work"]
         apart = made.running & (made.drift[:, 0] > POSITION_TOLERANCE)
@@ -220,13 +226,13 @@ class Rollout:
         steps, threads = whole_number("steps", steps), whole_number("threads", threads)
         least = stop_margins(least_margin, stop_at_limits)
         limit = None if largest_drift is None else checks.number(largest_drift, "largest_drift", above=0.0)
-        lengths, new = step_lengths(step, len(systems)), call_inputs(self._kernel, given, len(systems))
-        inputs, parameters = kernel_arguments(self._kernel, systems.call_inputs | new)
-        self._kernel.require_own(systems.arrays)  # nothing is changed before the last refusal
+        lengths, new = step_lengths(step, len(systems)), call_inputs(self.kernel, given, len(systems))
+        inputs, parameters = kernel_arguments(self.kernel, systems.call_inputs | new)
+        self.kernel.require_own(systems.arrays)  # nothing is changed before the last refusal
         systems.set_step_length(lengths)
         if systems.keep_inputs(new, self.law, self.inputs):  # slopes were found under other torques
-            inputs |= _step_inputs(systems, NO_STOPS)
-            self._kernel.run(systems.arrays, inputs, parameters, 1, threads, slopes_only=True)
+            inputs |= step_inputs(systems, NO_STOPS)
+            self.kernel.run(systems.arrays, inputs, parameters, 1, threads, slopes_only=True)
         going = systems.running
         if limit is None:
             self._advance(systems, systems.step_length, steps, least, threads)
@@ -296,11 +302,13 @@ class Rollout:
         violated = systems.running & np.isin(at.arrays["code"], (SLIPPED, LIMITED))
         if violated.any():
             stopped[violated] = self._refined(at, violated, step, stop_margins(**stops))
-        return RolloutRecord(begin + done * step, {name: np.array(rows) for name, rows in kept.items()}, at, stopped)
+        found = {name: np.array(rows) for name, rows in kept.items()}
+        begun = Begun(self, systems.copy(), step, every, {**stops, "largest_drift": largest_drift})
+        return RolloutRecord(begin + done * step, found, at, stopped, begun)
 
     def _systems_at(self, given: Mapping[str, Any], memory: Any, t: float) -> RolloutSystems:
         """Return systems at users' states as they are, faulty ones marked as such."""
-        shapes = {name: self._kernel.carried[name] for name in given}
+        shapes = {name: self.kernel.carried[name] for name in given}
         state = {name: arrays.floats(name, x, shapes[name]) for name, x in given.items()}
         count = arrays.batch_of(state, {name: External(shape, "input") for name, shape in shapes.items()})
         if count == 0:
@@ -308,7 +316,7 @@ class Rollout:
         count = count or 1
         bad = faulty(state, {name: len(s) for name, s in shapes.items()}, largest_positions(self.chain), count)
         remembered = None if memory is None else fitting("memory", memory, (len(self.law.memory),), count)
-        found = self._kernel.systems(state, remembered, count)
+        found = self.kernel.systems(state, remembered, count)
         bad = np.zeros(count, dtype=bool) if bad is None else bad
         for pose in (found[name] for name in given if name.endswith("pose")):
             pose[~bad, :4] /= np.linalg.norm(pose[~bad, :4], axis=1, keepdims=True)
@@ -336,7 +344,7 @@ class Rollout:
         if self.generic_rank is None and (near := next(self._closed(systems), None)) is not None:
             self.generic_rank = generic_rank_near(*near, constraint_rank(*near))
             self._kernels = self._kernels_for(self.generic_rank)
-        if "held_rows" in self._kernel.carried:
+        if "held_rows" in self.kernel.carried:
             self._hold_rows(systems, threads)
         self._advance(systems, systems.step_length, 1, NO_STOPS, threads)
         for name in ("work", "count"):
@@ -353,7 +361,7 @@ class Rollout:
             rows = np.flatnonzero(stiff == implicit)
             kernel, part = self._kernels[implicit], systems if len(rows) == len(systems) else systems.copy(rows)
             inputs, parameters = kernel_arguments(kernel, part.call_inputs)
-            kernel.run(part.arrays, inputs | _step_inputs(part, least), parameters, steps, threads)
+            kernel.run(part.arrays, inputs | step_inputs(part, least), parameters, steps, threads)
             if part is not systems:
                 systems.put(rows, part)
 
@@ -362,7 +370,7 @@ class Rollout:
         assert self.generic_rank is not None
         rank, begun = self.generic_rank, systems.copy()
         one = next((held for near in self._closed(systems) if (held := held_near(*near, rank)) is not None), np.ones(6))
-        systems.arrays["held_rows"] = np.ones((len(systems), *self._kernel.carried["held_rows"]))
+        systems.arrays["held_rows"] = np.ones((len(systems), *self.kernel.carried["held_rows"]))
         begun.arrays["held_rows"] = one * systems.arrays["held_rows"]
         self._advance(begun, begun.step_length, 1, NO_STOPS, threads)
         there = begun.running
@@ -379,18 +387,7 @@ class Rollout:
 
     def _located(self, systems: RolloutSystems, row: int) -> tuple[ClosedChain, State]:
         """Return one system's chain, its bases where they are, and its state."""
-        _, parameters = kernel_arguments(self._kernel, systems.call_inputs)
-        at = {name: systems.arrays[name] for name in state_fields(self.chain)} | self._kernel.parameters | parameters
+        _, parameters = kernel_arguments(self.kernel, systems.call_inputs)
+        at = {name: systems.arrays[name] for name in state_fields(self.chain)} | self.kernel.parameters | parameters
         chain, state = system(self.chain, at, row)
         return Environment(chain, self.base_motion).chain_at(float(systems.t[row])), state
-
-
-def _step_inputs(systems: RolloutSystems, least: StopMargins) -> dict[str, Array]:
-    """Return the inputs of the machine code besides torques and wrenches: the time, and what stops a system."""
-    return {
-        "begin": systems.begin,
-        "step": systems.step_length,
-        "held": np.array(0.0),
-        "least_margin": np.array(least[SLIPPED]),
-        "least_joint_margin": np.array(least[LIMITED]),
-    }

@@ -9,13 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.errors import FrozenError
+from holdfast.compiled.externals import state_fields
+from holdfast.errors import FrozenError, StateError
 from holdfast.forces.margins import joint_limits, margins_of_joints
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout.kernel import Systems
+from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.frozen import Frozen, read_only
 from holdfast.spatial.scalar import Array
+from holdfast.state import State
 
 
 class RolloutStatus(Enum):
@@ -103,6 +106,11 @@ class RolloutSystems:
     def __len__(self) -> int:
         return len(self.begin)
 
+    def __repr__(self) -> str:
+        """Return how many there are, when, and what became of them, on one line."""
+        times = f"{self.t.min():g} s" if np.ptp(self.t) == 0 else f"{self.t.min():g} to {self.t.max():g} s"
+        return f"<RolloutSystems: {len(self)} at t = {times}; {fates(self)}>"
+
     def __setattr__(self, name: str, value: Any) -> None:
         """Refuse what would not act: arrays in the place of the machine code's, and names that nothing reads."""
         if isinstance(getattr(type(self), name, None), property):
@@ -114,6 +122,19 @@ class RolloutSystems:
             known = [n for n, x in vars(type(self)).items() if isinstance(x, property)]
             raise FrozenError(f"systems: no attribute '{name}'.{checks.did_you_mean(name, known)}")
         object.__setattr__(self, name, value)
+
+    def state(self, system: int) -> State:
+        """Return the state of one system, as `simulate` and the functions of one state take it.
+
+        Args:
+            system: its number, from 0.
+
+        Raises:
+            StateError: no such system, or one whose inputs were faulty.
+        """
+        if isinstance(system, bool) or not isinstance(system, int | np.integer) or not 0 <= system < len(self):
+            raise StateError(f"system: expected a number from 0 to {len(self) - 1}, got {system!r}")
+        return State(**{field: self.arrays[name][system] for name, field in state_fields(self.chain).items()})
 
     @property
     def t(self) -> Array:
@@ -192,6 +213,31 @@ class RolloutSystems:
         return vars(self) | {"under": ()}
 
 
+def fates(systems: RolloutSystems) -> str:
+    """Return how many systems go on, and how many stand still and why."""
+    names, counts = np.unique([status.name.lower() for status in systems.status], return_counts=True)
+    return ", ".join(f"{count} {name}" for name, count in zip(names, counts, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class Begun(Frozen):
+    """What a record is made from.
+
+    Attributes:
+        rollout: the `Rollout`.
+        systems: as they were at first.
+        step: h [s].
+        every: steps from one record to the next.
+        options: of `Rollout.step`.
+    """
+
+    rollout: Any
+    systems: RolloutSystems
+    step: float
+    every: int
+    options: Mapping[str, Any]
+
+
 @dataclass(frozen=True, eq=False)
 class RolloutRecord(Frozen):
     """Systems at the recorded times; the first axis of every array is the time, the second the system.
@@ -203,12 +249,58 @@ class RolloutRecord(Frozen):
         systems: at the end.
         stopped: (systems,) when each stopped [s], infinite if it did not; the instant of a slip
             is refined within its step.
+        begun: what it is made from; None for one put together from arrays.
     """
 
     t: Array
     arrays: Mapping[str, Array]
     systems: RolloutSystems
     stopped: Array
+    begun: Begun | None = None
+
+    def __repr__(self) -> str:
+        """Return how many systems there are, when, what was recorded, and what became of them, on one line."""
+        span = f"{self.t[0]:g} to {self.t[-1]:g} s" if len(self.t) else "no time"
+        what = f"{len(self.systems)} systems at {len(self.t)} times, {span}: {', '.join(self.arrays)}"
+        return f"<RolloutRecord of {what}; {fates(self.systems)}>"
+
+    def trajectory(self, system: int, every: int | None = None) -> Trajectory:
+        """Return one system as a run, with all that `simulate` records and all methods of a run.
+
+        Its steps are taken again, to the same bits; the samples are at the recorded times, or closer. Margins
+        are looked at at the samples only. A system that stood still ends where it did, and `stopped` says why.
+
+        Args:
+            system: its number, from 0.
+            every: steps from one sample to the next; as recorded by default.
+
+        Raises:
+            StateError: no such system, a record that was put together from arrays, or a system whose first state
+                is faulty.
+        """
+        from holdfast.simulation.rollout.replay import replayed_run
+
+        return replayed_run(self, system, every)
+
+    def to_pandas(self) -> Any:
+        """Return the record as a pandas DataFrame: a row for each system and time, which index it.
+
+        Raises:
+            MissingExtra: pandas is not installed.
+        """
+        from holdfast.io.frames import frame_of_record
+
+        return frame_of_record(self)
+
+    def to_xarray(self) -> Any:
+        """Return the record as an xarray Dataset: its arrays over `t` and `system`, joints and arms by name.
+
+        Raises:
+            MissingExtra: xarray is not installed.
+        """
+        from holdfast.io.frames import data_set_of_record
+
+        return data_set_of_record(self)
 
     def __getitem__(self, name: str) -> Array:
         """Return a recorded array."""

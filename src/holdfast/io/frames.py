@@ -1,0 +1,101 @@
+"""Runs and records as tables of pandas and data sets of xarray, under the names and units of exported tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from holdfast.errors import MissingExtra
+from holdfast.io.columns import PER_ARM, PER_JOINT, WRENCHES, columns, labels_of, rows
+from holdfast.io.result_meta import ResultMeta
+from holdfast.io.save_run import meta_of
+from holdfast.simulation.rollout.systems import RolloutRecord
+from holdfast.simulation.setting import Setting
+from holdfast.simulation.trajectory import Trajectory, array_names
+from holdfast.spatial.scalar import Array
+
+
+def frame_of_run(run: Trajectory) -> Any:
+    """Return a run as a pandas DataFrame, the table of `export_csv`.
+
+    Raises:
+        MissingExtra: pandas is not installed.
+        StateError: a run that does not know its chain.
+    """
+    meta = meta_of(run.require_setting())
+    return _library("pandas").DataFrame(rows(run), columns=[column.title for column in columns(meta, run)])
+
+
+def data_set_of_run(run: Trajectory) -> Any:
+    """Return a run as an xarray Dataset: its arrays over `t`, joints and arms by name, each with its unit.
+
+    Raises:
+        MissingExtra: xarray is not installed.
+        StateError: a run that does not know its chain.
+    """
+    meta = meta_of(run.require_setting())
+    arrays = {name: getattr(run, name) for name in array_names() if name != "t"}
+    return _data_set(arrays, {"t": run.t}, meta)
+
+
+def frame_of_record(record: RolloutRecord) -> Any:
+    """Return a record as a pandas DataFrame: a row for each system and time, which index it.
+
+    Raises:
+        MissingExtra: pandas is not installed.
+    """
+    pandas, meta = _library("pandas"), _meta_of_record(record)
+    times, count = len(record.t), len(record.systems)
+    by_title = {}
+    for name, array in record.arrays.items():
+        titles = labels_of(name, array.shape[2:], meta)
+        entries = np.moveaxis(array, 0, 1).reshape(count * times, -1).T
+        by_title |= dict(zip(titles, entries, strict=True))
+    index = pandas.MultiIndex.from_product([range(count), record.t], names=["system", "t [s]"])
+    return pandas.DataFrame(by_title, index=index)
+
+
+def data_set_of_record(record: RolloutRecord) -> Any:
+    """Return a record as an xarray Dataset: its arrays over `t` and `system`, joints and arms by name.
+
+    Raises:
+        MissingExtra: xarray is not installed.
+    """
+    over = {"t": record.t, "system": np.arange(len(record.systems))}
+    found = _data_set({k: x for k, x in record.arrays.items() if x.dtype != object}, over, _meta_of_record(record))
+    status = ("system", [status.name for status in record.systems.status])
+    return found.assign_coords(status=status, stopped=("system", record.stopped))
+
+
+def _data_set(arrays: Mapping[str, Array], over: Mapping[str, Array], meta: ResultMeta) -> Any:
+    xarray = _library("xarray")
+    coordinates: dict[str, Any] = {**over, "joint": meta.joints, "arm": meta.arms}
+    variables = {}
+    for name, array in arrays.items():
+        axes = _axes(name, array.shape[len(over) :], meta)
+        called = f"{name}_of_system" if name in over else name
+        variables[called] = ((*over, *axes), array, {"unit": meta.units.get(name, "SI")})
+    return xarray.Dataset(variables, coordinates)
+
+
+def _axes(name: str, shape: tuple[int, ...], meta: ResultMeta) -> list[str]:
+    """Return the names of an array's axes after time and system."""
+    if name in PER_JOINT and shape == (len(meta.joints),):
+        return ["joint"]
+    if name in (*WRENCHES, *PER_ARM) and shape[:1] == (len(meta.arms),):
+        return ["arm", *(["moment_force"] if len(shape) > 1 else [])]
+    return [f"{name}_{k}" for k in range(len(shape))]
+
+
+def _meta_of_record(record: RolloutRecord) -> ResultMeta:
+    return meta_of(Setting(record.systems.chain))
+
+
+def _library(name: str) -> Any:
+    try:
+        return import_module(name)
+    except ImportError as cause:
+        raise MissingExtra(f"this needs {name}; try pip install 'holdfast[{name}]'") from cause

@@ -1,0 +1,95 @@
+"""A chain as plain data and back, number for number: `model.json` of a result folder.
+
+    {"is": "Joint", "kind": "revolute", "axis": [0.0, 0.0, 1.0], ...}
+
+Reading calls the constructors, which check what they are given: a file can say nothing that a program could not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from holdfast.errors import HoldfastError, ResultError
+from holdfast.model.anchor import Anchor
+from holdfast.model.arm import Arm
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp import Friction, Grasp, WrenchLimits
+from holdfast.model.held_object import HeldObject
+from holdfast.model.joint import Joint
+from holdfast.model.link import Link
+from holdfast.model.looks import Box, Capsule, Cylinder, Looks, Mesh, Sphere, Visual
+from holdfast.model.spring import Spring, SpringEnd
+from holdfast.model.trunk import Trunk
+from holdfast.spatial.pose import Pose
+
+KINDS = {
+    kind.__name__: kind
+    for kind in (
+        Anchor, Arm, Box, Capsule, ClosedChain, Cylinder, Friction, Grasp, HeldObject, Joint, Link, Looks, Mesh, Pose,
+        Sphere, Spring, SpringEnd, Trunk, Visual, WrenchLimits,
+    )
+}  # fmt: skip
+IS = "is"  # the key under which data say what they are
+MAPPING = "mapping"
+UNBOUNDED = {"inf": math.inf, "-inf": -math.inf}  # JSON has no infinities
+
+
+_NO_MODEL = (msgspec.DecodeError, TypeError, ValueError, AttributeError, RecursionError, OverflowError)
+
+
+def model_data(value: Any) -> Any:
+    """Return a part of the model as dicts, lists, numbers and texts, which JSON can hold."""
+    if is_dataclass(value) and not isinstance(value, type):
+        parts = {f.name: getattr(value, f.name) for f in fields(value) if f.init}
+        return {IS: type(value).__name__, **{name: model_data(part) for name, part in parts.items()}}
+    if isinstance(value, Mapping):
+        return {IS: MAPPING, "of": {name: model_data(part) for name, part in value.items()}}
+    if isinstance(value, list | tuple):
+        return [model_data(part) for part in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return model_data(value.tolist())
+    if isinstance(value, float) and math.isinf(value):
+        return {IS: "inf" if value > 0 else "-inf"}
+    return value
+
+
+def model_of(text: bytes, source: str) -> ClosedChain:
+    """Return the chain of a JSON text.
+
+    Args:
+        text: of `model_data`.
+        source: the file's name, for messages.
+
+    Raises:
+        ResultError: what is no chain, or cannot be one.
+    """
+    try:
+        chain = _made(msgspec.json.decode(text))
+    except HoldfastError as cause:
+        raise ResultError(f"{source}: {cause}") from cause
+    except _NO_MODEL as cause:
+        raise ResultError(f"{source}: not a chain: {cause}") from cause
+    if not isinstance(chain, ClosedChain):
+        raise ResultError(f"{source}: expected a ClosedChain, got a {type(chain).__name__}")
+    return chain
+
+
+def _made(data: Any) -> Any:
+    if isinstance(data, list):
+        return [_made(part) for part in data]
+    if not isinstance(data, dict):
+        return data
+    kind, parts = data.get(IS), {name: part for name, part in data.items() if name != IS}
+    if kind == MAPPING:
+        return {name: _made(part) for name, part in parts.get("of", {}).items()}
+    if kind in UNBOUNDED:
+        return UNBOUNDED[kind]
+    if kind not in KINDS:
+        raise ResultError(f"expected one of {', '.join(KINDS)}, got {str(kind)[:60]!r}")
+    return KINDS[kind](**{name: _made(part) for name, part in parts.items()})

@@ -1,0 +1,100 @@
+"""One system of a rollout as a run: its steps taken again, with everything that a run records."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from holdfast.compiled.externals import link_rows, state_fields
+from holdfast.compiled.statuses import system
+from holdfast.errors import StateError
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.link import Link
+from holdfast.simulation.balance import Sums
+from holdfast.simulation.environment import Environment
+from holdfast.simulation.instant import evaluate
+from holdfast.simulation.margins import Signals
+from holdfast.simulation.rollout.arguments import kernel_arguments, whole_number
+from holdfast.simulation.rollout.systems import RolloutRecord, RolloutStatus, RolloutSystems
+from holdfast.simulation.rollout.user_functions import with_wrenches
+from holdfast.simulation.sample import sample
+from holdfast.simulation.setting import Setting, recorded_base
+from holdfast.simulation.step import Gaps
+from holdfast.simulation.trajectory import Trajectory, stacked
+from holdfast.spatial.scalar import Array
+from holdfast.state import Inputs, State
+
+
+def replayed_run(record: RolloutRecord, number: int, every: int | None = None) -> Trajectory:
+    """Return one system of a record as a run; see `RolloutRecord.trajectory`."""
+    if record.begun is None:
+        raise StateError("record: expected one that `Rollout.run` returned, got one put together from arrays")
+    begun, count = record.begun, len(record.systems)
+    if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < count:
+        raise StateError(f"system: expected a number from 0 to {count - 1}, got {number!r}")
+    stride = begun.every if every is None else whole_number("every", every)
+    rollout, at, last = begun.rollout, begun.systems.copy([number]), record.systems.copy([number])
+    at.call_inputs, at.under = last.call_inputs, ()  # what `run` was given acts from the start
+    world = _environment(rollout, last)
+    steps = round((float(record.t[-1]) - float(record.t[0])) / begun.step)
+    samples = [_sample(world, rollout, at)]
+    for done in range(0, steps, stride):
+        rollout.step(at, begun.step, steps=min(stride, steps - done), **begun.options)
+        if float(at.t[0]) > samples[-1].t:
+            samples.append(_sample(world, rollout, at))
+    state = record.systems.status[number]
+    stopped = None
+    if state is not RolloutStatus.RUNNING:
+        stopped = f"{state.name.lower()} at t = {float(record.stopped[number]):.9g} s: {state.value}"
+    run = stacked(samples, stopped)
+    moved = {name: recorded_base(name, motion, run.t) for name, motion in rollout.base_motion.items()}
+    options = {"scheme": rollout.scheme, **begun.options}
+    name, duration = f"system {number}", float(record.t[-1] - record.t[0])
+    return replace(run, setting=Setting(world.chain, moved, name, duration, begun.step, options))
+
+
+def _environment(rollout: Any, systems: RolloutSystems) -> Environment:
+    """Return the chain of one system with its own parameters, and what acts on it."""
+    inputs, parameters = kernel_arguments(rollout.kernel, systems.call_inputs)
+    fields = {name: systems.arrays[name][0] for name in state_fields(rollout.chain)}
+    own = rollout.kernel.parameters | parameters
+    chain = _with_own_bodies(system(rollout.chain, fields | own, 0)[0], own)
+    on_links = {"link_wrenches": inputs.get("link_wrench"), "trunk_link_wrenches": inputs.get("trunk_link_wrench")}
+    given = Inputs(inputs["object_wrench"], **on_links)
+
+    def acting(t: float, state: State) -> Inputs:
+        return given if rollout.inputs is None else with_wrenches(given, rollout.inputs, chain, t, state)
+
+    return Environment(chain, rollout.base_motion, acting)
+
+
+def _with_own_bodies(chain: ClosedChain, own: Mapping[str, Array]) -> ClosedChain:
+    """Return the chain with the payload, the gravity and the links of a system."""
+    held = replace(
+        chain.held_object,
+        mass=float(own["object_mass"]),
+        com=own["object_com"],
+        inertia=own["object_inertia"],
+        physical=False,
+    )
+    arms = dict(chain.arms)
+    if "link_mass" in own:
+        bodies = zip(own["link_mass"].tolist(), own["link_com"], own["link_inertia"], strict=True)
+        links = [Link(mass, com, inertia, physical=False) for mass, com, inertia in bodies]
+        arms = {name: chain.arms[name].of(links=links[rows]) for name, rows in link_rows(chain).items()}
+    return replace(chain, held_object=held, gravity=own["gravity"], arms=arms)
+
+
+def _sample(world: Environment, rollout: Any, at: RolloutSystems) -> Trajectory:
+    """Return the sample of a system where it is, under the torques that it is under."""
+    parts = {field: at.arrays[name][0] for name, field in state_fields(rollout.chain).items()}
+    tau = np.array(at.tau[0])
+    now = evaluate(
+        world, lambda *_: (tau, None), float(at.t[0]), State(**parts), None, generic_rank=rollout.generic_rank
+    )
+    gaps = Gaps(*np.column_stack([at.drift[0], at.gap[0]]))
+    sums = Sums(np.array(at.work[0]), 0.0, np.zeros(6))
+    return sample(now, gaps, sums, np.array([now.t]), Signals(world.chain).of(now)[None])

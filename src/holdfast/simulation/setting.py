@@ -1,0 +1,83 @@
+"""What a run is a run of: the chain, where its bases were at every sample, and what was asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from holdfast.errors import StateError
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.environment import BaseMotion, motion_of
+from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedBase(Frozen):
+    """How a base moved, at a run's samples; called with the time of one, it is a base motion as `simulate` takes it.
+
+    Attributes:
+        t: (samples,) [s].
+        R: (samples, 3, 3) attitude in the world.
+        p: (samples, 3) origin [m].
+        twist: (samples, 6) [omega; v of the origin], world axes.
+        acceleration: (samples, 6) [omega_dot; v_dot of the origin], world axes.
+    """
+
+    t: Array
+    R: Array
+    p: Array
+    twist: Array
+    acceleration: Array
+
+    def __call__(self, t: float) -> tuple[Pose, Array, Array]:
+        """Return pose, twist and acceleration at a sample's time.
+
+        Raises:
+            StateError: another time.
+        """
+        k = int(np.searchsorted(self.t, t))
+        if k == len(self.t) or self.t[k] != t:
+            raise StateError(f"base motion: expected the time of a sample of the run, where it is recorded, got {t} s")
+        return Pose.unchecked(self.R[k], self.p[k]), self.twist[k], self.acceleration[k]
+
+
+def recorded_base(name: str, motion: BaseMotion, times: Array) -> RecordedBase:
+    """Return a base's motion at the times of samples. One call a sample.
+
+    Args:
+        name: of the arm, or "trunk", for messages.
+        motion: as for `simulate`.
+        times: (samples,) [s].
+    """
+    moments = [motion_of(name, motion(t)) for t in times.tolist()]
+    poses = [checks.pose(pose, f"base motion of '{name}'") for pose, _, _ in moments]
+    R, p = np.array([pose.R for pose in poses]), np.array([pose.p for pose in poses])
+    twist, acceleration = (np.array([moment[i] for moment in moments]) for i in (1, 2))
+    return RecordedBase(times, R.reshape(-1, 3, 3), p.reshape(-1, 3), twist.reshape(-1, 6), acceleration.reshape(-1, 6))
+
+
+@dataclass(frozen=True, eq=False)
+class Setting(Frozen):
+    """What a run is a run of.
+
+    Attributes:
+        chain: the chain as it was at the start.
+        base_motion: of the bases that move, by arm name, or "trunk", at the run's samples.
+        name: what the run is called.
+        duration: asked for [s].
+        step: asked for [s].
+        options: what else was asked for, as plain data.
+    """
+
+    chain: ClosedChain
+    base_motion: Mapping[str, BaseMotion] = field(default_factory=dict)
+    name: str = "run"
+    duration: float = 0.0
+    step: float = 0.0
+    options: Mapping[str, Any] = field(default_factory=dict)

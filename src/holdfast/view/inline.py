@@ -1,0 +1,113 @@
+"""Runs and figures where a notebook shows them, and pages that open in the browser."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import sys
+import tempfile
+import webbrowser
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from holdfast.errors import HoldfastError, MissingExtra, ResultError
+from holdfast.simulation.summary import summarise
+from holdfast.simulation.trajectory import require_run_of, text_of
+from holdfast.view import summary_table
+from holdfast.view.plots import figures
+
+HEIGHT = 620  # of a page in a notebook [pixels]
+INLINE_DPI = 110
+
+
+class Figures(dict[str, Any]):
+    """Matplotlib figures by name; a notebook shows each, and all of them."""
+
+    def __init__(self, figures: Mapping[str, Any]) -> None:
+        super().__init__(figures)
+        for figure in self.values():  # matplotlib leaves it to pyplot, which need not be in use
+            figure._repr_png_ = partial(png, figure)
+
+    def _repr_html_(self) -> str:
+        return "".join(image(figure, name) for name, figure in self.items())
+
+
+class InlinePage:
+    """A page inside a notebook's cell.
+
+    Attributes:
+        text: of the HTML file.
+        title: what it is called.
+    """
+
+    def __init__(self, text: str, title: str) -> None:
+        self.text, self.title = text, title
+
+    def __repr__(self) -> str:
+        return f"<page of '{self.title}'>"
+
+    def _repr_html_(self) -> str:
+        page = html.escape(self.text, quote=True)
+        title = html.escape(self.title, quote=True)
+        return f'<iframe title="{title}" srcdoc="{page}" style="width:100%;height:{HEIGHT}px;border:0"></iframe>'
+
+
+def shown(page: str, title: str) -> InlinePage | Path:
+    """Return a page for a notebook to show; elsewhere open it in the browser and return its file.
+
+    Raises:
+        ResultError: no browser opens.
+    """
+    if in_notebook():
+        return InlinePage(page, title)
+    with tempfile.NamedTemporaryFile("w", suffix=".html", prefix="holdfast_", delete=False, encoding="utf-8") as file:
+        file.write(page)
+    path = Path(file.name)
+    if not webbrowser.open(path.as_uri()):
+        raise ResultError(f"show: no browser opens here; the page is {path}. Try run.page(path) and open it elsewhere")
+    return path
+
+
+def in_notebook() -> bool:
+    """Return whether a notebook's kernel runs this."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    return getattr(shell, "kernel", None) is not None
+
+
+def png(figure: Any) -> bytes:
+    """Return a matplotlib figure as a PNG file."""
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=INLINE_DPI)
+    return file.getvalue()
+
+
+def image(figure: Any, name: str) -> str:
+    """Return a matplotlib figure as an HTML image."""
+    data = base64.b64encode(png(figure)).decode()
+    return f'<img alt="{html.escape(name, quote=True)}" src="data:image/png;base64,{data}">'
+
+
+def table(rows: list[tuple[str, str]]) -> str:
+    """Return two columns of text as an HTML table."""
+    lines = "".join(f"<tr><td>{html.escape(left)}</td><td>{html.escape(right)}</td></tr>" for left, right in rows)
+    return f"<table>{lines}</table>"
+
+
+def html_of_run(run: Any) -> str | None:
+    """Return a run's summary beside its first figure; None, so that its text is shown, where it has neither."""
+    try:
+        whole = run.whole_run()
+        chain = whole.require_setting().chain
+        require_run_of(chain, whole)
+        lines = table(summary_table.rows(summarise(chain, whole)))
+    except HoldfastError:
+        return None
+    head = f"<b>{html.escape(text_of(whole))}</b>"
+    try:
+        name, figure = next(iter(figures(chain, whole).items()))
+    except MissingExtra:
+        return head + lines
+    return f'{head}<div style="display:flex;gap:2em;align-items:start">{lines}{image(figure, name)}</div>'

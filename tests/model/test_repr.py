@@ -1,0 +1,76 @@
+"""What is typed at a prompt is answered in a few lines: names, sizes, status; never in pages of numbers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from tests.control.two_pandas import two_pandas
+from tests.systems.as_chain import as_chain
+from tests.systems.random_systems import random_system
+from tests.systems.trunk_problems import random_on_trunk
+
+LONGEST, MOST_LINES = 100, 4  # characters of a line, besides names; lines besides one for each arm
+
+
+def short(thing, arms: int = 0) -> str:
+    """Return how a thing looks, which must be short."""
+    text = repr(thing)
+    assert text.startswith("<") and text.endswith(">")
+    assert len(text.splitlines()) <= MOST_LINES + arms
+    assert max(map(len, text.splitlines())) <= LONGEST + 60
+    return text
+
+
+def test_two_pandas():
+    """A chain names its arms with their grasps, a state says whether anything moves, a result has the forces."""
+    chain, state = two_pandas()
+    assert short(chain, 2).splitlines() == [
+        "<ClosedChain: 2 arms, 14 joints",
+        "  left: 7 joints, base at (-0.55, 0, 0) m, rigid grasp",
+        "  right: 7 joints, base at (0.55, 0, 0) m, rigid grasp",
+        "  object: 3 kg>",
+    ]
+    assert short(chain.arms["left"]) == "<Arm 'left': 7 joints, base at (-0.55, 0, 0) m>"
+    assert short(state) == "<State: 14 joints, object at (0, 0, 0.72) m, at rest>"
+    assert short(replace(state, qd=np.ones(14))).endswith("in motion>")
+    tau = hf.holding_torques(chain, state, internal=20.0)
+    found = hf.forward_dynamics(chain, state, tau)
+    assert "  left: force (20, 0, 14.71) N, moment (0, 0, 0) N m" in short(found, 2)
+    assert "rank 12 of 12" in short(hf.diagnose(chain, state))
+    fast = hf.compile(chain)
+    assert short(fast, 2).startswith("<CompiledChain of <ClosedChain: 2 arms")
+    one = fast.forward_dynamics(state.q, state.qd, tau, state.object_pose, state.object_twist)
+    many = fast.forward_dynamics(state.q, state.qd, np.tile(tau, (5, 1)), state.object_pose, state.object_twist)
+    assert short(one, 2).startswith("<CompiledResult by sequential: rank 12")
+    short(many, 2)
+
+
+@pytest.mark.parametrize("floating", [True, False])
+def test_trunks(floating):
+    """Trunks and what stands on them."""
+    p = random_on_trunk(3, 2, floating=floating)
+    text = short(p.chain, len(p.chain.arms))
+    assert ("trunk: 2 joints, floats" in text) is floating
+    assert ("a floating base" in short(p.chain.trunk)) is floating
+    assert ("floating base at" in short(p.state)) is floating
+
+
+def test_anchors_and_contacts():
+    """An anchor is called one; friction is part of a grasp; an arm may hold nothing."""
+    chain, _ = two_pandas("ball", "ball")
+    grasps = {"left": replace(chain.grasps["left"], contact=hf.Friction(0.8))}
+    other = replace(chain, arms={**chain.arms, "pin": hf.Anchor(hf.Pose.translation(0, 0, 1))}, grasps=grasps)
+    text = short(other, 3)
+    assert "left: 7 joints, base at (-0.55, 0, 0) m, ball grasp with friction 0.8" in text
+    assert "pin: anchor, base at (0, 0, 1) m, holds nothing" in text
+
+
+def test_notebooks_escape_names():
+    """A name is text, whatever it contains."""
+    chain = as_chain(random_system(2, arms=1, joints=6)).chain
+    (arm,) = chain.arms.values()
+    odd = hf.ClosedChain({"<b>&": arm}, chain.held_object, {})
+    assert "&lt;b&gt;&amp;" in odd._repr_html_() and "<b>" not in odd._repr_html_()
+    assert odd._repr_html_().count("<tr>") == 3
