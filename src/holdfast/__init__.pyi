@@ -24,6 +24,7 @@ from .dynamics.forward import forward_dynamics as forward_dynamics
 from .dynamics.inverse import inverse_dynamics as inverse_dynamics
 from .dynamics.linearise import linearise as linearise
 from .dynamics.project import project as project
+from .dynamics.regressor import regressor as regressor
 from .errors import ClosureError as ClosureError
 from .errors import FrozenError as FrozenError
 from .errors import HoldfastError as HoldfastError
