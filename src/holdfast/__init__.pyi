@@ -6,6 +6,7 @@ from . import control as control
 from . import dynamics as dynamics
 from . import errors as errors
 from . import forces as forces
+from . import identification as identification
 from . import interop as interop
 from . import io as io
 from . import plot as plot
@@ -36,6 +37,7 @@ from .errors import SceneError as SceneError
 from .errors import SingularChainError as SingularChainError
 from .errors import StateError as StateError
 from .errors import StepTooLongError as StepTooLongError
+from .identification.identify import identify as identify
 from .io.result_reader import load_result as load_result
 from .model.anchor import Anchor as Anchor
 from .model.arm import Arm as Arm

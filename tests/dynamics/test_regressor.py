@@ -15,7 +15,7 @@ from tests.systems.trunk_problems import random_on_trunk
 
 
 def problems() -> list[Problem]:
-    """Return chains of all grasps with moving bases, armature, damping, wrenches; one with an arm that holds nothing."""
+    """Return chains with moving bases, armature, damping and wrenches; one with an arm that holds nothing."""
     every = [as_chain(random_system(seed, arms=2, moving_base=True)) for seed in range(3)]
     return [*every, as_chain(random_system(7, arms=3, joints=[4, 7, 6], grasps=["rigid", "hinge", None]))]
 
@@ -97,7 +97,7 @@ def test_springs_count_as_known():
 def test_a_trunk_is_refused():
     """By name, before anything is computed."""
     p = random_on_trunk(0, 2)
-    with pytest.raises(hf.MethodNotApplicable, match="regressor: .*trunk"):
+    with pytest.raises(hf.MethodNotApplicable, match=r"regressor: .*trunk"):
         hf.regressor(p.chain, p.state, 0 * p.state.q, np.zeros(6), inputs=p.inputs)
 
 

@@ -21,7 +21,7 @@ from holdfast.dynamics.arm.velocity import link_twists
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
 from holdfast.dynamics.closed.spring_wrenches import with_springs
 from holdfast.dynamics.closed.virtual_power import ArmCase
-from holdfast.errors import MethodNotApplicable, ModelError, StateError
+from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
@@ -113,6 +113,7 @@ def regressor(
     state.fits(chain)
     qdd = checks.numbers(qdd, (chain.joint_count,), "qdd", StateError)
     alpha = checks.numbers(object_acceleration, (6,), "object_acceleration", StateError)
+    checks.instance(inputs, (Inputs, type(None)), "regressor: inputs", StateError)
     given = (inputs or Inputs()).shaped(chain)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), given)
     pushed = with_springs(chain, state, given).object_wrench
