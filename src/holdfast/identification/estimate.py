@@ -15,6 +15,7 @@ G^-1 Z^T. Blocks are as long as what is left stays correlated from sample to sam
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -34,6 +35,7 @@ FIRM = 1e3  # of the largest singular value: how firmly what cannot be told is h
 NARROWEST = 5.0  # e-folds of the spread of mass that an estimate may be off from the model
 MOST_STEPS, MOST_HALVINGS = 100, 30
 NO_GAIN = 1e-8  # of a sum of squares whose terms are 1 on average
+BOUNDED = 1e-2  # of it, that the rows would gain by what no body has
 CORRELATED = 0.1  # from one sample to the next: from here on samples are taken in blocks
 LEAST_LEFT = 0.05  # of a residual, where a sample decides a coefficient alone
 
@@ -74,14 +76,14 @@ def estimate(system: Equations, look: Unknowns, kinds: Array, given: Array | Non
         largest: standard deviation of a combination, in units of its size, above which it is not told.
     """
     sizes = channel_sizes(system.measured, kinds)
-    noise, theta, possible = HARDLY * sizes if given is None else given, look.start, True
+    noise, theta = HARDLY * sizes if given is None else given, look.start
     held, rows = np.zeros((0, 0)), system.rows
     for _ in range(ROUNDS if given is None else 1):
         W = whitener(system.maps, noise)
         rows = W @ system.rows
         _, R = np.linalg.qr(rows.reshape(-1, rows.shape[2]))
         held, told = combinations(R @ look.features(look.linear(theta))[1] * look.linear_sizes, largest)
-        theta, possible = solved(R, look, held, told)
+        theta = solved(R, look, held, told)
         values = look.features(look.linear(theta))[0]
         if given is None:
             noise = estimated(W @ system.maps, rows @ values, kinds, sizes)
@@ -98,13 +100,14 @@ def estimate(system: Equations, look: Unknowns, kinds: Array, given: Array | Non
     to_x, to_plain = look.slopes(theta)
     change = (to_plain @ np.linalg.inv(to_x)) * look.linear_sizes / look.sizes[:, None]
     Z = null_space(held.T @ change)
+    pull = np.einsum("srj,sr->j", J @ Z, e)  # zero at a minimum that possible bodies do not bound
+    gain = float(pull @ np.linalg.solve(np.einsum("srj,srk->jk", J @ Z, J @ Z), pull))
     spread = change @ Z @ variance(J @ Z, e, correlation, given is not None) @ Z.T @ change.T
     covariance = spread * np.outer(look.sizes, look.sizes)
     freedoms = max(e.size - Z.shape[1], 1)
-    found = look.plain(theta)
-    return Estimate(
-        found, covariance, held, system.rows @ values, noise, float((e * e).sum()) / freedoms, correlation, possible
-    )
+    misfit = float((e * e).sum()) / freedoms
+    left = system.rows @ values
+    return Estimate(look.plain(theta), covariance, held, left, noise, misfit, correlation, gain < BOUNDED)
 
 
 def combinations(J: Array, largest: float) -> tuple[Array, Array]:
@@ -114,8 +117,8 @@ def combinations(J: Array, largest: float) -> tuple[Array, Array]:
     return Vt[count:].T, Vt[:count].T
 
 
-def solved(R: Array, look: Unknowns, held: Array, told: Array) -> tuple[Array, bool]:
-    """Return theta of the best possible body, and whether the rows alone ask for a possible one.
+def solved(R: Array, look: Unknowns, held: Array, told: Array) -> Array:
+    """Return theta of the best possible body.
 
     Args:
         R: (.., features) triangle of the whitened rows.
@@ -139,14 +142,12 @@ def solved(R: Array, look: Unknowns, held: Array, told: Array) -> tuple[Array, b
     J = R @ slopes * look.linear_sizes
     step = -told @ (np.linalg.pinv(J @ told) @ (R @ values))
     x = look.linear(start) + step * look.linear_sizes
-    possible, begin = True, start
-    try:
+    begin = start
+    with contextlib.suppress(ValueError):  # a step to what no body has
         begin = np.concatenate([numbers_of(of_parameters(x[:10])), x[10:]])
-    except ValueError:
-        possible = False
     width = np.full(len(start), np.inf)
     width[1:4] = NARROWEST
-    return gauss_newton(rows_at, slopes_at, begin, start - width, start + width), possible
+    return gauss_newton(rows_at, slopes_at, begin, start - width, start + width)
 
 
 def gauss_newton(
