@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from itertools import product
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from holdfast.errors import ResultError
 from holdfast.identification.recording import Recording
 from holdfast.io.columns import ACCELERATION, POSE, TWIST, WRENCH
-from holdfast.io.files import file_path
+from holdfast.io.files import file_path, one_line, reason_of
 from holdfast.io.result_reader import load_result
 from holdfast.io.table_reader import read_table
 from holdfast.model import checks
@@ -41,7 +40,11 @@ def load_recording(path: str | PathLike[str], chain: ClosedChain, *, inputs: Inp
     """
     checks.instance(chain, ClosedChain, "load_recording: chain")
     path = file_path(path, "path")
-    if path.is_dir():
+    try:
+        folder = path.is_dir()
+    except OSError as cause:  # a name that is too long
+        raise ResultError(f"{one_line(str(path), 80)}: cannot be read: {reason_of(cause)}") from cause
+    if folder:
         return Recording.of_run(load_result(path), inputs)
     table = read_table(path)
     if "t" not in table:
@@ -70,4 +73,4 @@ def recording_of(given: Any, chain: ClosedChain) -> Recording:
     """Return whatever holds a recording as one: a `Recording`, a run, a result, or a path."""
     if isinstance(given, Recording):
         return given
-    return load_recording(given, chain) if isinstance(given, str | Path) else Recording.of_run(given)
+    return load_recording(given, chain) if isinstance(given, str | PathLike) else Recording.of_run(given)

@@ -26,11 +26,14 @@ def read_table(path: str | PathLike[str]) -> dict[str, Array]:
     path = file_path(path, "path")
     readers = {".csv": _read_csv, ".parquet": _read_parquet}
     if path.suffix.lower() not in readers:
-        raise ResultError(f"{path}: expected a file that ends in {' or '.join(readers)}, or a result folder")
+        raise ResultError(
+            f"{one_line(str(path), 80)}: expected a file that ends in {' or '.join(readers)}, or a result folder"
+        )
     try:
         columns = readers[path.suffix.lower()](path)
-    except OSError as cause:
-        raise ResultError(f"{path}: cannot be read: {reason_of(cause)}") from cause
+    except (OSError, ValueError) as cause:  # ValueError: a name that no file system takes
+        said = reason_of(cause) if isinstance(cause, OSError) else str(cause)
+        raise ResultError(f"{one_line(str(path), 80)}: cannot be read: {said}") from cause
     return {title.partition(" [")[0].strip(): column for title, column in columns.items()}
 
 
