@@ -3,7 +3,19 @@
 from importlib import import_module
 from typing import Any
 
-THEMES = ("assembly", "compiled", "control", "dynamics", "forces", "interop", "io", "plot", "robots", "simulation")
+THEMES = (
+    "assembly",
+    "compiled",
+    "control",
+    "dynamics",
+    "forces",
+    "identification",
+    "interop",
+    "io",
+    "plot",
+    "robots",
+    "simulation",
+)
 
 
 def names_of(theme: str) -> dict[str, Any]:

@@ -39,6 +39,7 @@ MAY_IMPORT = {
     "interop": USE | {"robots", "io"},
     "scenario": FILES_AND_SCENES - {"scenario"},
     "io": USE | {"robots"},
+    "identification": DYNAMICS | {"simulation", "io"},
     "view": FILES_AND_SCENES,
     "plot": {"view"},
     "bench": FILES_AND_SCENES | {"holdfast"},  # calls the library as its users do

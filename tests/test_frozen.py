@@ -52,7 +52,16 @@ def examples() -> dict[str, Any]:
     law = hf.ControlLaw(torque, [0.0], {"gain": [14]})
     rollout = hf.compile_rollout(chain)
     record = rollout.run(rollout.start(state.q, state.qd, state.object_pose, np.zeros(6), tau=np.zeros(14)), 1e-3, 1e-3)
+    Y = hf.regressor(chain, state, 0 * state.q, np.zeros(6))
+    weighed = [Y.object @ hf.dynamics.inertial_parameters(chain.held_object)] * 4
+    wrists = np.zeros((4, 2, 6))
+    wrists[:, 0] = np.random.default_rng(0).normal(size=(4, 6)) + weighed
+    motion = {"qd": np.zeros((4, 14)), "qdd": np.zeros((4, 14)), "object_pose": [state.object_pose] * 4}
+    rest = {"object_twist": np.zeros((4, 6)), "object_acceleration": np.zeros((4, 6))}
+    recording = hf.identification.Recording(range(4), [state.q] * 4, wrist_wrench=wrists, **motion, **rest)
     found = [
+        *(Y, recording, hf.identify(chain, recording, noise=np.full(6, 0.1))),
+        hf.identification.base_parameters(Y.object, [str(k) for k in range(10)]),
         *(arm, arm.links[0], arm.joints[0], chain, chain.held_object, grasp, chain.grasps["right"].contact),
         *(state, hf.Inputs(np.zeros(6)), hf.WrenchLimits(), state.object_frame, hf.Pose(np.eye(3), np.zeros(3))),
         *(result, result["left"], hf.diagnose(chain, state), hf.assembly.assembly_report(chain, state)),

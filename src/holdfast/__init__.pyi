@@ -6,6 +6,7 @@ from . import control as control
 from . import dynamics as dynamics
 from . import errors as errors
 from . import forces as forces
+from . import identification as identification
 from . import interop as interop
 from . import io as io
 from . import plot as plot
@@ -24,6 +25,7 @@ from .dynamics.forward import forward_dynamics as forward_dynamics
 from .dynamics.inverse import inverse_dynamics as inverse_dynamics
 from .dynamics.linearise import linearise as linearise
 from .dynamics.project import project as project
+from .dynamics.regressor import regressor as regressor
 from .errors import ClosureError as ClosureError
 from .errors import FrozenError as FrozenError
 from .errors import HoldfastError as HoldfastError
@@ -35,6 +37,7 @@ from .errors import SceneError as SceneError
 from .errors import SingularChainError as SingularChainError
 from .errors import StateError as StateError
 from .errors import StepTooLongError as StepTooLongError
+from .identification.identify import identify as identify
 from .io.result_reader import load_result as load_result
 from .model.anchor import Anchor as Anchor
 from .model.arm import Arm as Arm

@@ -32,8 +32,8 @@ def run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Any:
 
 
 def test_the_ladder():
-    """Eleven of them, none longer than a hundred lines, each in the table of the folder's README."""
-    assert [script.name[:2] for script in SCRIPTS] == [f"{k:02}" for k in range(1, 12)]
+    """Twelve of them, none longer than a hundred lines, each in the table of the folder's README."""
+    assert [script.name[:2] for script in SCRIPTS] == [f"{k:02}" for k in range(1, 13)]
     table = (EXAMPLES / "README.md").read_text()
     for script in SCRIPTS:
         assert len(script.read_text().splitlines()) <= 100, script.name
@@ -149,3 +149,17 @@ def test_balance(run):
     assert found["falling"] > 1.0 > 0.0 > found["held"]
     assert found["without"] > 100 * found["start"]
     assert found["regulated"] < 0.5 * found["start"]
+
+
+def test_identify(run):
+    """Mass and mass centre from a motion without turns, which names the inertia as the model's; all with turns."""
+    found, printed = run("12")
+    for one in found.values():
+        assert abs(one.held_object.mass / 3.0 - 1) < 0.01
+        assert np.linalg.norm(one.held_object.com - [0.03, -0.02, 0.05]) < 4e-3
+    assert len(found["shifted"].kept) == 6 and not found["turned"].kept
+    assert found["shifted"].notes == ()
+    off = np.diag(found["turned"].held_object.inertia) - [0.06, 0.03, 0.05]
+    sizes = [found["turned"].deviations[f"inertia {axes}"] for axes in ("xx", "yy", "zz")]
+    assert (np.abs(off) < 4 * np.array(sizes)).all() and max(sizes) < 0.01
+    assert "the model's" in printed

@@ -32,9 +32,13 @@ def readers(folder: Path) -> dict:
     )
     on_one = body.replace("</body>", f"{hands}</body>")
     (folder / "hands.xml").write_text(f"<mujoco><worldbody>{on_one}</worldbody></mujoco>")
+    chain, _ = lifted()
+    titles = ["t", *(f"q {joint}" for joint in chain.joint_names())]
+    (folder / "run.csv").write_text(f"{','.join(titles)}\n{','.join('0' for _ in titles)}\n")
     torso = {"base": "torso", "lock_others": True}
     return {
         hf.load_result: (folder / "run", {}),
+        hf.identification.load_recording: (folder / "run.csv", {"chain": chain}),
         hf.io.load_cases: (EXAMPLES.parent / "tests" / "data" / "cases.json", {}),
         hf.load_scene: (EXAMPLES / "two_pandas.toml", {}),
         hf.load_urdf: (folder / "two.urdf", {"tip": "left_grasp", **torso}),
@@ -71,7 +75,7 @@ def test_none_is_left_out(tmp_path):
         for name, function in public.items()
         if any("path" in f"{p.name} {p.annotation}".lower() for p in inspect.signature(function).parameters.values())
     }
-    assert takes_a_path <= tried | {"project"}, takes_a_path
+    assert takes_a_path <= tried | {"project", "identify"}, takes_a_path
 
 
 def test_read_by_text_and_by_path(tmp_path):

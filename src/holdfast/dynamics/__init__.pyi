@@ -26,6 +26,8 @@ from .object_from_joints import state_from_joints as state_from_joints
 from .object_level import motion_basis as motion_basis
 from .object_level import object_inertia as object_inertia
 from .object_level import object_mobility as object_mobility
+from .regressor import Regressor as Regressor
+from .regressor import inertial_parameters as inertial_parameters
 from .result import ArmResult as ArmResult
 from .result import ForwardResult as ForwardResult
 from .result import Status as Status

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.spatial.scalar import Array, Scalar, cos, sin, sqrt, where
+from holdfast.spatial.scalar import Array, Scalar, cos, exp, sin, sqrt, where
 
 _levels = count(1)  # of derivatives within derivatives: a later one lies outside
 
@@ -45,6 +45,7 @@ NEGATE = Operation(lambda a: -a, (lambda *_: -1.0,))
 ABSOLUTE = Operation(abs, (lambda a, _: where(a < 0.0, -1.0, 1.0),))
 SQRT = Operation(sqrt, (_root_slope,))
 SIN = Operation(sin, (lambda a, _: cos(a),))
+EXP = Operation(exp, (lambda _, found: found,))
 COS = Operation(cos, (lambda a, _: -sin(a),))
 CHOOSE = Operation(
     where, (lambda *_: 0.0, lambda c, *_: where(c, 1.0, 0.0), lambda c, *_: where(c, 0.0, 1.0))
@@ -103,6 +104,10 @@ class Recorded:
     def sqrt(self) -> Any:
         """Return the square root."""
         return _applied(SQRT, self)
+
+    def exp(self) -> Any:
+        """Return the exponential."""
+        return _applied(EXP, self)
 
     def sin(self) -> Any:
         """Return the sine."""

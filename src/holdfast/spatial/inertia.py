@@ -75,7 +75,20 @@ class RigidInertia(NamedTuple):
         """Return the (6, 6) matrix as blocks."""
         return Symmetric6(self.I, skew(self.h), self.m * np.eye(3))
 
+    @property
+    def parameters(self) -> Array:
+        """(10,) m, h and the entries xx, xy, xz, yy, yz, zz of I; see `PARAMETERS`."""
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = self.I.tolist()
+        return concatenate([array([self.m]), self.h, array([xx, xy, xz, yy, yz, zz])])
 
+
+def of_parameters(parameters: Array) -> RigidInertia:
+    """Return the inertia with ten parameters, (10,) as `RigidInertia.parameters` has them."""
+    m, hx, hy, hz, xx, xy, xz, yy, yz, zz = parameters.tolist()
+    return RigidInertia(m, array([hx, hy, hz]), array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+
+
+PARAMETERS = ("m", "hx", "hy", "hz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")  # kg, kg m, kg m^2
 NO_INERTIA = RigidInertia(0.0, np.zeros(3), np.zeros((3, 3)))
 
 

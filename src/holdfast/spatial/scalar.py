@@ -80,6 +80,13 @@ def sqrt(x: Scalar) -> Scalar:
     return x.sqrt() if hasattr(x, "sqrt") else math.sqrt(x) if x >= 0 else math.nan
 
 
+def exp(x: Scalar) -> Scalar:
+    """Return the exponential; of floats and within derivatives: machine code has none."""
+    if isinstance(x, _ARRAYS):
+        return _entrywise(exp, x)
+    return x.exp() if hasattr(x, "exp") else math.exp(x)
+
+
 def reciprocal(x: Scalar) -> Scalar:
     """Return 1 / x; infinite at zero."""
     if isinstance(x, _ARRAYS):

@@ -1,0 +1,5 @@
+"""Identification: the payload, sensor offsets, gravity and grasp frames, from what was recorded."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

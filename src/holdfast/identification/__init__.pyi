@@ -1,0 +1,7 @@
+"""Identification: the payload, sensor offsets, gravity and grasp frames, from what was recorded."""
+
+from .base_parameters import BaseParameters as BaseParameters
+from .base_parameters import base_parameters as base_parameters
+from .identification import Identification as Identification
+from .load_recording import load_recording as load_recording
+from .recording import Recording as Recording

@@ -1,0 +1,80 @@
+"""What a recording does not hold and its chain implies: rates, accelerations, and the object's motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from holdfast.dynamics.arm.free_dynamics import tip_acceleration
+from holdfast.dynamics.closed.chain_motion import chain_motion, pseudo_gravity
+from holdfast.errors import StateError
+from holdfast.identification.recording import FEWEST, Recording
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import twist_shift
+from holdfast.state import Inputs, State
+
+OF_OBJECT = ("object_pose", "object_twist", "object_acceleration")
+
+
+def completed(chain: ClosedChain, given: Recording) -> Recording:
+    """Return a recording with rates, accelerations and the object's motion.
+
+    Args:
+        chain: what was recorded.
+        given: the recording.
+
+    Raises:
+        StateError: another number of joints or arms, too few samples for a spline, or an object whose motion neither
+            was recorded nor follows from a rigid grasp.
+    """
+    if given.q.shape[1] != chain.joint_count:
+        raise StateError(f"recording: q: expected {chain.joint_count} joints, got {given.q.shape[1]}")
+    made: dict[str, Any] = {}
+    if given.qd is None or given.qdd is None:
+        if len(given) < FEWEST:
+            raise StateError(f"recording: expected qd and qdd, or {FEWEST} samples to find them, got {len(given)}")
+        if given.qd is None:
+            made["qd"] = make_interp_spline(given.t, given.q, k=5)(given.t, 1)
+            if given.qdd is None:
+                made["qdd"] = make_interp_spline(given.t, given.q, k=5)(given.t, 2)
+        else:
+            made["qdd"] = make_interp_spline(given.t, given.qd, k=5)(given.t, 1)
+    given = replace(given, **made)
+    lacking = [name for name in OF_OBJECT if getattr(given, name) is None]
+    if not lacking:
+        return given
+    rigid = [name for name, grasp in chain.grasps.items() if not grasp.free]
+    if not rigid:
+        raise StateError(f"recording: expected {', '.join(lacking)}, as no grasp is rigid and would give it; got none")
+    rows = [_object_motion(chain, rigid, given, k) for k in range(len(given))]
+    found = {name: np.array(parts) for name, parts in zip(OF_OBJECT, zip(*rows, strict=True), strict=True)}
+    return replace(given, **{name: found[name] for name in lacking})
+
+
+def _object_motion(chain: ClosedChain, rigid: list[str], given: Recording, k: int) -> tuple[Array, Array, Array]:
+    """Return pose, twist and acceleration of the object in a sample, of the tips that hold it rigidly.
+
+    The pose is that of the first of them; velocities and accelerations are the nearest to all.
+    """
+    assert given.qd is not None and given.qdd is not None
+    inputs = (given.inputs or Inputs()).shaped(chain)
+    q, qd, none = given.q[k], given.qd[k], np.zeros(chain.joint_count)
+    pose = np.r_[1.0, np.zeros(6)]
+    arms = chain_motion(chain, State(q, qd, pose), none, inputs).arms
+    if given.object_pose is None:
+        pose = (arms[rigid[0]].at.tip @ chain.grasps[rigid[0]].frame.inverse()).wxyz_xyz
+    else:
+        pose = given.object_pose[k]
+    R = Pose.from_wxyz_xyz(pose).R
+    A = np.concatenate([twist_shift(R @ chain.grasps[name].frame.p) for name in rigid])
+    twists = np.concatenate([arms[name].tip_twist for name in rigid])
+    twist = np.linalg.lstsq(A, twists, rcond=None)[0] if given.object_twist is None else given.object_twist[k]
+    moving = chain_motion(chain, State(q, qd, pose, twist), none, inputs)
+    centripetal = {c: held.a for c, held in zip(chain.grasps, moving.contacts, strict=True)}
+    tips = [tip_acceleration(arms[name], given.qdd[k][chain.joints[name]]) - centripetal[name] for name in rigid]
+    return pose, twist, np.linalg.lstsq(A, np.concatenate(tips), rcond=None)[0] + pseudo_gravity(chain)

@@ -1,0 +1,63 @@
+"""Where the arms hold, from where their tips are: no force is needed for that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from holdfast.dynamics.kinematics import tip_pose
+from holdfast.errors import StateError
+from holdfast.identification.recording import Recording
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial import rotation
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+
+
+def measured_grasps(chain: ClosedChain, recordings: list[Recording]) -> tuple[ClosedChain, dict[str, Array]]:
+    """Return the chain with the mean frames of its rigid grasps, and how sure they are.
+
+    Where the object's pose was not recorded, the first of these arms says where the object is, and keeps its frame.
+
+    Args:
+        chain: with the model's frames.
+        recordings: all with the object's pose, or none.
+
+    Returns:
+        The chain; and by arm (6,) standard deviations [turn; shift] of the mean, object axes [rad, m].
+
+    Raises:
+        StateError: the pose is in some recordings only, or no frame could be found.
+    """
+    rigid = [name for name, grasp in chain.grasps.items() if not grasp.free]
+    posed = [recording.object_pose is not None for recording in recordings]
+    if any(posed) != all(posed):
+        raise StateError("identify: grasp_frames: expected object_pose in all recordings or in none, got it in some")
+    sought = rigid if all(posed) else rigid[1:]
+    if not sought:
+        raise StateError(
+            "identify: grasp_frames: expected two rigid grasps, or object_pose and one, as a tip's pose against the"
+            " object says where it holds; got neither"
+        )
+    found = {name: [] for name in sought}
+    for recording in recordings:
+        if recording.q.shape[1] != chain.joint_count:
+            raise StateError(f"recording: q: expected {chain.joint_count} joints, got {recording.q.shape[1]}")
+        for k, q in enumerate(recording.q):
+            tips = {name: tip_pose(chain.arms[name], q[chain.joints[name]]) for name in rigid}
+            if recording.object_pose is None:
+                seen = tips[rigid[0]] @ chain.grasps[rigid[0]].frame.inverse()
+            else:
+                seen = Pose.from_wxyz_xyz(recording.object_pose[k])
+            for name in sought:
+                found[name].append(seen.inverse() @ tips[name])
+    grasps, deviations = dict(chain.grasps), {}
+    for name, poses in found.items():
+        mean = Pose(
+            rotation.nearest(np.mean([pose.R for pose in poses], axis=0)), np.mean([pose.p for pose in poses], axis=0)
+        )
+        off = np.array([np.r_[rotation.log(pose.R @ mean.R.T), pose.p - mean.p] for pose in poses])
+        deviations[name] = np.sqrt((off**2).sum(axis=0) / max(len(poses) - 1, 1) / len(poses))
+        grasps[name] = replace(chain.grasps[name], frame=mean)
+    return replace(chain, grasps=grasps), deviations

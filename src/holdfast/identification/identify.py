@@ -1,0 +1,246 @@
+"""Identification of the payload from recorded motions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from os import PathLike
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from holdfast.dynamics.consistency import closure
+from holdfast.dynamics.regressor import refuse_trunk
+from holdfast.errors import ModelError, StateError
+from holdfast.identification.completed import completed
+from holdfast.identification.equations import Asked, Equations, equations, sampled
+from holdfast.identification.estimate import Estimate, estimate
+from holdfast.identification.grasp_frames import measured_grasps
+from holdfast.identification.identification import Identification
+from holdfast.identification.load_recording import recording_of
+from holdfast.identification.recording import Recording
+from holdfast.identification.unknowns import Unknowns, unknowns
+from holdfast.identification.untold import parts_kept, sentences
+from holdfast.io.result_reader import Result
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.held_object import HeldObject
+from holdfast.simulation.trajectory import Trajectory
+from holdfast.spatial.inertia import of_parameters
+from holdfast.spatial.log_cholesky import numbers_of
+from holdfast.spatial.scalar import Array
+
+SOURCES = ("wrist_wrench", "tau")
+FAR, LOOKS = 0.01, 10  # m or rad that tips may be off, in so many samples of a recording
+ROUNDING = 1e-3  # mean square of residuals: these are not noise
+POORLY = 2.0  # mean square of residuals in units of a given noise: more is said
+Source = Recording | Trajectory | Result | str | PathLike[str]
+
+
+def identify(
+    chain: ClosedChain,
+    recordings: Source | list[Source] | tuple[Source, ...],
+    *,
+    by: Literal["wrist_wrench", "tau"] = "wrist_wrench",
+    sensor_bias: bool = False,
+    gravity: bool = False,
+    grasp_frames: bool = False,
+    noise: ArrayLike | None = None,
+    largest_deviation: float = 0.3,
+) -> Identification:
+    """Return mass, mass centre and inertia of the payload by weighted least squares; always a possible body.
+
+    Of what the motion cannot tell, the model's values are kept, and named. O(samples n), from torques O(samples n^3).
+
+    Args:
+        chain: arms, grasps and the object as the model has them.
+        recordings: a `Recording`, a simulated run, what `load_result` returned, or the path of a result folder, a .csv
+            or a .parquet file; or a list of these.
+        by: "wrist_wrench", from what the wrists' sensors show, six rows a sample; or "tau", from the joint torques, in
+            which no grasp force appears: as many rows a sample as the chain has freedoms.
+        sensor_bias: whether each wrist's sensor has a constant offset, to be found too.
+        gravity: whether the direction of gravity is to be found too, as where a base may be tilted.
+        grasp_frames: whether the frames of rigid grasps are to be found first, from the poses of tips and object.
+        noise: standard deviations: of wrists (6,) or (arms, 6) [N m, N], of torques (n,) or one number [N m or N].
+            None: they are estimated, and the covariance is one that holds for unequal and, from sample to sample,
+            correlated noise.
+        largest_deviation: a combination is told if its standard deviation is below this part of its usual size: of the
+            model's mass m, its radius of gyration r, m r^2.
+
+    Returns:
+        An `Identification`.
+
+    Raises:
+        ModelError: no chain, a payload that is flat or no possible body, or options that do not fit.
+        StateError: a recording that does not fit, lacks what is needed, is too short or tells nothing.
+        ResultError: a file that cannot be read.
+        MethodNotApplicable: the chain has a trunk.
+
+    Reference:
+        Atkeson, An and Hollerbach 1986; Rucker and Wensing 2022; `docs/theory/derivatives.md`.
+    """
+    asked = _asked(chain, by, {"sensor_bias": sensor_bias, "gravity": gravity, "grasp_frames": grasp_frames})
+    largest = checks.number(largest_deviation, "identify: largest_deviation", above=0.0)
+    listed = isinstance(recordings, list | tuple)
+    given = [recording_of(one, chain) for one in (recordings if listed else [recordings])]
+    if not given:
+        raise StateError("identify: recordings: expected at least one, got none")
+    for one in given:
+        _require(chain, one, by)
+    frames: dict[str, Array] = {}
+    if grasp_frames:
+        chain, frames = measured_grasps(chain, given)
+    whole = [completed(chain, one) for one in given]
+    system = equations(chain, whole, asked)
+    wrists = np.tile([0, 0, 0, 1, 1, 1], len(chain.grasps))
+    kinds = wrists if by == "wrist_wrench" else np.arange(chain.joint_count)
+    look = unknowns(chain, asked, _wrench_sizes(system, by))
+    rows, p = system.rows[..., 0].size, len(look.names)
+    if rows < 2 * p:
+        raise StateError(
+            f"identify: expected {2 * p} rows or more for {p} unknowns, got {rows} of {len(system.rows)} samples"
+        )
+    found = estimate(system, look, kinds, _given_noise(noise, chain, by), largest)
+    notes = [*_notes(found, system, noise is not None), *_notes_on_grasps(chain, whole, frames)]
+    return _identification(chain, look, found, asked, frames, tuple(notes))
+
+
+def _asked(chain: Any, by: Any, flags: dict[str, Any]) -> Asked:
+    """Return what is unknown; refuse chains and options that do not fit."""
+    checks.instance(chain, ClosedChain, "identify: chain")
+    refuse_trunk(chain, "identify")
+    if by not in SOURCES:
+        raise ModelError(f"identify: by: expected {' or '.join(map(repr, SOURCES))}, got {checks.short(by)}")
+    for name, flag in flags.items():
+        checks.instance(flag, bool, f"identify: {name}")
+    if by == "tau" and flags["sensor_bias"]:
+        raise ModelError(
+            "identify: sensor_bias: expected by='wrist_wrench' with it, as torques do not show it; got 'tau'"
+        )
+    if not chain.grasps:
+        raise ModelError("identify: chain: expected an arm that holds the object, got none")
+    if flags["gravity"] and not chain.gravity.any():
+        raise ModelError("identify: gravity: expected a chain with gravity, whose size is known; got none")
+    try:
+        numbers_of(of_parameters(np.concatenate([[chain.held_object.mass], np.zeros(3), _moments(chain.held_object)])))
+    except ValueError as cause:
+        raise ModelError(
+            "identify: object: expected principal moments of which any two sum to more than the third; got a flat or an"
+            " impossible body; try HeldObject.box with three edges as a first guess"
+        ) from cause
+    return Asked(by, flags["sensor_bias"], flags["gravity"])
+
+
+def _moments(body: HeldObject) -> Array:
+    return body.inertia[np.triu_indices(3)]
+
+
+def _require(chain: ClosedChain, one: Recording, by: str) -> None:
+    """Refuse a recording without what was measured, or of other arms."""
+    measured = getattr(one, by)
+    if measured is None:
+        other = next((name for name in SOURCES if getattr(one, name) is not None), None)
+        hint = f"; it has {other}: try by='{other}'" if other else ""
+        raise StateError(f"identify: recording: expected {by}, got none{hint}")
+    if by == "wrist_wrench" and measured.shape[1] != len(chain.arms):
+        raise StateError(f"recording: wrist_wrench: expected {len(chain.arms)} arms, got {measured.shape[1]}")
+
+
+def _given_noise(noise: Any, chain: ClosedChain, by: str) -> Array | None:
+    """Return given standard deviations, (channels,), or None."""
+    if noise is None:
+        return None
+    given = checks.numbers(noise, None, "identify: noise")
+    l, n = len(chain.arms), chain.joint_count
+    shapes = [(6,), (l, 6)] if by == "wrist_wrench" else [(), (n,)]
+    if given.shape not in shapes:
+        raise ModelError(f"identify: noise: expected shape {' or '.join(map(str, shapes))}, got {given.shape}")
+    if (given <= 0.0).any():
+        raise ModelError(f"identify: noise: expected standard deviations > 0, got {given.min():g}")
+    if by == "tau":
+        return np.broadcast_to(given, (n,))
+    return np.broadcast_to(given, (l, 6))[[chain.names.index(name) for name in chain.grasps]].ravel()
+
+
+def _wrench_sizes(system: Equations, by: str) -> Array:
+    """Return (6,) root mean squares of moments and forces, at least 1e-3 of each other."""
+    if by == "tau":
+        return np.ones(6)
+    halves = system.measured.reshape(-1, 2, 3)
+    sizes = np.sqrt((halves**2).mean(axis=(0, 2)))
+    return np.repeat(np.maximum(sizes, max(1e-3 * sizes.max(), 1e-9)), 3)
+
+
+def _identification(
+    chain: ClosedChain,
+    look: Unknowns,
+    found: Estimate,
+    asked: Asked,
+    frames: dict[str, Array],
+    notes: tuple[str, ...],
+) -> Identification:
+    """Return the estimate in the terms of the model."""
+    values = np.array(found.plain)
+    values[1:4] += chain.held_object.com
+    payload = HeldObject(values[0], of_parameters(values[:10]).I, values[1:4])
+    bias = None
+    if asked.sensor_bias:
+        bias = np.zeros((len(chain.arms), 6))
+        bias[[chain.names.index(name) for name in chain.grasps]] = values[10 : 10 + look.biases].reshape(-1, 6)
+    g = look.tilted_gravity(values[-2:])[0] if asked.gravity else chain.gravity
+    model, partly = parts_kept(found.held)
+    sizes = np.where(model | partly, np.inf, np.sqrt(np.maximum(np.diag(found.covariance), 0.0)))
+    return Identification(
+        chain=replace(chain, held_object=payload, gravity=g),
+        names=look.names,
+        values=values,
+        covariance=found.covariance,
+        deviations=dict(zip(look.names, sizes.tolist(), strict=True)),
+        kept=tuple(name for name, one in zip(look.names, model, strict=True) if one),
+        partly=tuple(name for name, one in zip(look.names, partly, strict=True) if one),
+        untold=sentences(found.held, look),
+        notes=notes,
+        sensor_bias=bias,
+        grasp_deviations=frames,
+        residuals=found.residuals,
+        noise=found.noise,
+        misfit=found.misfit,
+    )
+
+
+def _notes(found: Estimate, system: Equations, noise_given: bool) -> list[str]:
+    """Return what a reader should know of the estimate."""
+    notes = []
+    if not found.possible:
+        notes.append("the rows alone ask for what no body has; the estimate is the nearest possible one")
+    if noise_given and found.misfit > POORLY:
+        notes.append(
+            f"residuals are {np.sqrt(found.misfit):.2g} times the given noise: the model lacks something, such as"
+            " friction, and deviations are too small; try noise=None"
+        )
+    if found.correlation and found.misfit > ROUNDING:
+        what = "deviations are too small by that" if noise_given else "deviations take that into account, roughly"
+        notes.append(f"residuals of neighbouring samples are correlated ({found.correlation:.2f}): {what}")
+    if system.left_out:
+        notes.append(f"{system.left_out} samples at singular postures were left out")
+    return notes
+
+
+def _notes_on_grasps(chain: ClosedChain, recordings: list[Recording], frames: dict[str, Array]) -> list[str]:
+    """Return what a reader should know of grasps: frames that were not found, and tips that are elsewhere."""
+    notes = []
+    if frames and (others := [name for name in chain.grasps if name not in frames]):
+        notes.append(f"the grasp frames of {', '.join(map(repr, others))} are the model's")
+    apart = dict.fromkeys(chain.grasps, 0.0)
+    for one in recordings:
+        for k in np.linspace(0, len(one) - 1, LOOKS).round().astype(int).tolist():
+            for name, gap in closure(chain, sampled(one, k)).items():
+                apart[name] = max(apart[name], float(np.abs(gap.position).max(initial=0.0)))
+    far = {name: gap for name, gap in apart.items() if gap > FAR}
+    if far:
+        said = ", ".join(f"'{name}' {gap:.2g}" for name, gap in far.items())
+        notes.append(
+            f"tips are off their grasps by up to [m or rad]: {said}; try grasp_frames=True, or look at units, joint"
+            " zeros and the model's frames"
+        )
+    return notes

@@ -1,0 +1,76 @@
+"""Recordings from files: result folders, and tables with the titles that exports have."""
+
+from __future__ import annotations
+
+from itertools import product
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from holdfast.errors import ResultError
+from holdfast.identification.recording import Recording
+from holdfast.io.columns import ACCELERATION, POSE, TWIST, WRENCH
+from holdfast.io.files import file_path, one_line, reason_of
+from holdfast.io.result_reader import load_result
+from holdfast.io.table_reader import read_table
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.state import Inputs
+
+FREE_BODY = {"object_pose": POSE, "object_twist": TWIST, "object_acceleration": ACCELERATION}
+
+
+def load_recording(path: str | PathLike[str], chain: ClosedChain, *, inputs: Inputs | None = None) -> Recording:
+    """Return what a file recorded of a chain.
+
+    Tables have the titles of `export_csv`: `t [s]`, `q left/joint1 [rad]`, `tau left/joint1 [N m]`, `wrist_wrench left
+    moment_x [N m]`, `object_pose qw` and so on; units may be left out. Other columns are not read; of an array that is
+    there all columns are needed.
+
+    Args:
+        path: a result folder, or a file that ends in .csv or .parquet.
+        chain: whose arms and joints are named.
+        inputs: external wrenches and base motion of the recording, which files do not hold.
+
+    Raises:
+        ResultError: a file that cannot be read, or lacks columns.
+        StateError: arrays that are no recording.
+        MissingExtra: a Parquet file, and pyarrow is not installed.
+    """
+    checks.instance(chain, ClosedChain, "load_recording: chain")
+    path = file_path(path, "path")
+    try:
+        folder = path.is_dir()
+    except OSError as cause:  # a name that is too long
+        raise ResultError(f"{one_line(str(path), 80)}: cannot be read: {reason_of(cause)}") from cause
+    if folder:
+        return Recording.of_run(load_result(path), inputs)
+    table = read_table(path)
+    if "t" not in table:
+        raise ResultError(f"{path}: expected a column 't [s]'.{checks.did_you_mean('t', table)}")
+    joints, wrench = chain.joint_names(), [part.name for part in WRENCH]
+    titles: dict[str, list[str]] = {name: [f"{name} {joint}" for joint in joints] for name in ("q", "qd", "qdd", "tau")}
+    titles["wrist_wrench"] = [f"wrist_wrench {arm} {part}" for arm, part in product(chain.names, wrench)]
+    titles |= {name: [f"{name} {part.name}" for part in parts] for name, parts in FREE_BODY.items()}
+    others = set(table) - {column for columns in titles.values() for column in columns}
+    found: dict[str, Any] = {}
+    for name, columns in titles.items():
+        present = [column for column in columns if column in table]
+        if not present and name != "q":
+            continue
+        if absent := [column for column in columns if column not in table]:
+            raise ResultError(
+                f"{path}: expected a column '{absent[0]}'.{checks.did_you_mean(absent[0], sorted(others))}"
+            )
+        found[name] = np.column_stack([table[column] for column in columns])
+    if "wrist_wrench" in found:
+        found["wrist_wrench"] = found["wrist_wrench"].reshape(-1, len(chain.arms), 6)
+    return Recording(table["t"], **found, inputs=inputs)
+
+
+def recording_of(given: Any, chain: ClosedChain) -> Recording:
+    """Return whatever holds a recording as one: a `Recording`, a run, a result, or a path."""
+    if isinstance(given, Recording):
+        return given
+    return load_recording(given, chain) if isinstance(given, str | PathLike) else Recording.of_run(given)

@@ -1,0 +1,142 @@
+"""What identification looks for, in the coordinates of three purposes.
+
+    free    theta = [log-Cholesky numbers; b; tilt]    any ten numbers are a body
+    linear  x = [pi; b; tilt]                          the rows are linear in its products
+    plain   xi = [m; c; I about c; b; tilt]            what the model says, and a motion that cannot tell it keeps
+
+pi and c are about the mass centre that the model has. Gravity is tilted by g = |g| (n + E tilt) / |n + E tilt|.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from holdfast.identification.equations import Asked
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.differentiation import linearised
+from holdfast.spatial.inertia import PARAMETERS, RigidInertia, of_parameters
+from holdfast.spatial.log_cholesky import inertia_of, numbers_of
+from holdfast.spatial.scalar import Array, array, concatenate
+from holdfast.spatial.vector import dot, outer
+
+NAMES = ("mass", "com x", "com y", "com z", *(f"inertia {name[1:]}" for name in PARAMETERS[4:]))
+UNITS = ("kg", *["m"] * 3, *["kg m^2"] * 6)
+AXES = ("moment x", "moment y", "moment z", "force x", "force y", "force z")
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """The unknowns of a chain, and what the model says of them.
+
+    Attributes:
+        names: of the entries of xi.
+        units: of them.
+        sizes: what counts as one of each.
+        model: xi of the model; offsets and tilt are 0.
+        gravity: (3,) of the model.
+        across: (2, 3) E, unit vectors across gravity.
+        biases: how many offsets there are.
+        tilted: whether gravity's direction is unknown.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    sizes: Array
+    model: Array
+    gravity: Array
+    across: Array
+    biases: int
+    tilted: bool
+
+    @property
+    def linear_sizes(self) -> Array:
+        """What counts as one of each entry of x: first moments take the place of the mass centre."""
+        return np.concatenate([self.sizes[:1], self.sizes[0] * self.sizes[1:4], self.sizes[4:]])
+
+    @property
+    def start(self) -> Array:
+        """Theta of the model."""
+        return np.concatenate([numbers_of(plain_body(self.model)), self.model[10:]])
+
+    def linear(self, theta: Array) -> Array:
+        """Return x of theta."""
+        return np.concatenate([inertia_of(theta[:10]).parameters, theta[10:]])
+
+    def plain(self, theta: Array) -> Array:
+        """Return xi of theta."""
+        return np.concatenate([plain_parameters(theta[:10]), theta[10:]])
+
+    def slopes(self, theta: Array) -> tuple[Array, Array]:
+        """Return dx/dtheta and dxi/dtheta."""
+        text = linearised(lambda x: (inertia_of(x).parameters, plain_parameters(x)), theta[:10])
+        columns = [text.rates(unit) for unit in np.eye(10)]
+        found = []
+        for part in zip(*columns, strict=True):
+            whole = np.eye(len(theta))
+            whole[:10, :10] = np.array(part).T
+            found.append(whole)
+        return found[0], found[1]
+
+    def tilted_gravity(self, tilt: Array) -> tuple[Array, Array]:
+        """Return gravity (3,) and its slope (3, 2) by the tilt."""
+        size = float(np.linalg.norm(self.gravity))
+        v = self.gravity / size + tilt @ self.across
+        s = float(np.linalg.norm(v))
+        return size * v / s, size * (self.across.T / s - np.outer(v, tilt) / s**3)
+
+    def features(self, x: Array) -> tuple[Array, Array]:
+        """Return the features that rows multiply, and their slopes by x."""
+        pi, b, one = x[:10], x[10 : 10 + self.biases], np.ones(1)
+        p = len(x)
+        of_b = np.eye(p)[10 : 10 + self.biases]
+        if not self.tilted:
+            return np.concatenate([pi, b, one]), np.vstack([np.eye(p)[:10], of_b, np.zeros((1, p))])
+        g, slope = self.tilted_gravity(x[-2:])
+        of_g = np.hstack([np.zeros((3, p - 2)), slope])
+        of_products = np.kron(g[:, None], np.eye(10, p)) + np.kron(of_g, pi[:, None])
+        values = np.concatenate([pi, np.kron(g, pi), b, one, g])
+        return values, np.vstack([np.eye(10, p), of_products, of_b, np.zeros((1, p)), of_g])
+
+
+def unknowns(chain: ClosedChain, asked: Asked, wrench_sizes: Array) -> Unknowns:
+    """Return the unknowns of a chain.
+
+    Args:
+        chain: with the model's values.
+        asked: what is unknown.
+        wrench_sizes: (6,) what counts as one of a sensor's offset [N m, N].
+    """
+    body, names, units = chain.held_object, list(NAMES), list(UNITS)
+    m, radius = body.mass, float(np.sqrt(np.trace(body.inertia) / (2.0 * body.mass)))
+    sizes = [m, *[radius] * 3, *[m * radius**2] * 6]
+    model = [m, 0.0, 0.0, 0.0, *body.inertia[np.triu_indices(3)]]
+    holding = list(chain.grasps) if asked.sensor_bias else []
+    for name in holding:
+        names += [f"sensor offset of '{name}', {axis}" for axis in AXES]
+        units += ["N m"] * 3 + ["N"] * 3
+        sizes += wrench_sizes.tolist()
+    across = np.zeros((2, 3))
+    if asked.gravity:
+        across = np.linalg.svd(chain.gravity[None, :])[2][1:]
+        names += ["gravity's tilt, first", "gravity's tilt, second"]
+        units, sizes = [*units, "rad", "rad"], [*sizes, 1.0, 1.0]
+    model += [0.0] * (len(names) - 10)
+    arrays = (np.array(sizes), np.array(model), chain.gravity, across)
+    return Unknowns(tuple(names), tuple(units), *arrays, 6 * len(holding), asked.gravity)
+
+
+def plain_parameters(numbers: Array) -> Array:
+    """Return (10,) m, c and I about c of ten log-Cholesky numbers."""
+    body = inertia_of(numbers)
+    c = numbers[7:]
+    about_c = body.I - body.m * (dot(c, c) * np.eye(3) - outer(c, c))
+    return concatenate([array([body.m]), c, RigidInertia(body.m, body.h, about_c).parameters[4:]])
+
+
+def plain_body(plain: Array) -> RigidInertia:
+    """Return the inertia about the origin that m, c and I about c stand for."""
+    m, c = float(plain[0]), plain[1:4]
+    I = of_parameters(plain[:10]).I
+    return RigidInertia(m, m * c, I + m * (c @ c * np.eye(3) - np.outer(c, c)))

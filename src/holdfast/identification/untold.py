@@ -1,0 +1,43 @@
+"""What a motion cannot tell, in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from holdfast.identification.base_parameters import pivoted
+from holdfast.identification.unknowns import Unknowns
+from holdfast.spatial.scalar import Array
+
+WHOLLY, PARTLY = 0.99, 0.01  # of an unknown's square in what is held: it is the model's; it rests on the model too
+ALONE = 0.05  # of a combination's largest term, each in units of its size: what is smaller is not named
+
+
+def parts_kept(held: Array) -> tuple[Array, Array]:
+    """Return which unknowns are the model's, and which rest on the model in part, (p,) each."""
+    part = (held**2).sum(axis=1)
+    return part > WHOLLY, (part > PARTLY) & (part <= WHOLLY)
+
+
+def sentences(held: Array, look: Unknowns) -> tuple[str, ...]:
+    """Return one sentence for each combination that cannot be told.
+
+    Args:
+        held: (p, d) an orthonormal basis of them, in units of sizes.
+        look: the unknowns.
+    """
+    d = held.shape[1]
+    if not d:
+        return ()
+    pivots = np.sort(pivoted(held.T)[1][:d])
+    directions = held @ np.linalg.inv(held[pivots])
+    alone, together = [], []
+    for k, direction in zip(pivots.tolist(), directions.T, strict=True):
+        others = [j for j in np.flatnonzero(np.abs(direction) > ALONE).tolist() if j != k]
+        if not others:
+            alone.append(look.names[k])
+            continue
+        steps = direction * look.sizes / look.sizes[k]
+        with_it = ", ".join(f"{steps[j]:+.3g} {look.units[j]} of {look.names[j]}" for j in others)
+        together.append(f"+1 {look.units[k]} of {look.names[k]} together with {with_it} cannot be told from noise")
+    lead = (f"cannot be told from noise: {', '.join(alone)}",) if alone else ()
+    return (*lead, *together)
