@@ -46,7 +46,7 @@ MAY_IMPORT = {
 }
 ON_CALL = {"model/held_object.py": {"robots"}}  # constructors that read files ask the room that reads, when called
 HEAVY = {"scipy", "llvmlite", "tyro", "rich", "matplotlib", "pinocchio", "mujoco", "viser", "mpmath"}
-HEAVY |= {"pandas", "pyarrow"}
+HEAVY |= {"pandas", "pyarrow", "jax"}
 
 
 def room(path: Path) -> str:

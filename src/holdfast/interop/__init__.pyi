@@ -1,5 +1,6 @@
-"""To and from other libraries: MuJoCo's MJCF, Pinocchio's orders."""
+"""To and from other libraries: MuJoCo's MJCF, Pinocchio's orders, functions of JAX."""
 
+from .jax_function import to_jax as to_jax
 from .joint_order import angular_first as angular_first
 from .joint_order import free_flyer as free_flyer
 from .joint_order import linear_first as linear_first
