@@ -9,3 +9,4 @@ from .mjcf_reader import load_mjcf as load_mjcf
 from .mjcf_reader import load_mjcf_arms as load_mjcf_arms
 from .mjcf_trunk import load_mjcf_trunk as load_mjcf_trunk
 from .mjcf_writer import to_mjcf as to_mjcf
+from .scipy_operator import jacobian_operator as jacobian_operator
