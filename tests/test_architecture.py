@@ -53,7 +53,7 @@ ON_CALL = {
     "io/run_setting.py": {"scenario"},
 }
 HEAVY = {"scipy", "llvmlite", "tyro", "rich", "matplotlib", "pinocchio", "mujoco", "viser", "mpmath"}
-HEAVY |= {"pandas", "pyarrow", "xarray", "IPython"}
+HEAVY |= {"pandas", "pyarrow", "xarray", "IPython", "jax"}
 
 
 def room(path: Path) -> str:

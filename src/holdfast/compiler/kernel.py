@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.compiler.schedule import External, Schedule
-from holdfast.compiler.targets import batch_module, cpu, no_argument_call, single_module
+from holdfast.compiler.targets import batch_module, cpu, foreign_call, no_argument_call, single_module
 
 Array = np.ndarray
 
@@ -136,6 +136,18 @@ class Kernel(BatchKernel):
     def bind(self) -> Bound:
         """Return the kernel tied to arrays of its own, to be called without checks and copies."""
         return Bound(self.externals, self._code, self._code.notes["arena"])
+
+    def publish(self, status: str, open_status: float) -> int:
+        """Let other compilers' programs call the kernel, from now on; return the key by which they name it.
+
+        Args:
+            status: the array that says whether a system has an answer.
+            open_status: a status that is not decided: such a system's results become not-a-number.
+        """
+        assert self._key, "what has no key has no name in other processes"
+        with self._compiling:
+            codes = foreign_call.Codes(self._code, self._batch_code, self.lanes)
+        return foreign_call.publish(self._key, codes, self.externals, status, open_status)
 
     def _single_source(self) -> tuple[str, cpu.Notes]:
         text, arena = single_module(self.schedule, self.lanes)

@@ -1,4 +1,4 @@
-"""To and from other libraries: MuJoCo's MJCF, Pinocchio's orders."""
+"""To and from other libraries: MuJoCo's MJCF, Pinocchio's orders, functions of JAX."""
 
 import lazy_loader
 

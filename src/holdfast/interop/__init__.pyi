@@ -1,5 +1,6 @@
-"""To and from other libraries: MuJoCo's MJCF, Pinocchio's orders."""
+"""To and from other libraries: MuJoCo's MJCF, Pinocchio's orders, functions of JAX."""
 
+from .jax_function import to_jax as to_jax
 from .joint_order import angular_first as angular_first
 from .joint_order import free_flyer as free_flyer
 from .joint_order import linear_first as linear_first
@@ -8,3 +9,4 @@ from .mjcf_reader import load_mjcf as load_mjcf
 from .mjcf_reader import load_mjcf_arms as load_mjcf_arms
 from .mjcf_trunk import load_mjcf_trunk as load_mjcf_trunk
 from .mjcf_writer import to_mjcf as to_mjcf
+from .scipy_operator import jacobian_operator as jacobian_operator

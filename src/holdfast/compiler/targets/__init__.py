@@ -9,11 +9,12 @@ beside it that offers the same:
     batch_module      the source of a schedule for many systems
     Builtin           a Python callable that takes arrays straight to the code
     no_argument_call  the same without arguments, for control loops
+    foreign_call      kernels as functions that other compilers' programs call (`publish`, `capsule`)
 """
 
-from holdfast.compiler.targets.llvm import cpu
+from holdfast.compiler.targets.llvm import cpu, foreign_call
 from holdfast.compiler.targets.llvm.batch import batch_module
 from holdfast.compiler.targets.llvm.builtin import Builtin, no_argument_call
 from holdfast.compiler.targets.llvm.single import single_module
 
-__all__ = ["Builtin", "batch_module", "cpu", "no_argument_call", "single_module"]
+__all__ = ["Builtin", "batch_module", "cpu", "foreign_call", "no_argument_call", "single_module"]

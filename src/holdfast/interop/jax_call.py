@@ -1,0 +1,128 @@
+"""Machine code as an operation of JAX's programs, a batch under vmap."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from holdfast.compiled.foreign_code import ForeignCode, handler
+from holdfast.interop.jax_import import jax_numpy, require_jax
+
+if TYPE_CHECKING:
+    from holdfast.compiled.chain import CompiledChain
+
+Route = Literal["ffi", "callback"]
+Run = Callable[[int | None, Sequence[Any]], tuple[Any, ...]]  # how many systems or None, the given arrays; the results
+_TARGET = "holdfast"
+
+
+@functools.cache
+def available_route() -> Route:
+    """Return how JAX's programs reach machine code: by its address, or through Python where JAX cannot do that."""
+    jax = require_jax()
+    if jax.default_backend() != "cpu":
+        return "callback"
+    try:
+        jax.ffi.register_ffi_target(_TARGET, handler(), platform="cpu")
+    except RuntimeError:  # its FFI is of another version
+        return "callback"
+    return "ffi"
+
+
+def operation(
+    compiled: CompiledChain, code: ForeignCode, given: Sequence[str], route: Route
+) -> Callable[[Mapping[str, Any]], dict[str, Any]]:
+    """Return machine code as a function of arrays by name, to results by name; vmap makes it one call of a batch.
+
+    Args:
+        compiled: the chain whose code it is.
+        code: the machine code.
+        given: the names of the arrays it will be called with; the others are the chain's own.
+        route: how it is reached.
+    """
+    run = _by_address(code, given) if route == "ffi" else _through_python(compiled, code, given)
+    call = _batched(run, [len(code.externals[name].shape) for name in given])
+
+    def named(arrays: Mapping[str, Any]) -> dict[str, Any]:
+        return dict(zip(code.results, call(*(arrays[name] for name in given)), strict=True))
+
+    return named
+
+
+def _by_address(code: ForeignCode, given: Sequence[str]) -> Run:
+    """Return calls of the code from within a program of XLA."""
+    ffi, key = require_jax().ffi, np.int64(code.publish())
+    inputs = [name for name, external in code.externals.items() if external.role != "output"]
+    outputs = [name for name, external in code.externals.items() if external.role == "output"]
+    places = [outputs.index(name) for name in code.results.values()]
+
+    def run(batch: int | None, arrays: Sequence[Any]) -> tuple[Any, ...]:
+        known = dict(code.own) | dict(zip(given, arrays, strict=True))
+        call = ffi.ffi_call(_TARGET, _shapes(code, outputs, batch))
+        found = call(*(known[name] for name in inputs), key=key)
+        return tuple(found[k] for k in places)
+
+    return run
+
+
+def _through_python(compiled: CompiledChain, code: ForeignCode, given: Sequence[str]) -> Run:
+    """Return calls of the code by callbacks into Python, which every backend of JAX has."""
+    jax, outputs = require_jax(), list(code.results.values())
+
+    def run(batch: int | None, arrays: Sequence[Any]) -> tuple[Any, ...]:
+        def host(*values: Any) -> tuple[np.ndarray, ...]:
+            numbers = {n: np.require(x, np.float64, ["C", "A"]) for n, x in zip(given, values, strict=True)}
+            result = code.run(compiled, numbers, batch)
+            return tuple(result.array(name) for name in outputs)
+
+        return tuple(jax.pure_callback(host, tuple(_shapes(code, outputs, batch)), *arrays))
+
+    return run
+
+
+def _shapes(code: ForeignCode, outputs: Sequence[str], batch: int | None) -> list[Any]:
+    lead = () if batch is None else (batch,)
+    jax, jnp = require_jax(), jax_numpy()
+    return [jax.ShapeDtypeStruct((*lead, *code.externals[name].shape), jnp.float64) for name in outputs]
+
+
+def _batched(run: Run, ranks: Sequence[int]) -> Callable[..., tuple[Any, ...]]:
+    """Return the call for one system, whose vmaps, also within each other, are calls of one batch."""
+    custom_vmap, jnp = require_jax().custom_batching.custom_vmap, jax_numpy()
+
+    def has_systems(array: Any, rank: int) -> bool:
+        return array.ndim > rank
+
+    @custom_vmap
+    def one(*arrays: Any) -> tuple[Any, ...]:
+        return run(None, arrays)
+
+    @custom_vmap
+    def many(*arrays: Any) -> tuple[Any, ...]:
+        return run(next(len(x) for x, rank in zip(arrays, ranks, strict=True) if has_systems(x, rank)), arrays)
+
+    @one.def_vmap
+    def _(size: int, batched: Sequence[bool], *arrays: Any) -> Any:
+        found = many(*arrays)
+        return found, (True,) * len(found)
+
+    @many.def_vmap
+    def _(size: int, batched: Sequence[bool], *arrays: Any) -> Any:
+        outer = [x if is_batched else x[None] for x, is_batched in zip(arrays, batched, strict=True)]
+        inner = next((x.shape[1] for x, rank in zip(outer, ranks, strict=True) if x.ndim == rank + 2), 1)
+
+        def flat(x: Any, rank: int, is_batched: bool) -> Any:
+            own = x.shape[x.ndim - rank :]
+            if not is_batched and x.ndim == rank + 1:
+                return x[0]  # one for all systems
+            rows = x if x.ndim == rank + 2 else x[:, None]
+            return jnp.broadcast_to(rows, (size, inner, *own)).reshape(size * inner, *own)
+
+        found = many(*map(flat, outer, ranks, batched))
+        whole = tuple(x.reshape(size, inner, *x.shape[1:]) for x in found)
+        return whole, (True,) * len(whole)
+
+    return one
