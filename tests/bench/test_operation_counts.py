@@ -8,6 +8,7 @@ from holdfast.bench.systems import make_system
 from holdfast.bench.trunk_systems import FLOATING, TORSO, make_trunk_system
 from holdfast.compiled.forward_schedule import forward_schedule
 from holdfast.compiled.structure import Options, Structure
+from tests.longer import mostly_long
 
 KINDS = ("rigid", "ball")  # the mobility as a matrix, and in factors
 
@@ -21,8 +22,12 @@ def test_linear_in_arms_and_their_joints(kind, floating, fewest):
     assert np.diff(by_joints, 2).tolist() == [0, 0]
 
 
-@pytest.mark.parametrize(("floating", "least"), [(False, 7), (True, 2)], ids=["standing", "floating"])
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("kind", "floating", "least"),
+    mostly_long(
+        [(kind, *base) for kind in KINDS for base in ((False, 7), (True, 2))], [("rigid", True, 2), ("ball", False, 7)]
+    ),
+)
 def test_linear_in_the_trunk(kind, floating, least):
     """From seven joints, or two on a floating base: what seven more of them cost is always the same.
 
@@ -33,7 +38,7 @@ def test_linear_in_the_trunk(kind, floating, least):
         assert np.diff(counts, 2).tolist() == [0]
 
 
-@pytest.mark.parametrize(("floating", "first"), [(False, 6), (True, 3)], ids=["standing", "floating"])
+@pytest.mark.parametrize(("floating", "first"), mostly_long([(False, 6), (True, 3)], [(True, 3)]))
 def test_every_joint_costs_the_same_below_all_arms(floating, first):
     """Where all arms stand on the last body, second differences are 0 from where joints are taken one by one."""
     counts = [on_trunk(2, 4, m, "ball", floating=floating, in_world=0) for m in range(first, first + 6)]

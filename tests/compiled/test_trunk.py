@@ -12,6 +12,7 @@ from holdfast.compiled.not_compiled import NotCompiledError
 from holdfast.dynamics import Status
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.closed.chain_motion import chain_motion
+from tests.longer import mostly_long
 from tests.systems.problems import relative_gap
 from tests.systems.trunk_problems import cases, random_on_trunk
 from tests.systems.trunk_runs import still_base
@@ -52,7 +53,10 @@ def test_reference(name):
             np.testing.assert_array_equal(row, getattr(found, part))
 
 
-@pytest.mark.parametrize(("seed", "joints", "floating"), [(0, 1, False), (3, 3, True), (4, 4, False)])
+@pytest.mark.parametrize(
+    ("seed", "joints", "floating"),
+    mostly_long([(0, 1, False), (3, 3, True), (4, 4, False)], [(0, 1, False), (3, 3, True)]),
+)
 def test_external_wrenches_and_driven_bases(seed, joints, floating):
     """Wrenches on every body and a trunk's driven base are run-time parameters."""
     p = random_on_trunk(seed, joints, floating=floating)
@@ -122,7 +126,7 @@ def test_refused():
         fast.forward_dynamics(*arguments, **parameters, base_twist=np.ones((2, 6)))
 
 
-@pytest.mark.parametrize("floating", [False, True])
+@pytest.mark.parametrize("floating", mostly_long([False, True], [True]))
 def test_other_functions(floating):
     """Energies, momentum, mass centre, frames, Jacobians, mobility, closure and projection are the reference's."""
     p = still_base(3, 2, floating=floating, arms={"arms": 2, "joints": 7, "grasps": ("rigid", "ball")}, in_world=0.4)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +25,6 @@ from tests.derivatives.asked import (
     size_of,
 )
 from tests.derivatives.chains import TRUNKS, random_chain
-from tests.derivatives.longer import mostly_long
 from tests.derivatives.products import (
     ROUNDING,
     flat_direction,
@@ -35,6 +35,7 @@ from tests.derivatives.products import (
     worst_of_products,
 )
 from tests.derivatives.stored import OF, Stored, columns, gaps, names, stored
+from tests.longer import mostly_long
 from tests.oracles.chain_derivatives import OUTPUTS, chain_derivatives
 from tests.systems import random_system
 from tests.systems.as_chain import Problem, as_chain
@@ -82,8 +83,9 @@ def test_stored_answers_by_the_reference(name):
     assert max(off.values()) < 10 * bar, off
 
 
-@pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("name", SOME)
+@pytest.mark.parametrize(
+    ("name", "way"), mostly_long(itertools.product(SOME, WAYS), list(zip(SOME, WAYS, strict=True)))
+)
 def test_stored_answers(name, way):
     """Blocks of the stored matrices by machine code: by rows, by columns and as a matrix."""
     require_stored(stored(name), way, FEW)
@@ -191,7 +193,9 @@ def test_the_matrix_of_a_trunk_by_the_reference():
             assert relative_gap(matrix, expected.block(o, b)) < RANDOM, (o, b)
 
 
-@pytest.mark.parametrize(("seed", "any_kind"), [(100, True), (103, True), (301, False)])
+@pytest.mark.parametrize(
+    ("seed", "any_kind"), mostly_long([(100, True), (103, True), (301, False)], [(100, True), (301, False)])
+)
 def test_random_chains(seed, any_kind):
     """The same by machine code: a base that moves, a free arm, grasps that roll."""
     p = random_chain(seed, any_kind=any_kind)

@@ -19,9 +19,9 @@ from tests.derivatives.asked import (
     size_of,
 )
 from tests.derivatives.chains import TRUNKS, random_chain
-from tests.derivatives.longer import mostly_long
 from tests.derivatives.products import ROUNDING, random_cotangents, random_directions
 from tests.derivatives.stored import gaps
+from tests.longer import mostly_long
 from tests.oracles.chain_derivatives import OUTPUTS
 from tests.systems.problems import relative_gap
 

@@ -10,9 +10,9 @@ import pytest
 from holdfast import Pose
 from holdfast.spatial import rotation
 from tests.derivatives.chains import TRUNKS, random_chain
-from tests.derivatives.longer import mostly_long
 from tests.derivatives.moved import moved_problem
 from tests.derivatives.stored import OF, columns, gaps, names, stored
+from tests.longer import mostly_long
 from tests.oracles.chain_derivatives import OUTPUTS, chain_derivatives
 from tests.oracles.dual_texts import text_derivatives
 from tests.oracles.least_forces import least_force_derivatives

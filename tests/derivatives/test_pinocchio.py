@@ -7,9 +7,9 @@ import pytest
 
 from holdfast.robots import PANDA_HOME, panda
 from tests.derivatives.asked import by_jacobian, compiled
-from tests.derivatives.longer import mostly_long
 from tests.derivatives.stored import names, stored
 from tests.derivatives.tangent import closed_rows, tangent
+from tests.longer import mostly_long
 from tests.oracles.chain_derivatives import chain_derivatives
 from tests.systems.as_chain import Problem
 from tests.systems.problems import relative_gap

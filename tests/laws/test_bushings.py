@@ -14,6 +14,7 @@ from holdfast.simulation.balance import WORK_TERMS
 from holdfast.spatial import rotation
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 from tests.laws.moving import moving
+from tests.longer import mostly_long
 from tests.oracles.differenced_positions import exact, rotation_about
 from tests.simulation.rollout.problems import arrays
 from tests.simulation.runs import limp
@@ -111,7 +112,7 @@ def test_an_external_wrench(seed):
     assert (found.rank, expected.rank) == (expected.rank + 6, found.rank - 6) and found.mobility == expected.mobility
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", mostly_long(range(3), [0]))
 def test_every_method(seed):
     """Dense equations, inverse dynamics and machine code, one system, many and bound; whose answers are the same."""
     p = random_bushed(seed)
@@ -242,7 +243,7 @@ def test_sag():
     assert p.solved()["pin"].grasp_wrench == pytest.approx([0, 0, 0, 0, 0, 2.0 * 9.81], rel=1e-13)
 
 
-@pytest.mark.parametrize("floating", [False, True])
+@pytest.mark.parametrize("floating", mostly_long([False, True], [True]))
 def test_on_a_trunk(floating):
     """Arms on a trunk hold by bushings, and an anchor on it does: as the dense equations and machine code say."""
     p = on_trunk(random_problem(2, arms=3, joints=7, grasps="rigid", moving_base=False), 2, 2, floating=floating)
@@ -256,7 +257,7 @@ def test_on_a_trunk(floating):
     assert relative_gap(torques, p.tau, np.abs(found.grasp_wrench).max()) <= 1e-11
 
 
-@pytest.mark.parametrize("damped", [True, False])
+@pytest.mark.parametrize("damped", mostly_long([True, False], [True]))
 def test_runs(damped):
     """Energy is kept, or lost as the dampers say; rollouts take the same steps."""
     p = still_bushed(2, damped=damped)

@@ -7,6 +7,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.simulation.stepper import ReferenceStepper
+from tests.longer import mostly_long
 from tests.systems.problems import relative_gap
 from tests.systems.trunk_runs import one_long_arm, still_base
 
@@ -30,7 +31,7 @@ def held(tau):
     return lambda t, state, memory: (tau, memory)
 
 
-@pytest.mark.parametrize("floating", [False, True])
+@pytest.mark.parametrize("floating", mostly_long([False, True], [True]))
 def test_methods_agree(floating):
     """The filter, the dense equations and machine code; springs are external wrenches to all of them."""
     p = sprung(still_base(3, 2, floating=floating), floating)

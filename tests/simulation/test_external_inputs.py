@@ -15,6 +15,7 @@ from holdfast.compiler.errors import CompileError
 from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.external_inputs import take_state
 from holdfast.simulation.stepper import ReferenceStepper
+from tests.longer import mostly_long
 from tests.simulation.runs import limp
 from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain
@@ -25,6 +26,13 @@ from tests.systems.trunk_runs import still_base
 
 FREE = hf.ControlLaw(lambda t, state, memory, given: (0.0 * state.qd, memory), key="tests: no torques")
 EXTERNAL, DAMPING = WORK_TERMS.index("external"), WORK_TERMS.index("damping")
+WAYS = [  # of taking steps, and the damping of every joint [N m s/rad]
+    ({"make_stepper": ReferenceStepper}, 0.0),
+    ({}, 0.0),
+    ({"scheme": "dop853", "rtol": 1e-10}, 0.0),
+    ({"scheme": "midpoint", "largest_drift": 1e-9}, 0.0),
+    ({}, 3e3),
+]
 
 
 def sprung(damping: float = 0.0) -> tuple[hf.ClosedChain, hf.State]:
@@ -48,16 +56,11 @@ def compared(found: hf.Trajectory, expected: hf.Trajectory) -> float:
 
 
 @pytest.mark.parametrize(
-    ("options", "damping"),
-    [
-        ({"make_stepper": ReferenceStepper}, 0.0),
-        ({}, 0.0),
-        ({"scheme": "dop853", "rtol": 1e-10}, 0.0),
-        ({"scheme": "midpoint", "largest_drift": 1e-9}, 0.0),
-        ({}, 3e3),
-    ],
+    ("options", "damping", "controller"),
+    mostly_long(
+        [(*way, law) for way in WAYS for law in (limp, FREE)], [(*WAYS[k], (limp, FREE)[k % 2]) for k in range(5)]
+    ),
 )
-@pytest.mark.parametrize("controller", [limp, FREE])
 def test_a_spring_by_hand(options: dict[str, Any], damping: float, controller: Any):
     """Is the library's spring: the same motion, forces and books, but that what it stores counts as work done on it."""
     chain, state = sprung(damping)

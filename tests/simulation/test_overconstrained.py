@@ -9,6 +9,7 @@ from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.constraint import coordinate_sizes
 from holdfast.dynamics.rank import closed_near, constraint_pivots
 from holdfast.simulation.stepper import ReferenceStepper
+from tests.longer import mostly_long
 from tests.oracles.planar_mechanism import random_mechanism
 from tests.systems.bricard import bars, bricard, line_symmetric
 
@@ -50,7 +51,10 @@ def test_printed_figure(converged):
     assert converged.position_gap.max() < 1e-9 and converged.condition.max() < 100
 
 
-@pytest.mark.parametrize(("turns", "controller"), [(MODELS[0], FREE), (MODELS[1], free), (MODELS[2], free)])
+@pytest.mark.parametrize(
+    ("turns", "controller"),
+    [(MODELS[0], FREE), (MODELS[1], free), pytest.param(MODELS[2], free, marks=pytest.mark.long)],
+)
 def test_order(converged, turns, controller):
     """Fourth order, however the contact frames are turned about the hinges; within 1e-5 in 2 ms steps by far."""
     chain, state = bricard(turns)
@@ -63,7 +67,7 @@ def test_order(converged, turns, controller):
     assert errors[1] * (2e-3 / 1e-2) ** 4 < 1e-9
 
 
-@pytest.mark.parametrize("seed", [1, 3])
+@pytest.mark.parametrize("seed", mostly_long([1, 3], [3]))
 def test_line_symmetric_loops(seed):
     """With a freedom left, energy and closure determine the motion; half the step has a sixteenth of the error."""
     chain, state = line_symmetric(seed)
@@ -74,7 +78,7 @@ def test_line_symmetric_loops(seed):
         assert max(np.abs(gap.position).max() for gap in hf.dynamics.closure(chain, run.state(-1)).values()) < 1e-14
 
 
-@pytest.mark.parametrize("seed", [3, 20])
+@pytest.mark.parametrize("seed", mostly_long([3, 20], [3]))
 def test_planar_mechanisms_in_space(seed):
     """As in the complex plane, where the constraint has no row too many."""
     mechanism = random_mechanism(seed)
@@ -174,7 +178,7 @@ def test_machine_code_beside_the_constraint():
         assert np.isnan(many.qdd[0]).all() and np.abs(many.qdd[1] - exact.qdd).max() < 1e-9
 
 
-@pytest.mark.parametrize("gap", [0.0, 1e-12, 1e-10, 1e-8, 1e-7])
+@pytest.mark.parametrize("gap", mostly_long([0.0, 1e-12, 1e-10, 1e-8, 1e-7], [1e-12, 1e-7]))
 def test_velocities_beside_the_constraint(gap):
     """Positions that are a little off stop no motion: the dependent row is left out, as where the grasps are closed."""
     chain, state = bricard(MODELS[1])
@@ -190,7 +194,7 @@ def test_velocities_beside_the_constraint(gap):
     assert np.abs(velocities - expected).max() < 1e-12 + 100 * gap
 
 
-@pytest.mark.parametrize("gap", [0.0, 1e-9, 3e-7])
+@pytest.mark.parametrize("gap", mostly_long([0.0, 1e-9, 3e-7], [3e-7]))
 def test_an_arm_that_grips_beside_its_grasp(gap):
     """Bricard's loop closes with a row too many: the impulse leaves the motion that the loop allows."""
     chain, state = bricard(MODELS[2])

@@ -9,6 +9,7 @@ import holdfast as hf
 from holdfast.dynamics import closure
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.trajectory import array_names
+from tests.longer import mostly_long
 from tests.systems.trunk_runs import one_long_arm, still_base, swaying
 
 RANDOM = [(1, 2, True), (2, 3, False), (3, 6, True), (4, 0, True)]
@@ -28,7 +29,7 @@ def run_of(p, duration=0.04, step=2e-3, **options):
 
 @pytest.mark.parametrize(
     ("seed", "joints", "floating"),
-    [pytest.param(*p, marks=[pytest.mark.long] if p[2] and p[1] else []) for p in RANDOM],
+    mostly_long(RANDOM, [(4, 0, True)]),
 )
 def test_balances(seed, joints, floating):
     """Energy and momentum are accounted for, grasps stay closed; what is left falls as the scheme's order says."""

@@ -77,7 +77,7 @@ def test_a_parallelogram_that_flattens():
 @pytest.mark.parametrize("displacement", [[0.0, 0.1, 0.2], pytest.param([0.0, 0.0, -0.15], marks=pytest.mark.long)])
 def test_an_ordinary_run_is_green(displacement):
     """Two Pandas lift a box, as in the demo."""
-    chain, run = tracked(displacement, 0.02, 1.0)
+    chain, run = tracked(displacement, 0.01, 1.0)
     assert run.stopped is None
     _, values = values_before_the_end(chain, run)
     assert values.max() < GREEN

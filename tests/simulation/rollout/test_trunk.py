@@ -17,6 +17,7 @@ from holdfast.simulation.rollout.compiled_steppers import FusedStepper, Stagewis
 from holdfast.simulation.runge_kutta import MIDPOINT
 from holdfast.simulation.stepper import ReferenceStepper
 from tests.compiler.programs import same_bits
+from tests.longer import mostly_long
 from tests.simulation.rollout.problems import (
     arrays,
     difference,
@@ -49,7 +50,7 @@ def leaning(joint_count: int) -> ControlLaw:
     )
 
 
-@pytest.mark.parametrize("floating", [True, False])
+@pytest.mark.parametrize("floating", mostly_long([True, False], [False]))
 def test_rollouts_are_runs(floating):
     """Under a law that looks at the base, or on a base that moves, and wrenches on every link: as `simulate`."""
     p = problem(floating)
