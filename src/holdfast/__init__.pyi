@@ -23,6 +23,9 @@ from .dynamics.derivatives import forward_dynamics_vjp as forward_dynamics_vjp
 from .dynamics.diagnose import diagnose as diagnose
 from .dynamics.forward import forward_dynamics as forward_dynamics
 from .dynamics.inverse import inverse_dynamics as inverse_dynamics
+from .dynamics.inverse_derivatives import inverse_dynamics_jacobian as inverse_dynamics_jacobian
+from .dynamics.inverse_derivatives import inverse_dynamics_jvp as inverse_dynamics_jvp
+from .dynamics.inverse_derivatives import inverse_dynamics_vjp as inverse_dynamics_vjp
 from .dynamics.linearise import linearise as linearise
 from .dynamics.project import project as project
 from .dynamics.regressor import regressor as regressor

@@ -34,7 +34,7 @@ def text_derivatives(p: Problem, by: Iterable[str] | None = None) -> Derivatives
     found = {name: np.ravel(getattr(whole, name)) for name in OUTPUTS}
     if TRUNK in chain.joints:
         base = np.zeros(0) if whole.base_acceleration is None else whole.base_acceleration
-        found |= {"base_acceleration": base, "trunk_base_wrench": np.asarray(whole.trunk_base_wrench)}
+        found |= {"floating_acceleration": base, "trunk_base_wrench": np.asarray(whole.trunk_base_wrench)}
     values = {name: values_of(x).astype(float) for name, x in found.items()}
     matrices = {name: tangents_of(x, seeded.count).astype(float) for name, x in found.items()}
     return Derivatives(values, matrices, seeded.at)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -46,14 +46,14 @@ STATE_AND_TORQUES = ("q", "qd", "tau", "object_pose", "object_twist")
 
 @dataclass(frozen=True, eq=False)
 class Derivatives(Frozen):
-    """Derivatives of forward dynamics, `found.q` or `found["q"]`; of a Jacobian `found["qdd", "q"]`.
+    """Derivatives of a function, `found.q` or `found["q"]`; of a Jacobian `found["qdd", "q"]`.
 
     Attributes:
-        result: forward dynamics there.
+        result: what the function returns there, such as a `ForwardResult`.
         parts: all derivatives by name, or by result and argument.
     """
 
-    result: ForwardResult
+    result: Any
     parts: Mapping[Any, Array]
 
     def __getitem__(self, name: Any) -> Array:
@@ -113,8 +113,8 @@ def forward_dynamics_vjp(
     """
     what = "forward_dynamics_vjp"
     checks.instance(chain, ClosedChain, "chain")
-    _require_names(what, by, arguments_of(chain))
-    _require_names(what, cotangents, results_of(chain))
+    require_names(what, by, arguments_of(chain))
+    require_names(what, cotangents, results_of(chain))
     at, result, least = _point(what, chain, state, tau, inputs, check, generic_rank)
     bars = {
         name: checks.numbers(x, np.shape(_result(result, name)), name, StateError) for name, x in cotangents.items()
@@ -163,25 +163,13 @@ def forward_dynamics_jvp(
     what = "forward_dynamics_jvp"
     checks.instance(chain, ClosedChain, "chain")
     checks.instance(along, Mapping, f"{what}: along", StateError)
-    _require_names(what, along, arguments_of(chain))
+    require_names(what, along, arguments_of(chain))
     at, result, least = _point(what, chain, state, tau, inputs, check, generic_rank)
-    shapes = gradient_shapes(chain)
-    given = {name: checks.numbers(x, None, name, StateError) for name, x in along.items()}
-    counts = set()
-    for name, x in given.items():
-        if x.shape != shapes[name] and x.shape[1:] != shapes[name]:
-            raise StateError(f"{what}: {name}: expected shape {shapes[name]} or (d, *{shapes[name]}), got {x.shape}")
-        counts |= {len(x)} if x.ndim > len(shapes[name]) else set()
-    if len(counts) > 1:
-        raise StateError(f"{what}: expected one number of directions, got {', '.join(map(str, sorted(counts)))}")
-    wrenches = spring_rates(chain, state, (inputs or Inputs()).shaped(chain), list(given))
-    if not counts:
+    given = directions(what, along, gradient_shapes(chain))
+    wrenches = spring_rates(chain, state, (inputs or Inputs()).shaped(chain), list(along))
+    if isinstance(given, dict):
         return Derivatives(result, _forward(at, given, wrenches, least))
-    (count,) = counts
-    each = [
-        _forward(at, {n: x[k] if x.ndim > len(shapes[n]) else x for n, x in given.items()}, wrenches, least)
-        for k in range(count)
-    ]
+    each = [_forward(at, one, wrenches, least) for one in given]
     return Derivatives(result, {name: np.array([one[name] for one in each]) for name in results_of(chain)})
 
 
@@ -218,8 +206,8 @@ def forward_dynamics_jacobian(
     """
     what = "forward_dynamics_jacobian"
     checks.instance(chain, ClosedChain, "chain")
-    _require_names(what, of, results_of(chain))
-    _require_names(what, by, arguments_of(chain))
+    require_names(what, of, results_of(chain))
+    require_names(what, by, arguments_of(chain))
     at, result, least = _point(what, chain, state, tau, inputs, check, generic_rank)
     shapes = gradient_shapes(chain)
     wrenches = spring_rates(chain, state, (inputs or Inputs()).shaped(chain), by)
@@ -368,8 +356,35 @@ def _result(found: ForwardResult, name: str) -> Array:
     return getattr(found, "base_acceleration" if name == "floating_acceleration" else name)
 
 
-def _require_names(what: str, names: Any, known: Sequence[str]) -> None:
-    if isinstance(names, str) or not len(names):
+def directions(
+    what: str, along: Mapping[str, ArrayLike], shapes: Mapping[str, tuple[int, ...]]
+) -> dict[str, Array] | list[dict[str, Array]]:
+    """Return a direction in the arguments, or a list of several where any argument has a leading axis.
+
+    Raises:
+        StateError: naming what has a wrong shape, or the numbers of directions that differ.
+    """
+    given = {name: checks.numbers(x, None, name, StateError) for name, x in along.items()}
+    counts = set()
+    for name, x in given.items():
+        if x.shape != shapes[name] and x.shape[1:] != shapes[name]:
+            raise StateError(f"{what}: {name}: expected shape {shapes[name]} or (d, *{shapes[name]}), got {x.shape}")
+        counts |= {len(x)} if x.ndim > len(shapes[name]) else set()
+    if len(counts) > 1:
+        raise StateError(f"{what}: expected one number of directions, got {', '.join(map(str, sorted(counts)))}")
+    if not counts:
+        return given
+    (count,) = counts
+    return [{n: x[k] if x.ndim > len(shapes[n]) else x for n, x in given.items()} for k in range(count)]
+
+
+def require_names(what: str, names: Any, known: Sequence[str]) -> None:
+    """Refuse names that are not among those known, or none.
+
+    Raises:
+        StateError: naming them.
+    """
+    if isinstance(names, str) or not isinstance(names, Collection) or not len(names):
         raise StateError(f"{what}: expected some of {', '.join(known)}, got {names!r}")
     for name in names:
         if name not in known:

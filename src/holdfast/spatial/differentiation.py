@@ -95,6 +95,9 @@ class Recorded:
     def __rtruediv__(self, other: Any) -> Any:
         return _applied(DIVIDE, other, self)
 
+    def __pow__(self, exponent: Any) -> Any:
+        return _applied(MULTIPLY, self, self) if exponent == 2 else NotImplemented
+
     def __neg__(self) -> Any:
         return _applied(NEGATE, self)
 

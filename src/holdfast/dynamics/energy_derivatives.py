@@ -1,0 +1,218 @@
+"""Derivatives of kinetic and potential energy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from holdfast.dynamics.derivatives import Derivatives
+from holdfast.dynamics.energy import total_kinetic_energy, total_potential_energy
+from holdfast.dynamics.text_derivatives import Text, case_of, require_no_trunk, text_jacobian, text_jvp, text_vjp
+from holdfast.dynamics.varied_case import VariedCase
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Scalar
+from holdfast.state import Inputs, State
+
+OF_INERTIAS = ("object_mass", "object_com", "object_inertia", "link_mass", "link_com", "link_inertia")
+PLACES = ("q", "object_pose")
+MOTION = (*PLACES, "qd", "object_twist")
+
+
+def kinetic_energy_vjp(
+    chain: ClosedChain,
+    state: State,
+    inputs: Inputs | None = None,
+    *,
+    by: Sequence[str] = MOTION,
+    kinetic_energy: ArrayLike = 1.0,
+) -> Derivatives:
+    """Return gradients of kinetic energy by some of its arguments. O(n) + O(l).
+
+    theta_bar = T_bar dT/dtheta, T as in `kinetic_energy`; what poses turn by and arguments are called is as in
+    `forward_dynamics_vjp`.
+
+    Args:
+        chain: the chain.
+        state: positions and velocities.
+        inputs: base motion, if the bases move.
+        by: the arguments: q, qd, object_pose, object_twist, base_pose, base_twist, armature, and mass, com
+            and inertia of object_ and link_.
+        kinetic_energy: the cotangent T_bar; with 1 gradients are T's own.
+
+    Returns:
+        By argument its gradient, in its shape; `result` holds the energy [J].
+
+    Raises:
+        StateError: wrong names, shapes or numbers.
+        MethodNotApplicable: the chain has a trunk.
+    """
+    case, found = _case(KINETIC, "vjp", chain, state, inputs)
+    return text_vjp(KINETIC, case, found, by, {"kinetic_energy": kinetic_energy})
+
+
+def kinetic_energy_jvp(
+    chain: ClosedChain,
+    state: State,
+    inputs: Inputs | None = None,
+    *,
+    along: Mapping[str, ArrayLike],
+) -> Derivatives:
+    """Return how fast kinetic energy changes while arguments do. O(n) + O(l) a direction.
+
+    T_dot = dT/dtheta theta_dot; see `kinetic_energy_vjp`.
+
+    Args:
+        chain: the chain.
+        state: positions and velocities.
+        inputs: base motion, if the bases move.
+        along: by argument, how fast it changes, of its gradient's shape; or (d, ...) for d directions.
+
+    Returns:
+        `found.kinetic_energy` [W], a number or (d,).
+
+    Raises:
+        StateError: wrong names, shapes or numbers.
+        MethodNotApplicable: the chain has a trunk.
+    """
+    case, found = _case(KINETIC, "jvp", chain, state, inputs)
+    return text_jvp(KINETIC, case, found, along)
+
+
+def kinetic_energy_jacobian(
+    chain: ClosedChain,
+    state: State,
+    inputs: Inputs | None = None,
+    *,
+    of: Sequence[str] = ("kinetic_energy",),
+    by: Sequence[str] = MOTION,
+) -> Derivatives:
+    """Return dT/dtheta of kinetic energy, what `kinetic_energy_vjp` returns as a Jacobian. O(n) + O(l).
+
+    Args:
+        chain: the chain.
+        state: positions and velocities.
+        inputs: base motion, if the bases move.
+        of: the results; there is one, kinetic_energy.
+        by: the arguments.
+
+    Returns:
+        `found["kinetic_energy", by]`, of the shape of the argument's gradient.
+
+    Raises:
+        StateError: wrong names, shapes or numbers.
+        MethodNotApplicable: the chain has a trunk.
+    """
+    case, found = _case(KINETIC, "jacobian", chain, state, inputs)
+    return text_jacobian(KINETIC, case, found, of, by)
+
+
+def potential_energy_vjp(
+    chain: ClosedChain,
+    state: State,
+    *,
+    by: Sequence[str] = PLACES,
+    potential_energy: ArrayLike = 1.0,
+) -> Derivatives:
+    """Return gradients of potential energy by some of its arguments. O(n) + O(l).
+
+    theta_bar = U_bar dU/dtheta, U as in `potential_energy`; what poses turn by and arguments are called is as in
+    `forward_dynamics_vjp`. Springs and bushings are in it: grasps matter to the latter.
+
+    Args:
+        chain: the chain.
+        state: positions; velocities do not enter.
+        by: the arguments: q, object_pose, gravity, base_pose, grasp_pose, and mass, com and inertia of object_
+            and link_.
+        potential_energy: the cotangent U_bar; with 1 gradients are U's own.
+
+    Returns:
+        By argument its gradient, in its shape; `result` holds the energy [J].
+
+    Raises:
+        StateError: wrong names, shapes or numbers.
+        MethodNotApplicable: the chain has a trunk.
+    """
+    case, found = _case(POTENTIAL, "vjp", chain, state, None)
+    return text_vjp(POTENTIAL, case, found, by, {"potential_energy": potential_energy})
+
+
+def potential_energy_jvp(
+    chain: ClosedChain,
+    state: State,
+    *,
+    along: Mapping[str, ArrayLike],
+) -> Derivatives:
+    """Return how fast potential energy changes while arguments do. O(n) + O(l) a direction.
+
+    U_dot = dU/dtheta theta_dot; see `potential_energy_vjp`.
+
+    Args:
+        chain: the chain.
+        state: positions; velocities do not enter.
+        along: by argument, how fast it changes, of its gradient's shape; or (d, ...) for d directions.
+
+    Returns:
+        `found.potential_energy` [W], a number or (d,).
+
+    Raises:
+        StateError: wrong names, shapes or numbers.
+        MethodNotApplicable: the chain has a trunk.
+    """
+    case, found = _case(POTENTIAL, "jvp", chain, state, None)
+    return text_jvp(POTENTIAL, case, found, along)
+
+
+def potential_energy_jacobian(
+    chain: ClosedChain,
+    state: State,
+    *,
+    of: Sequence[str] = ("potential_energy",),
+    by: Sequence[str] = PLACES,
+) -> Derivatives:
+    """Return dU/dtheta of potential energy, what `potential_energy_vjp` returns as a Jacobian. O(n) + O(l).
+
+    Args:
+        chain: the chain.
+        state: positions; velocities do not enter.
+        of: the results; there is one, potential_energy.
+        by: the arguments.
+
+    Returns:
+        `found["potential_energy", by]`, of the shape of the argument's gradient.
+
+    Raises:
+        StateError: wrong names, shapes or numbers.
+        MethodNotApplicable: the chain has a trunk.
+    """
+    case, found = _case(POTENTIAL, "jacobian", chain, state, None)
+    return text_jacobian(POTENTIAL, case, found, of, by)
+
+
+def _case(text: Text, suffix: str, chain: ClosedChain, state: State, inputs: Inputs | None) -> tuple[VariedCase, float]:
+    """Return what an energy's text is given, and the energy there."""
+    require_no_trunk(f"{text.name}_{suffix}", chain)
+    state.fits(chain)
+    case = case_of(chain, state, inputs, {})
+    with np.errstate(all="ignore"):
+        return case, float(text.of(case)[0])
+
+
+def _kinetic(case: VariedCase) -> tuple[Scalar]:
+    return (total_kinetic_energy(case.chain, case.state, case.inputs),)
+
+
+def _potential(case: VariedCase) -> tuple[Scalar]:
+    return (total_potential_energy(case.chain, case.state),)
+
+
+KINETIC = Text(
+    "kinetic_energy", (*MOTION, "base_pose", "base_twist", "armature", *OF_INERTIAS), ("kinetic_energy",), _kinetic
+)
+POTENTIAL = Text(
+    "potential_energy",
+    (*PLACES, "gravity", "base_pose", "grasp_pose", *OF_INERTIAS),
+    ("potential_energy",),
+    _potential,
+)

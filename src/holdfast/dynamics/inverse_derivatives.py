@@ -1,0 +1,150 @@
+"""Derivatives of inverse dynamics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.closed.forward_derivatives import ARGUMENTS
+from holdfast.dynamics.derivatives import Derivatives
+from holdfast.dynamics.inverse import inverse_dynamics, torques
+from holdfast.dynamics.text_derivatives import Text, case_of, require_no_trunk, text_jacobian, text_jvp, text_vjp
+from holdfast.dynamics.varied_case import VariedCase
+from holdfast.errors import StateError
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array, array
+from holdfast.state import Inputs, State
+
+MOTION_AND_FORCES = ("q", "qd", "qdd", "grasp_wrench")
+
+
+def inverse_dynamics_vjp(
+    chain: ClosedChain,
+    state: State,
+    qdd: ArrayLike,
+    grasp_wrench: ArrayLike,
+    inputs: Inputs | None = None,
+    *,
+    by: Sequence[str] = MOTION_AND_FORCES,
+    tau: ArrayLike,
+) -> Derivatives:
+    """Return gradients of cotangent . tau of inverse dynamics by some of its arguments. O(n) + O(l).
+
+    theta_bar = (d tau / d theta)^T tau_bar; poses, inertias and names as in `forward_dynamics_vjp`. What tau does not
+    depend on, such as the object's mass with its grasp wrenches given, has a gradient of exactly 0; so have wrenches of
+    arms that hold nothing, or by a bushing.
+
+    Args:
+        chain: the chain.
+        state: positions and velocities.
+        qdd: (n,) joint accelerations.
+        grasp_wrench: (arms, 6) of each arm on the object, about the contact, world axes.
+        inputs: external wrenches and base motion.
+        by: the arguments: those of `forward_dynamics_vjp`, with qdd and grasp_wrench in the place of tau.
+        tau: (n,) the cotangent.
+
+    Returns:
+        By argument its gradient, in its shape; `result` holds tau itself.
+
+    Raises:
+        StateError: wrong names, shapes or numbers; see `inverse_dynamics`.
+        MethodNotApplicable: the chain has a trunk.
+    """
+    case, found = _case("inverse_dynamics_vjp", chain, state, qdd, grasp_wrench, inputs)
+    return text_vjp(TORQUES, case, found, by, {"tau": tau})
+
+
+def inverse_dynamics_jvp(
+    chain: ClosedChain,
+    state: State,
+    qdd: ArrayLike,
+    grasp_wrench: ArrayLike,
+    inputs: Inputs | None = None,
+    *,
+    along: Mapping[str, ArrayLike],
+) -> Derivatives:
+    """Return how fast the torques of inverse dynamics change while arguments do. O(n) + O(l) a direction.
+
+    tau_dot = (d tau / d theta) theta_dot; see `inverse_dynamics_vjp`.
+
+    Args:
+        chain: the chain.
+        state: positions and velocities.
+        qdd: (n,) joint accelerations.
+        grasp_wrench: (arms, 6) of each arm on the object, about the contact, world axes.
+        inputs: external wrenches and base motion.
+        along: by argument, how fast it changes, of its gradient's shape; or (d, ...) for d directions.
+
+    Returns:
+        `found.tau`, (n,) or (d, n).
+
+    Raises:
+        StateError: wrong names, shapes or numbers; see `inverse_dynamics`.
+        MethodNotApplicable: the chain has a trunk.
+    """
+    case, found = _case("inverse_dynamics_jvp", chain, state, qdd, grasp_wrench, inputs)
+    return text_jvp(TORQUES, case, found, along)
+
+
+def inverse_dynamics_jacobian(
+    chain: ClosedChain,
+    state: State,
+    qdd: ArrayLike,
+    grasp_wrench: ArrayLike,
+    inputs: Inputs | None = None,
+    *,
+    of: Sequence[str] = ("tau",),
+    by: Sequence[str] = MOTION_AND_FORCES,
+) -> Derivatives:
+    """Return the Jacobian d tau / d theta of inverse dynamics, O(n^2); see `inverse_dynamics_vjp`.
+
+    Args:
+        chain: the chain.
+        state: positions and velocities.
+        qdd: (n,) joint accelerations.
+        grasp_wrench: (arms, 6) of each arm on the object, about the contact, world axes.
+        inputs: external wrenches and base motion.
+        of: the results; there is one, tau.
+        by: the arguments.
+
+    Returns:
+        `found["tau", by]`, (n, *shape of the argument's gradient).
+
+    Raises:
+        StateError: wrong names, shapes or numbers; see `inverse_dynamics`.
+        MethodNotApplicable: the chain has a trunk.
+    """
+    case, found = _case("inverse_dynamics_jacobian", chain, state, qdd, grasp_wrench, inputs)
+    return text_jacobian(TORQUES, case, found, of, by)
+
+
+def _case(
+    what: str, chain: ClosedChain, state: State, qdd: ArrayLike, grasp_wrench: ArrayLike, inputs: Inputs | None
+) -> tuple[VariedCase, Array]:
+    """Return what the text is given, and inverse dynamics there."""
+    require_no_trunk(what, chain)
+    with np.errstate(all="ignore"):
+        found = inverse_dynamics(chain, state, qdd, grasp_wrench, inputs)
+    own = {
+        "qdd": checks.numbers(qdd, (chain.joint_count,), "qdd", StateError),
+        "grasp_wrench": checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError),
+    }
+    return case_of(chain, state, inputs, own), found
+
+
+def _torques(case: VariedCase) -> tuple[Array]:
+    """Return tau; of wrenches only those count that the caller decides."""
+    chain = case.chain
+    motion = chain_motion(chain, case.state, np.zeros(chain.joint_count), case.inputs)
+    decided = [name in chain.grasps and arm.known is None for name, arm in motion.arms.items()]
+    f = [row if own else np.zeros(6) for row, own in zip(case.own["grasp_wrench"], decided, strict=True)]
+    return (torques(motion, case.own["qdd"], array(f)),)
+
+
+TORQUES = Text(
+    "inverse_dynamics", (*(name for name in ARGUMENTS if name != "tau"), "qdd", "grasp_wrench"), ("tau",), _torques
+)

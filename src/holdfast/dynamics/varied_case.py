@@ -1,0 +1,130 @@
+"""A chain, its state and its inputs with other numbers in the place of their own: what derivatives of a text vary."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from holdfast.model.arm import Arm
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.held_object import HeldObject
+from holdfast.model.link import Link
+from holdfast.spatial.inertia import about_origin
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array
+from holdfast.state import Inputs, State
+
+Body = TypeVar("Body", Link, HeldObject)
+Numbers = Mapping[str, Array]
+OF_INPUTS = {
+    "object_wrench": "object_wrench",
+    "link_wrench": "link_wrenches",
+    "base_twist": "base_twists",
+    "base_acceleration": "base_accelerations",
+}
+OF_STATE = ("q", "qd", "object_twist")
+
+
+class VariedCase(NamedTuple):
+    """What a text is given.
+
+    Attributes:
+        chain: a chain without a trunk.
+        state: positions and velocities.
+        inputs: shaped inputs, with link wrenches.
+        own: what the text is given besides, by name.
+    """
+
+    chain: ClosedChain
+    state: State
+    inputs: Inputs
+    own: Numbers
+
+    def numbers(self, names: Sequence[str]) -> dict[str, Array]:
+        """Return numbers that may be varied, by name; rows are arms, grasps or links, rotations are matrices."""
+        arms, body, frame = list(self.chain.arms.values()), self.chain.held_object, self.state.object_frame
+        grasps, links = list(self.chain.grasps.values()), [link for arm in arms for link in arm.links]
+        own = {
+            "object_R": lambda: frame.R,
+            "object_p": lambda: frame.p,
+            "object_mass": lambda: body.mass,
+            "object_com": lambda: body.com,
+            "object_inertia": lambda: body.inertia,
+            "gravity": lambda: self.chain.gravity,
+            "grasp_R": lambda: np.reshape([grasp.frame.R for grasp in grasps], (-1, 3, 3)),
+            "grasp_p": lambda: np.reshape([grasp.frame.p for grasp in grasps], (-1, 3)),
+            "base_R": lambda: [arm.base.R for arm in arms],
+            "base_p": lambda: [arm.base.p for arm in arms],
+            "armature": lambda: np.concatenate([arm.armature for arm in arms]),
+            "damping": lambda: np.concatenate([arm.damping for arm in arms]),
+            "link_mass": lambda: [link.mass for link in links],
+            "link_com": lambda: np.reshape([link.com for link in links], (-1, 3)),
+            "link_inertia": lambda: np.reshape([link.inertia for link in links], (-1, 3, 3)),
+        }
+        own |= {name: lambda name=name: getattr(self.state, name) for name in OF_STATE}
+        own |= {name: lambda field=field: getattr(self.inputs, field) for name, field in OF_INPUTS.items()}
+        own |= {name: lambda x=x: x for name, x in self.own.items()}
+        return {name: np.asarray(own[name](), dtype=float) for name in names}
+
+    def varied(self, numbers: Numbers) -> VariedCase:
+        """Return the same with other numbers, of any kind of scalars; nothing is checked."""
+        own = {name: numbers.get(name, x) for name, x in self.own.items()}
+        return VariedCase(self._chain(numbers), self._state(numbers), self._inputs(numbers), own)
+
+    def _chain(self, numbers: Numbers) -> ClosedChain:
+        given, made = self.chain, object.__new__(ClosedChain)
+        arms, first = {}, 0
+        for i, (name, arm) in enumerate(given.arms.items()):
+            arms[name] = _arm(arm, _pose(arm.base, "base", numbers, i), numbers, slice(first, first + arm.joint_count))
+            first += arm.joint_count
+        grasps = {
+            name: grasp.standing_at(_pose(grasp.frame, "grasp", numbers, k))
+            for k, (name, grasp) in enumerate(given.grasps.items())
+        }
+        made.__dict__.update({field.name: getattr(given, field.name) for field in fields(given)})
+        made.__dict__.update(arms=arms, grasps=grasps, gravity=numbers.get("gravity", given.gravity))
+        made.__dict__["held_object"] = _body(given.held_object, "object", numbers, ...)
+        return made
+
+    def _state(self, numbers: Numbers) -> State:
+        given, made = self.state, object.__new__(State)
+        made.__dict__.update({field.name: getattr(given, field.name) for field in fields(given)})
+        made.__dict__.update({name: numbers[name] for name in OF_STATE if name in numbers})
+        made.__dict__["object_frame"] = _pose(given.object_frame, "object", numbers, ...)
+        return made
+
+    def _inputs(self, numbers: Numbers) -> Inputs:
+        made = object.__new__(Inputs)
+        made.__dict__.update({field.name: getattr(self.inputs, field.name) for field in fields(Inputs)})
+        made.__dict__.update({field: numbers[name] for name, field in OF_INPUTS.items() if name in numbers})
+        return made
+
+
+def _arm(arm: Arm, base: Pose, numbers: Numbers, rows: slice) -> Arm:
+    """Return an arm on another base, with other numbers of its joints and links, those of some rows."""
+    made = arm.standing_at(base)
+    own = {name: numbers[name][rows] for name in ("armature", "damping") if name in numbers}
+    links = enumerate(arm.links, rows.start)
+    made.__dict__.update(own, links=tuple(_body(link, "link", numbers, k) for k, link in links))
+    return made
+
+
+def _body(body: Body, what: str, numbers: Numbers, row: Any) -> Body:
+    """Return a body of other mass, mass centre or inertia; it is itself where none of them is given."""
+    given = {name: numbers[f"{what}_{name}"] for name in ("mass", "com", "inertia") if f"{what}_{name}" in numbers}
+    if not given:
+        return body
+    made = object.__new__(type(body))
+    made.__dict__.update({field.name: getattr(body, field.name) for field in fields(body)})
+    made.__dict__.update({name: x[row] for name, x in given.items()})
+    mass = np.asarray(made.mass)[()]
+    made.__dict__.update(mass=mass, spatial_inertia=about_origin(mass, made.com, made.inertia))
+    return made
+
+
+def _pose(pose: Pose, what: str, numbers: Numbers, row: Any) -> Pose:
+    R, p = (numbers.get(f"{what}_{part}") for part in ("R", "p"))
+    return Pose.unchecked(pose.R if R is None else R[row], pose.p if p is None else p[row])
