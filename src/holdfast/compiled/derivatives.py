@@ -73,7 +73,7 @@ class ChainDerivatives:
         Raises:
             StateError: wrong names, shapes or numbers; a cotangent of forces that are not unique.
             SingularChainError: for a single call, the constraint's rank drops here.
-            NotCompiledError: the chain has bushings, or springs between bodies.
+            NotCompiledError: the chain has springs between bodies.
         """
         results = results_of(self.chain)
         cotangents = {n: x for n, x in cotangents_and_parameters.items() if n in results}
@@ -117,7 +117,7 @@ class ChainDerivatives:
         Raises:
             StateError: wrong names, shapes or numbers; forces are wanted that are not unique.
             SingularChainError: for a single call, the constraint's rank drops here.
-            NotCompiledError: the chain has bushings, or springs between bodies.
+            NotCompiledError: the chain has springs between bodies.
         """
         checks.instance(along, Mapping, "forward_dynamics_jvp: along", StateError)
         code = self._derivatives("jvp", results_of(self.chain) if of is None else of, tuple(along), parameters)
@@ -159,7 +159,7 @@ class ChainDerivatives:
         Raises:
             StateError: wrong names, shapes or numbers; forces are wanted that are not unique.
             SingularChainError: for a single call, the constraint's rank drops here.
-            NotCompiledError: the chain has bushings, or springs between bodies.
+            NotCompiledError: the chain has springs between bodies.
         """
         code = self._derivatives("jacobian", of, by, parameters)
         given: dict[str, Any] = dict(zip(STATE_AND_TORQUES, (q, qd, tau, object_pose, object_twist), strict=True))
@@ -183,7 +183,7 @@ class ChainDerivatives:
 
         Raises:
             StateError: wrong names, shapes or numbers.
-            NotCompiledError: the chain has bushings, or springs between bodies.
+            NotCompiledError: the chain has springs between bodies.
         """
         if kind not in ("vjp", "jvp", "jacobian"):
             raise StateError(f"bind_derivatives: expected vjp, jvp or jacobian, got {kind!r}")

@@ -109,7 +109,7 @@ def forward_dynamics_vjp(
     Raises:
         StateError: wrong names, shapes or numbers; the state breaks a grasp.
         SingularChainError: the constraint's rank drops here.
-        MethodNotApplicable: the chain has bushings; or a trunk, with springs between bodies or indeterminate forces.
+        MethodNotApplicable: a trunk with springs between bodies, or with indeterminate forces.
     """
     what = "forward_dynamics_vjp"
     checks.instance(chain, ClosedChain, "chain")
@@ -158,7 +158,7 @@ def forward_dynamics_jvp(
     Raises:
         StateError: wrong names, shapes or numbers; the state breaks a grasp.
         SingularChainError: the constraint's rank drops here.
-        MethodNotApplicable: the chain has bushings; or a trunk, with springs between bodies or indeterminate forces.
+        MethodNotApplicable: a trunk with springs between bodies, or with indeterminate forces.
     """
     what = "forward_dynamics_jvp"
     checks.instance(chain, ClosedChain, "chain")
@@ -202,7 +202,7 @@ def forward_dynamics_jacobian(
     Raises:
         StateError: wrong names, shapes or numbers; the state breaks a grasp.
         SingularChainError: the constraint's rank drops here.
-        MethodNotApplicable: the chain has bushings; or a trunk, with springs between bodies or indeterminate forces.
+        MethodNotApplicable: a trunk with springs between bodies, or with indeterminate forces.
     """
     what = "forward_dynamics_jacobian"
     checks.instance(chain, ClosedChain, "chain")
@@ -327,7 +327,8 @@ def _point(
     with np.errstate(all="ignore"):
         at = point(motion, sequential(motion), "auto")
     rows = dict(zip(chain.arms, result.grasp_wrench, strict=True))
-    at = replace(at, unknowns={n: z._replace(wrench=rows[n]) for n, z in at.unknowns.items()})
+    held = {n: z if n in chain.bushings else z._replace(wrench=rows[n]) for n, z in at.unknowns.items()}
+    at = replace(at, unknowns=held)
     least = result.status is Status.INDETERMINATE_FORCES
     if least and chain.trunk is not None:
         raise MethodNotApplicable(f"{what}: forces that are not unique, with a trunk, have no derivatives yet")
@@ -348,7 +349,7 @@ def without_derivatives(chain: ClosedChain) -> str:
     """Return what of a chain has no derivatives yet, in words; empty if all has."""
     if chain.trunk is not None and chain.springs:
         return "a trunk and springs between bodies"
-    return "bushings" if any(grasp.of_kind.bushing is not None for grasp in chain.grasps.values()) else ""
+    return ""
 
 
 def _result(found: ForwardResult, name: str) -> Array:

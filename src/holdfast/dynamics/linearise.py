@@ -94,7 +94,7 @@ def linearise(
     Raises:
         StateError: wrong shapes, or the state breaks a grasp.
         SingularChainError: the constraint's rank drops here.
-        MethodNotApplicable: the chain has bushings, or a trunk and springs between bodies.
+        MethodNotApplicable: a trunk with springs between bodies, or with indeterminate forces.
     """
     checks.instance(chain, ClosedChain, "chain")
     floating = chain.floats

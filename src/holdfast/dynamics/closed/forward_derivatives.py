@@ -98,6 +98,7 @@ def backward(
         of_trunk = None
     else:
         y, of_object, of_trunk = multipliers_through_trunk(at, loads, alpha_bar, trunk_load(at, cotangents))
+    y = {name: one._replace(known=-loads[name].gap) if name in chain.bushings else one for name, one in y.items()}
     names = numbers_of(by)
     mounted = names if at.trunk is None else list(dict.fromkeys((*names, *MOTION)))
     of_arms = each(
@@ -252,7 +253,12 @@ def forward(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
     bases = [found[name].base + r.base for name, r in zip(chain.arms, changed, strict=True)]
     return of_trunk | {
         "qdd": concatenate([*below, *(found[name].qdd for name in chain.arms)]),
-        "grasp_wrench": array([found[name].wrench for name in chain.arms]),
+        "grasp_wrench": array(
+            [
+                found[name].wrench + r.known if name in chain.bushings else found[name].wrench
+                for name, r in zip(chain.arms, changed, strict=True)
+            ]
+        ),
         "object_acceleration": alpha + gravity,
         "contact_acceleration": concatenate([found[name].contact_acceleration for name in chain.grasps]),
         "base_wrench": array(bases),

@@ -289,7 +289,7 @@ def results(own: Own, everyone: Everyone, r: Unknowns, of: Sequence[str]) -> lis
             continue
         c, f, answer = everyone.contacts[g], shares[g], everyone.by_wrench[g]
         qdd.append(answer.qdd @ f + own_qdd)
-        wrench.append(f + mine * known)
+        wrench.append(f + mine * (known + r.known if len(r.known) else known))
         base.append(answer.base @ f + mine * of_base)
         gap = shift_twist(c.offset, alpha) + everyone.mobilities[g].apply(f) + mine * apart
         rates[g] = rates_of(c, gap)

@@ -90,7 +90,9 @@ def point(motion: ChainMotion, found: Solution, route: Route) -> Point:
         [moved[name] for name in chain.grasps],
     )
     held = zip(chain.grasps, found.qdd, found.wrenches, rates, strict=True)
-    unknowns = {name: Unknowns(qdd, f, W, alpha, none) for name, qdd, f, W in held}
+    unknowns = {
+        name: Unknowns(qdd, f, W, alpha, none, none if name in chain.bushings else none[:0]) for name, qdd, f, W in held
+    }
     free = each(lambda tip, beta: responded(tip, none, beta)[0], alone, [of_columns[name] for name in lone])
     unknowns |= {name: Unknowns(qdd, none, none[:0], alpha, none) for name, qdd in zip(lone, free, strict=True)}
     tips = dict(zip(chain.grasps, found.tips, strict=True)) | dict(zip(lone, alone, strict=True))

@@ -9,7 +9,8 @@ dL/dy = 0 are the equations (2.11) with (b.1), and K = d2L/dz dy is their symmet
 depend on, theta, a change theta_dot changes the solution by K z_dot = -d(dL/dy), z and y held, and a cotangent z_bar
 has the gradient -dL/dtheta with K y = z_bar (docs/theory/derivatives.md). L is written link by link, by d'Alembert:
 the power of the wrenches that the links' accelerations need along virtual twists U, those of rates y_q. A virtual
-twist of the base adds the power of the base's wrench, which so has its derivatives too.
+twist of the base adds the power of the base's wrench, which so has its derivatives too. A bushing's wrench, known from
+the state, has the power of its two ends, and a multiplier of its own likewise.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from holdfast.dynamics.arm.bias import acceleration_at_tip, bias_accelerations
 from holdfast.dynamics.arm.motion import ArmInputs
 from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
+from holdfast.dynamics.closed.bushing_wrenches import stretched
 from holdfast.dynamics.closed.contact import contact
 from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
@@ -36,6 +38,9 @@ from holdfast.spatial.spatial_vector import acceleration_gradient, shift_twist, 
 Numbers = Mapping[str, Array]
 
 
+NOTHING = np.zeros(0)
+
+
 class Unknowns(NamedTuple):
     """One arm's part of z, or of y.
 
@@ -45,6 +50,7 @@ class Unknowns(NamedTuple):
         contact_acceleration: (n_g,) W_dot; or its multiplier.
         object_acceleration: (6,) alpha(C) less [0; g]; or a virtual twist of C. The same for all arms.
         base: (6,) the base's wrench on the arm; or a virtual twist of the base origin.
+        known: (6,) the wrench of a bushing; or its multiplier. Of other arms (0,).
     """
 
     qdd: Array
@@ -52,6 +58,7 @@ class Unknowns(NamedTuple):
     contact_acceleration: Array
     object_acceleration: Array
     base: Array
+    known: Array = NOTHING
 
 
 class ArmCase(NamedTuple):
@@ -146,6 +153,8 @@ class ArmCase(NamedTuple):
         tip = acceleration_at_tip(arm, at, found, base_twist, base_acceleration)
         apart = tip + c.g - c.a - shift_twist(c.offset, z.object_acceleration)
         together = tip_twist(arm, at, U, y.base) - shift_twist(c.offset, y.object_acceleration)
+        if grasp.of_kind.bushing is not None:
+            power = power + (together + y.known) @ stretched(c).wrench()
         if grasp.free:
             apart = apart + c.HT @ z.contact_acceleration
             together = together + c.HT @ y.contact_acceleration
