@@ -136,6 +136,23 @@ def gradients(c: Case) -> Any:
     return [back.q, rates.qdd, matrix["qdd", "tau"]]
 
 
+def of_texts(c: Case) -> Any:
+    """Return gradients of torques by joint positions, and of both energies."""
+    found = solved(c)
+    given = c.chain, c.state, found.qdd, found.grasp_wrench
+    return [
+        hf.inverse_dynamics_vjp(*given, inputs=c.inputs, tau=np.ones(c.chain.joint_count), by=("q",)).q,
+        dynamics.kinetic_energy_vjp(c.chain, c.state, inputs=c.inputs, by=("q",)).q,
+        dynamics.potential_energy_vjp(c.chain, c.state, by=("q",)).q,
+    ]
+
+
+def parameters_rows(c: Case) -> Any:
+    """Return the wrenches of the payload's ten parameters."""
+    found = solved(c)
+    return hf.regressor(c.chain, c.state, found.qdd, found.object_acceleration, inputs=c.inputs).object
+
+
 def mcap(c: Case) -> int:
     """Return the size of a run's MCAP file."""
     with tempfile.TemporaryDirectory() as folder:
@@ -195,6 +212,8 @@ DERIVATIVES = [
     Question("derivatives of forward dynamics", gradients, quick=False),
     Question("`linearise`", lambda c: hf.linearise(c.chain, c.state, c.tau, inputs=c.inputs).A, quick=False),
     Question("derivatives as machine code", gradients_by_machine_code, quick=False),
+    Question("of inverse dynamics and energies", of_texts, quick=False),
+    Question("`regressor`", parameters_rows, quick=False),
 ]
 TABLES = {
     "Dynamics": DYNAMICS,

@@ -8,7 +8,6 @@ import pytest
 import holdfast as hf
 from holdfast.model.fingerprint import fingerprint
 from holdfast.model.trunk import Trunk
-from tests.systems.trunk_problems import cases
 
 BODY = hf.Link(1.0, inertia=np.eye(3))
 ARM = hf.Arm([hf.Joint()], [BODY])
@@ -104,16 +103,3 @@ def test_fingerprints_of_chains_without_a_trunk_stay():
     plain = chain(None)
     assert fingerprint(plain) != fingerprint(chain())
     assert fingerprint(chain(mounts={"left": 0})) != fingerprint(chain(mounts={"left": 1}))
-
-
-WITH_TRUNK = cases()["torso1_rigid_7_7"]
-NOT_YET = {
-    "forward_dynamics_vjp": lambda c: hf.forward_dynamics_vjp(c.chain, c.state, c.tau, qdd=0.0 * c.state.q),
-}
-
-
-@pytest.mark.parametrize("name", NOT_YET)
-def test_not_covered_yet(name):
-    """What does not know trunks refuses them by name, rather than leave them out."""
-    with pytest.raises(hf.MethodNotApplicable, match=f"{name}: .*trunk"):
-        NOT_YET[name](WITH_TRUNK)

@@ -94,7 +94,7 @@ def derivative_code(
 
     Raises:
         StateError: names that are not there.
-        NotCompiledError: the chain has a trunk, bushings, or springs between bodies.
+        NotCompiledError: the chain has springs between bodies.
     """
     code = compiled._derivatives(kind, of, by, dict.fromkeys(by))
     names = by if kind == "vjp" else of

@@ -31,6 +31,13 @@ REASONS = {
     "forces.split": f"{_OF_A_RESULT}, and its length follows from where the contacts are",
     "forces.wrist_wrenches": _OF_A_RESULT,
     "linearise": _SINGULAR_VALUES,
+    "regressor": "it is of the model's parameters, which machine code has as constants",
+    "dynamics.inertial_parameters": "it is of a body, not of a chain",
+    **{
+        f"{of}_{kind}": "of derivatives machine code has those of `forward_dynamics`"
+        for of in ("inverse_dynamics", "dynamics.kinetic_energy", "dynamics.potential_energy")
+        for kind in ("vjp", "jvp", "jacobian")
+    },
     "holding_torques": "it decides by numbers whether the grasps can hold",
 }
 _PATHS = {path.rpartition(".")[2]: path for path in REASONS}

@@ -117,7 +117,8 @@ def forward_dynamics_vjp(
     require_names(what, cotangents, results_of(chain))
     at, result, least = _point(what, chain, state, tau, inputs, check, generic_rank)
     bars = {
-        name: checks.numbers(x, np.shape(_result(result, name)), name, StateError) for name, x in cotangents.items()
+        name: checks.numbers(x, np.shape(result_named(result, name)), name, StateError)
+        for name, x in cotangents.items()
     }
     also: tuple[VirtualPower, ...] = ()
     if least is not None:
@@ -220,7 +221,7 @@ def forward_dynamics_jacobian(
     else:
         columns = jacobian(at, of, by, np.eye(units_needed(chain, by)))
     return Derivatives(
-        result, {(o, b): x.T.reshape(*np.shape(_result(result, o)), *shapes[b]) for (o, b), x in columns.items()}
+        result, {(o, b): x.T.reshape(*np.shape(result_named(result, o)), *shapes[b]) for (o, b), x in columns.items()}
     )
 
 
@@ -352,7 +353,7 @@ def without_derivatives(chain: ClosedChain) -> str:
     return ""
 
 
-def _result(found: ForwardResult, name: str) -> Array:
+def result_named(found: ForwardResult, name: str) -> Array:
     """Return a result by the name that derivatives know it by."""
     return getattr(found, "base_acceleration" if name == "floating_acceleration" else name)
 

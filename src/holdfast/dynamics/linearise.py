@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.closed.pose_tangents import rates_of
 from holdfast.dynamics.constraint import DEPENDENT, constraint_rows
-from holdfast.dynamics.derivatives import forward_dynamics_jacobian
+from holdfast.dynamics.derivatives import forward_dynamics_jacobian, result_named
 from holdfast.dynamics.trunk.trunk_power import TrunkUnknowns
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -100,7 +100,7 @@ def linearise(
     floating = chain.floats
     positions = ("q", "object_pose", *(["floating_pose"] if floating else []))
     velocities = ("qd", "object_twist", *(["floating_twist"] if floating else []))
-    of = ("qdd", "object_acceleration", *(["base_acceleration"] if floating else []))
+    of = ("qdd", "object_acceleration", *(["floating_acceleration"] if floating else []))
     found = forward_dynamics_jacobian(
         chain,
         state,
@@ -131,7 +131,7 @@ def linearise(
         for part, name in zip(columns, (*positions, *velocities), strict=True):
             F_x[rows, part] = found[result, name]
         F_u[rows] = found[result, "tau"]
-    F = np.concatenate([state.qd, *twists, *(getattr(found.result, result) for result in of)])
+    F = np.concatenate([state.qd, *twists, *(result_named(found.result, name) for name in of)])
     inverse = np.linalg.pinv(T)
     return Linearisation(state, inverse @ F_x @ T, inverse @ F_u, inverse @ F, T)
 
