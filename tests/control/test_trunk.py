@@ -60,9 +60,9 @@ def test_tracking(floating):
     gravity = {"gravity": (0.0, 0.0, 0.0)} if floating else {}
     p = at_rest(5, floating, **gravity)
     frame = p.state.object_frame
-    path = RestToRest(frame, [0.01, 0.02, 0.0], [0.0, 0.0, 0.05], duration=0.2).at
+    path = RestToRest(frame, [0.0025, 0.005, 0.0], [0.0, 0.0, 0.0125], duration=0.1).at
     law = ObjectTracking(p.chain, path, squeeze=5.0)
-    run = hf.simulate(p.chain, p.state, law, 0.2, 4e-3)
+    run = hf.simulate(p.chain, p.state, law, 0.1, 4e-3)
     assert run.stopped is None
     goal = np.array([path(t).pose.p for t in run.t])
     assert np.abs(run.object_pose[:, 4:] - goal).max() < 1e-7

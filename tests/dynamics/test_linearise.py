@@ -13,6 +13,7 @@ from scipy.optimize import root_scalar
 import holdfast as hf
 from holdfast.spatial import rotation
 from tests.derivatives.tangent import tangent
+from tests.longer import mostly_long
 from tests.systems import random_system
 from tests.systems.as_chain import as_chain
 from tests.systems.trunk_runs import still_base
@@ -75,7 +76,7 @@ def test_a_basis_that_does_not_jump():
         hf.linearise(p.chain, near, p.tau, inputs=p.inputs, basis=first.basis[:, :3])
 
 
-@pytest.mark.parametrize("floating", [False, True])
+@pytest.mark.parametrize("floating", mostly_long((False, True), (True,)))
 def test_motions_on_a_trunk(floating):
     """In motion, two runs that begin apart by T z stay apart by what A makes of it, but for the square of z."""
     gravity = (0.0, 0.0, 0.0 if floating else -9.81)

@@ -11,6 +11,7 @@ from holdfast.dynamics import project_velocity
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.trajectory import array_names
 from tests.compiler.programs import same_bits
+from tests.longer import mostly_long
 from tests.simulation.rollout.problems import arrays, elsewhere, problem, swinging_law
 from tests.simulation.rollout.test_statuses import gantries, given, slip_time
 from tests.simulation.rollout.test_surroundings import shaken
@@ -33,7 +34,7 @@ def agree(run, expected):
         )
 
 
-@pytest.mark.parametrize("floating", [True, False])
+@pytest.mark.parametrize("floating", mostly_long((True, False), (True,)))
 def test_as_simulate(floating):
     """On a base that floats, or one that moves; wrenches on the links and a payload of its own, given to `run`."""
     p = trunk_problem(floating)
