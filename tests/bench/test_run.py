@@ -114,6 +114,7 @@ def test_checks_not_measured():
     assert len(found) == len(acceptance.CHECKS)
 
 
+@pytest.mark.long
 def test_absent_peers_are_named(monkeypatch):
     """Without the other libraries the run goes on and says what it misses, and how to get it."""
 

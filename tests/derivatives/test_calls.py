@@ -36,7 +36,7 @@ def test_bits_of_everything(name):
     require_bits(name, NAMES)
 
 
-@pytest.mark.parametrize("name", mostly_long(BITS, ("interleaved",)))
+@pytest.mark.parametrize("name", mostly_long(BITS, ("two",)))
 def test_bits(name):
     """The same, of some."""
     require_bits(name, FEW)

@@ -82,7 +82,8 @@ def test_a_run_through_one_resumes_to_the_bit():
         assert resumed.occurrences == whole.occurrences[len(whole.occurrences) - missing :]
 
 
-@pytest.mark.parametrize("longer", [pytest.param(1e-2, marks=pytest.mark.long), 1e-6])
+@pytest.mark.long
+@pytest.mark.parametrize("longer", [1e-2, 1e-6])
 def test_nearly_singular(longer):
     """With cranks of unlike lengths the mechanism folds instead: too fast for the steps, which are taken in parts."""
     unlike, start = with_longer_crank(*n_four_bar(2), longer)
