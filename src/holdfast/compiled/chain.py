@@ -19,7 +19,7 @@ from holdfast.compiled.externals import FLOATING, MOVING
 from holdfast.compiled.forward_schedule import forward_externals, forward_schedule
 from holdfast.compiled.functions import ChainFunctions
 from holdfast.compiled.kernels import kernel
-from holdfast.compiled.parameters import parameters_of, parse_parameters
+from holdfast.compiled.parameters import parameters_of, parse_parameters, require_floating
 from holdfast.compiled.result import CompiledResult, ResultLayout
 from holdfast.compiled.structure import Options, Structure, optional_parameters
 from holdfast.compiler.kernel import Bound, Kernel
@@ -220,9 +220,9 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
             return result
         inputs = zip(_INPUTS, (q, qd, tau, object_pose, object_twist), strict=True)
         found = {name: arrays.floats(name, x, self._externals[name].shape) for name, x in inputs}
-        for name in FLOATING if self.chain.floats else ():
-            if name not in parameters:
-                raise StateError(f"{name}: expected that of the trunk's floating base, got none; its state is an input")
+        of_base = FLOATING if self.chain.floats else ()
+        require_floating(of_base, parameters)
+        for name in of_base:
             found[name] = arrays.floats(name, parameters.pop(name), self._externals[name].shape)
         if parameters:
             found |= parse_parameters(parameters, self._externals, self.chain)

@@ -16,14 +16,13 @@ from holdfast.compiled.arrays import Addresses
 from holdfast.compiled.derivative_schedule import FOUND, UNITS, WITH, Request, derivative_shapes
 from holdfast.compiled.externals import FLOATING, LINKS, MOVING
 from holdfast.compiled.kernels import kernel
-from holdfast.compiled.parameters import WRENCHES, parameters_of, parse_parameters
+from holdfast.compiled.parameters import WRENCHES, parameters_of, parse_parameters, require_floating
 from holdfast.compiled.result import INDETERMINATE, CompiledResult, ResultLayout
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiler.kernel import Bound
 from holdfast.dynamics.closed.forward_derivatives import results_of
 from holdfast.errors import StateError
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 
 if TYPE_CHECKING:
@@ -107,7 +106,7 @@ class CompiledDerivatives:
         }
         if parameters:
             found |= parse_parameters(parameters, self.externals, chain)
-        require_floating(found, chain)
+        require_floating(FLOATING if chain.floats else (), found)
         batch = arrays.batch_of(found, self.externals)
         if not isinstance(threads, int) or threads < 1:
             raise StateError(f"threads: expected an integer >= 1, got {threads!r}")
@@ -178,13 +177,6 @@ class CompiledDerivatives:
     def _spare(self) -> Bound:
         """What single calls with other parameters run on."""
         return self.kernel.bind()
-
-
-def require_floating(given: Mapping[str, Array], chain: ClosedChain) -> None:
-    """Refuse a call that leaves out the state of a trunk's floating base."""
-    for name in FLOATING:
-        if chain.floats and name not in given:
-            raise StateError(f"{name}: expected that of the trunk's floating base, got none; its state is an input")
 
 
 def options_of(options: Options, request: Request, moving: bool) -> Options:

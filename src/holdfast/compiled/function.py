@@ -13,7 +13,7 @@ from holdfast.compiled import arrays
 from holdfast.compiled.arm_functions import COMPUTATIONS
 from holdfast.compiled.faults import fault, faulty, largest_positions
 from holdfast.compiled.kernels import kernel
-from holdfast.compiled.parameters import parameters_of, parse_parameters
+from holdfast.compiled.parameters import parameters_of, parse_parameters, require_floating
 from holdfast.compiled.structure import Options
 from holdfast.compiler.kernel import Bound
 from holdfast.errors import StateError
@@ -74,9 +74,7 @@ class CompiledFunction:
             name: arrays.floats(name, x, self.externals[name].shape)
             for name, x in zip(self._inputs, given, strict=True)
         }
-        for name in self._of_base:
-            if name not in parameters:
-                raise StateError(f"{name}: expected that of the trunk's floating base, got none; its state is an input")
+        require_floating(self._of_base, parameters)
         changed = parse_parameters(parameters, self.externals, self._chain) if parameters else {}
         changed = {name: arrays.floats(name, x, self.externals[name].shape) for name, x in changed.items()}
         inputs |= {name: changed.pop(name) for name in self._of_base}

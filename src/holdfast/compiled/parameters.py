@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -52,6 +52,17 @@ def parameters_of(chain: ClosedChain, generic_rank: int | None) -> dict[str, Arr
         "link_com": np.array([link.com for link in links]).reshape(-1, 3),
         "link_inertia": np.array([link.inertia for link in links]).reshape(-1, 3, 3),
     }
+
+
+def require_floating(names: Iterable[str], given: Collection[str]) -> None:
+    """Refuse a call that leaves out some of the state of a trunk's floating base.
+
+    Raises:
+        StateError: naming what is missing.
+    """
+    for name in names:
+        if name not in given:
+            raise StateError(f"{name}: expected that of the trunk's floating base, got none; its state is an input")
 
 
 def parse_parameters(

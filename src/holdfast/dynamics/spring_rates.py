@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.dynamics.closed.forward_derivatives import POSES, numbers_of
-from holdfast.dynamics.closed.pose_tangents import by_motion, rates_of
+from holdfast.dynamics.closed.pose_tangents import by_motion, by_motions, rates_of
 from holdfast.dynamics.closed.spring_wrenches import with_springs
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.differentiation import Linear, linearised
@@ -56,8 +56,7 @@ class SpringRates(NamedTuple):
         if "object_pose" in self.names:
             found["object_pose"] = by_motion(found["object_R"], self.numbers["object_R"], found["object_p"])
         if "base_pose" in self.names:
-            parts = zip(found["base_R"], self.numbers["base_R"], found["base_p"], strict=True)
-            found["base_pose"] = np.array([by_motion(*part) for part in parts])
+            found["base_pose"] = by_motions(found["base_R"], self.numbers["base_R"], found["base_p"])
         return {name: found[name] for name in self.names}
 
 

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.dynamics.closed.forward_derivatives import POSES, by_motion, symmetric
+from holdfast.dynamics.closed.forward_derivatives import POSES, symmetric
+from holdfast.dynamics.closed.pose_tangents import by_motions
 from holdfast.dynamics.derivatives import Derivatives, directions, gradient_shapes, require_names
 from holdfast.dynamics.varied_case import VariedCase
 from holdfast.errors import MethodNotApplicable, StateError
@@ -73,7 +74,7 @@ class LinearText(NamedTuple):
         for name in self.names:
             if name in POSES:
                 R, p = _parts_of(name)
-                found[name] = _by_motions(found[R], self.numbers[R], found[p])
+                found[name] = by_motions(found[R], self.numbers[R], found[p])
             elif name.endswith("inertia"):
                 found[name] = symmetric(found[name])
         return {name: found[name] for name in self.names}
@@ -187,9 +188,3 @@ def _found(what: str, result: Any, parts: Mapping[Any, Array]) -> Derivatives:
 def _parts_of(name: str) -> tuple[str, ...]:
     """Return the numbers that an argument is made of."""
     return (f"{name.removesuffix('_pose')}_R", f"{name.removesuffix('_pose')}_p") if name in POSES else (name,)
-
-
-def _by_motions(of_R: Array, R: Array, of_p: Array) -> Array:
-    """Return the gradients (..., 6) by [turn; shift] of one pose, or of several."""
-    each = zip(of_R.reshape(-1, 3, 3), R.reshape(-1, 3, 3), of_p.reshape(-1, 3), strict=True)
-    return np.array([by_motion(*one) for one in each]).reshape(*of_p.shape[:-1], 6)

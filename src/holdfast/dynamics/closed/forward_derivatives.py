@@ -22,8 +22,12 @@ from holdfast.dynamics.closed.sequential import Second
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
 from holdfast.dynamics.trunk.trunk_derivatives import (
+    BASE_RESULT,
+    FLOATING_RESULT,
+    OF_FLOATING,
+    OF_JOINTS,
+    OF_STANDING,
     OF_TRUNK,
-    RESULTS_OF_TRUNK,
     trunk_gradient,
     trunk_load,
     trunk_rates,
@@ -34,7 +38,6 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array, array, concatenate, each, scan
 
 RESULTS = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench")
-OF_JOINTS = ("q", "qd", "tau", "armature", "damping")
 OF_LINKS = ("link_mass", "link_com", "link_inertia", "link_wrench")
 OF_OBJECT = ("object_mass", "object_com", "object_inertia", "object_wrench")  # in no arm's equations
 POSES = ("object_pose", "grasp_pose", "base_pose")
@@ -43,16 +46,16 @@ ARGUMENTS = (*OF_JOINTS, "object_twist", *OF_OBJECT, *POSES, "gravity", "base_tw
 
 def results_of(chain: ClosedChain) -> tuple[str, ...]:
     """Return the results of forward dynamics that a chain has; `floating_acceleration` is a floating base's."""
-    of_trunk = () if chain.trunk is None else RESULTS_OF_TRUNK if chain.floats else RESULTS_OF_TRUNK[1:]
-    return RESULTS + of_trunk
+    if chain.trunk is None:
+        return RESULTS
+    return (*RESULTS, *([FLOATING_RESULT] if chain.floats else []), BASE_RESULT)
 
 
 def arguments_of(chain: ClosedChain) -> tuple[str, ...]:
     """Return the arguments that a chain's forward dynamics is differentiated by."""
     if chain.trunk is None:
         return ARGUMENTS
-    floating = ("floating_pose", "floating_twist")
-    return (*ARGUMENTS, "trunk_link_wrench", *(floating if chain.floats else tuple(OF_TRUNK)[1:3]))
+    return (*ARGUMENTS, "trunk_link_wrench", *(OF_FLOATING if chain.floats else OF_STANDING))
 
 
 class VirtualPower(NamedTuple):
@@ -247,8 +250,8 @@ def forward(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
         floats = chain.floats
         solved = solved_through_trunk(at, loads, wrench, TrunkLoad(-r_t.qdd, -r_t.base if floats else none, none))
         found, alpha, below = solved.arms, solved.object_acceleration, [solved.trunk.qdd]
-        of_trunk = {"trunk_base_wrench": none if floats else solved.base_wrench + r_t.base}
-        of_trunk |= {"floating_acceleration": solved.trunk.base} if floats else {}
+        of_trunk = {BASE_RESULT: none if floats else solved.base_wrench + r_t.base}
+        of_trunk |= {FLOATING_RESULT: solved.trunk.base} if floats else {}
     gravity = concatenate([np.zeros(3), tangents["gravity"]]) if "gravity" in tangents else none
     bases = [found[name].base + r.base for name, r in zip(chain.arms, changed, strict=True)]
     return of_trunk | {

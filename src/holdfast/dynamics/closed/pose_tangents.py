@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from holdfast.spatial.scalar import Array, array, concatenate
 from holdfast.spatial.vector import skew
 
@@ -27,3 +29,9 @@ def by_motion(of_R: Array, R: Array, of_p: Array) -> Array:
     """Return the gradient (6,) by [turn; shift] of a pose from those by its matrix and its origin."""
     A = of_R @ R.T
     return concatenate([array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]]), of_p])
+
+
+def by_motions(of_R: Array, R: Array, of_p: Array) -> Array:
+    """Return the gradients (..., 6) of one pose, or of several with a leading axis; see `by_motion`."""
+    each = zip(of_R.reshape(-1, 3, 3), R.reshape(-1, 3, 3), of_p.reshape(-1, 3), strict=True)
+    return np.array([by_motion(*one) for one in each]).reshape(*of_p.shape[:-1], 6)

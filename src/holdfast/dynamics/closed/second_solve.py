@@ -178,8 +178,10 @@ def along_free(c: Contact, free: Array) -> Array:
     return c.without_rates(free) if c.grasp.free else np.zeros(6)
 
 
-def answer(c: Contact, tip: TipResponse, load: Load, f: Array, alpha: Array) -> Unknowns:
-    """Return one arm's part of z, its wrench f and the object's acceleration being known."""
-    qdd, base = tip.back_substitute(f)
+def answer(c: Contact, tip: TipResponse, load: Load, f: Array, alpha: Array, beta: Array | None = None) -> Unknowns:
+    """Return one arm's part of z, its wrench f and the accelerations of object and trunk's columns being known."""
+    qdd, base = tip.back_substitute(f, beta)
     apart = load.gap + shift_twist(c.offset, alpha) - tip.free_acceleration + tip.mobility.apply(f)
+    if tip.base is not None and beta is not None:
+        apart = apart - tip.base.X @ beta
     return Unknowns(qdd, f, c.rates(apart) if c.grasp.free else np.zeros(0), alpha, base)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from holdfast.dynamics.closed.pose_tangents import by_motion, rates_of
+from holdfast.dynamics.closed.pose_tangents import by_motion, by_motions, rates_of
 from holdfast.dynamics.closed.second_solve import Point
 from holdfast.dynamics.trunk.trunk_power import CarriedBase, TrunkCase, TrunkUnknowns
 from holdfast.dynamics.trunk.trunk_second_solve import TrunkLoad
@@ -21,7 +21,9 @@ OF_TRUNK = {
     "trunk_base_acceleration": "base_acceleration",
     "floating_twist": "base_twist",
 }
-RESULTS_OF_TRUNK = ("floating_acceleration", "trunk_base_wrench")
+OF_FLOATING = ("floating_pose", "floating_twist")
+OF_STANDING = ("trunk_base_twist", "trunk_base_acceleration")
+FLOATING_RESULT, BASE_RESULT = "floating_acceleration", "trunk_base_wrench"
 
 
 def trunk_load(at: Point, cotangents: Mapping[str, Array]) -> TrunkLoad:
@@ -29,7 +31,7 @@ def trunk_load(at: Point, cotangents: Mapping[str, Array]) -> TrunkLoad:
     chain, none = at.motion.chain, np.zeros(6)
     part = chain.joints[TRUNK]
     torque = cotangents["qdd"][part] if "qdd" in cotangents else np.zeros(part.stop - part.start)
-    wrench, base = (cotangents.get(name, none) for name in RESULTS_OF_TRUNK)
+    wrench, base = (cotangents.get(name, none) for name in (FLOATING_RESULT, BASE_RESULT))
     return TrunkLoad(torque, wrench, none if chain.floats else -base)
 
 
@@ -52,8 +54,7 @@ def trunk_gradient(
     if "floating_pose" in by:
         parts["floating_pose"] = by_motion(found["base_R"], numbers["base_R"], found["base_p"])
     if "base_pose" in by:
-        places = zip(found["place_R"], numbers["place_R"], found["place_p"], strict=True)
-        parts["base_pose"] = np.array([by_motion(*place) for place in places]).reshape(-1, 6)
+        parts["base_pose"] = by_motions(found["place_R"], numbers["place_R"], found["place_p"])
     return parts
 
 

@@ -13,15 +13,14 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.closed.chain_solution import base_wrench
-from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.closed.held_rows import holding
-from holdfast.dynamics.closed.second_solve import Load, Point, along_free, under
+from holdfast.dynamics.closed.second_solve import Load, Point, answer, asked, under
 from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.dynamics.closed.virtual_power import Unknowns
 from holdfast.dynamics.trunk.trunk_filter import trunk_filter
 from holdfast.dynamics.trunk.trunk_motion import TrunkMotion
 from holdfast.dynamics.trunk.trunk_power import TrunkUnknowns
-from holdfast.spatial.scalar import Array, each, scan
+from holdfast.spatial.scalar import Array, each
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 
 
@@ -74,22 +73,20 @@ def solved_through_trunk(at: Point, loads: Mapping[str, Load], wrench: Array, lo
     }
     lone = [name for name in chain.arms if name not in chain.grasps]
     held = [loads[name] for name in chain.grasps]
-    tips = each(under, [at.tips[name] for name in chain.grasps], motion.holding, held)
+    tips, known, gaps, wrench = asked(motion, [at.tips[name] for name in chain.grasps], loads, wrench)
     alone = each(
         under, [at.tips[name] for name in lone], [motion.arms[n] for n in lone], [loads[name] for name in lone]
     )
-    known = each(lambda c, load: along_free(c, load.free), contacts, held)
-    asked = each(lambda tip, f, load: asked_of(tip, f, load.gap), tips, known, held)
-    wrench, _ = scan(lambda w, c, f: (w + shift_wrench(c.offset, f), None), wrench, contacts, known)
+    loaded = each(reading, tips, known, gaps)
     at_rest = [replace(c, a=none, g=none) for c in contacts]
-    grasps = dict(zip(chain.grasps, zip(at_rest, asked, strict=True), strict=True))
+    grasps = dict(zip(chain.grasps, zip(at_rest, loaded, strict=True), strict=True))
     carried = {name: tip for name, tip in zip(lone, alone, strict=True) if name in trunk.mounts}
     free = motion.body.free.at_rest()
     found = trunk_filter(trunk, grasps, carried, free._replace(wrench=shift_wrench(-free.centre, wrench)))
     alpha = found.found.object_acceleration
     betas = {name: trunk.of_columns(name, found.trunk, found.betas) for name in chain.arms}
     holds = each(
-        lambda c, tip, load, f, own, beta: answer_on_trunk(c, tip, load, f + own, alpha, beta),
+        lambda c, tip, load, f, own, beta: answer(c, tip, load, f + own, alpha, beta),
         contacts,
         tips,
         held,
@@ -122,19 +119,9 @@ def driven_trunk(trunk: TrunkMotion, load: TrunkLoad) -> TrunkMotion:
     return still._replace(bodies=bodies, mounts=mounts)
 
 
-def asked_of(tip: TipResponse, known: Array, gap: Array) -> TipResponse:
-    """Return an arm's answer with a known wrench of its tip on the object, less the gap that is asked for there."""
+def reading(tip: TipResponse, known: Array, gap: Array) -> TipResponse:
+    """Return what the filter reads of an arm: r at its tip, and at its base what a known wrench f adds, X^T f."""
     base = tip.base
     if base is not None:
         base = base._replace(wrench=base.wrench + known @ base.X)
-    return tip._replace(free_acceleration=tip.free_acceleration - tip.mobility.apply(known) - gap, base=base)
-
-
-def answer_on_trunk(c: Contact, tip: TipResponse, load: Load, f: Array, alpha: Array, beta: Array | None) -> Unknowns:
-    """Return one arm's part of z, its wrench, the object's and the trunk's acceleration being known."""
-    qdd, base = tip.back_substitute(f, beta)
-    moved = tip.free_acceleration - tip.mobility.apply(f)
-    if tip.base is not None and beta is not None:
-        moved = moved + tip.base.X @ beta
-    apart = load.gap + shift_twist(c.offset, alpha) - moved
-    return Unknowns(qdd, f, c.rates(apart) if c.grasp.free else np.zeros(0), alpha, base)
+    return tip._replace(free_acceleration=gap, base=base)
