@@ -26,7 +26,6 @@ from .dynamics.inverse import inverse_dynamics as inverse_dynamics
 from .dynamics.inverse_derivatives import inverse_dynamics_jacobian as inverse_dynamics_jacobian
 from .dynamics.inverse_derivatives import inverse_dynamics_jvp as inverse_dynamics_jvp
 from .dynamics.inverse_derivatives import inverse_dynamics_vjp as inverse_dynamics_vjp
-from .dynamics.linearise import linearise as linearise
 from .dynamics.project import project as project
 from .dynamics.regressor import regressor as regressor
 from .errors import ClosureError as ClosureError
@@ -59,6 +58,7 @@ from .robots.urdf import load_urdf_arms as load_urdf_arms
 from .scenario.build import load_scene as load_scene
 from .simulation.events import Attach as Attach
 from .simulation.events import Release as Release
+from .simulation.linearise import linearise as linearise
 from .simulation.rollout.compile_rollout import compile_rollout as compile_rollout
 from .simulation.simulate import simulate as simulate
 from .spatial.pose import Pose as Pose

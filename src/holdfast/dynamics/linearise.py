@@ -66,7 +66,7 @@ class Linearisation(Frozen):
         return np.linalg.lstsq(self.basis, np.concatenate([*positions, *velocities]), rcond=None)[0]
 
 
-def linearise(
+def linearised_dynamics(
     chain: ClosedChain,
     state: State,
     tau: ArrayLike,
@@ -76,26 +76,7 @@ def linearise(
     check: bool = True,
     generic_rank: int | None = None,
 ) -> Linearisation:
-    """Return forward dynamics made linear about a state, for regulators such as LQR. O(n^3).
-
-    Args:
-        chain: arms, object and grasps.
-        state: positions and velocities; must satisfy the grasps.
-        tau: (n,) joint torques [N m or N].
-        inputs: external wrenches and base motion, held; zero by default.
-        basis: one that a neighbouring state has, which the new one is turned towards, so that along a trajectory it
-            does not jump.
-        check: False skips the consistency check.
-        generic_rank: rank of the constraint away from singular configurations, if known.
-
-    Returns:
-        A `Linearisation`; m is twice the chain's mobility, less one for each row that grasps hold in velocity only.
-
-    Raises:
-        StateError: wrong shapes, or the state breaks a grasp.
-        SingularChainError: the constraint's rank drops here.
-        MethodNotApplicable: a trunk with springs between bodies, or with indeterminate forces.
-    """
+    """Return forward dynamics made linear about a state; see `simulation.linearise`."""
     checks.instance(chain, ClosedChain, "chain")
     floating = chain.floats
     positions = ("q", "object_pose", *(["floating_pose"] if floating else []))
@@ -111,14 +92,8 @@ def linearise(
         check=check,
         generic_rank=generic_rank,
     )
-    motion = chain_motion(chain, state, np.zeros(chain.joint_count), (inputs or Inputs()).shaped(chain))
-    T = tangent_basis(motion)
-    if basis is not None:
-        old = checks.numbers(basis, None, "linearise: basis", StateError)
-        if old.shape != T.shape:
-            raise StateError(f"linearise: basis: expected shape {T.shape}, as the state's own has, got {old.shape}")
-        U, _, Vt = np.linalg.svd(T.T @ old)
-        T = T @ (U @ Vt)
+    T = basis_at(chain, state, (inputs or Inputs()).shaped(chain))
+    T = T if basis is None else turned_towards(T, basis)
     n, half = chain.joint_count, chain.velocity_count
     parts = [slice(0, n), *(slice(k, k + 6) for k in range(n, half, 6))]
     columns = [*parts, *(slice(half + part.start, half + part.stop) for part in parts)]
@@ -134,6 +109,24 @@ def linearise(
     F = np.concatenate([state.qd, *twists, *(result_named(found.result, name) for name in of)])
     inverse = np.linalg.pinv(T)
     return Linearisation(state, inverse @ F_x @ T, inverse @ F_u, inverse @ F, T)
+
+
+def turned_towards(T: Array, basis: ArrayLike) -> Array:
+    """Return a basis of the same space as T, turned towards another by the polar factor of T^T basis.
+
+    Raises:
+        StateError: the other one has another shape.
+    """
+    old = checks.numbers(basis, None, "linearise: basis", StateError)
+    if old.shape != T.shape:
+        raise StateError(f"linearise: basis: expected shape {T.shape}, as the state's own has, got {old.shape}")
+    U, _, Vt = np.linalg.svd(T.T @ old)
+    return T @ (U @ Vt)
+
+
+def basis_at(chain: ClosedChain, state: State, inputs: Inputs) -> Array:
+    """Return the tangent basis T at a state; see `tangent_basis`."""
+    return tangent_basis(chain_motion(chain, state, np.zeros(chain.joint_count), inputs))
 
 
 def tangent_basis(motion: ChainMotion) -> Array:

@@ -11,7 +11,8 @@ from holdfast.dynamics.closed.forward_derivatives import POSES, numbers_of
 from holdfast.dynamics.closed.pose_tangents import by_motion, by_motions, rates_of
 from holdfast.dynamics.closed.spring_wrenches import with_springs
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.differentiation import Linear, linearised
+from holdfast.spatial.differentiation import linearised
+from holdfast.spatial.linear import Linear
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State

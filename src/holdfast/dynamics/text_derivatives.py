@@ -21,7 +21,8 @@ from holdfast.dynamics.varied_case import VariedCase
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.differentiation import Linear, linearised
+from holdfast.spatial.differentiation import linearised
+from holdfast.spatial.linear import Linear
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import skew
 from holdfast.state import Inputs, State

@@ -9,13 +9,14 @@ taken; that of a square root at 0 is 0.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Mapping, Sequence
 from itertools import count
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from holdfast.spatial.linear import Linear, Result, Rule, Ruled, Step, array_of
 from holdfast.spatial.scalar import Array, Scalar, cos, exp, sin, sqrt, where
 
 _levels = count(1)  # of derivatives within derivatives: a later one lies outside
@@ -136,77 +137,6 @@ class Recorded:
         raise TypeError("expected no branch on a number that is varied; try where(condition, a, b)")
 
 
-class Step(NamedTuple):
-    """An operation of a linear text.
-
-    Attributes:
-        places: of the operands that vary.
-        slopes: its derivatives by them.
-    """
-
-    places: tuple[int, ...]
-    slopes: tuple[Scalar, ...]
-
-
-class Result(NamedTuple):
-    """An array that a linear text returns.
-
-    Attributes:
-        shape: its shape.
-        places: of its entries; -1 for those that do not vary.
-    """
-
-    shape: tuple[int, ...]
-    places: tuple[int, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Linear:
-    """A text made linear at a point.
-
-    Attributes:
-        shapes: of the arrays that are varied; their entries have the first places.
-        steps: the operations that results depend on, one place each, in order.
-        results: what it returns.
-    """
-
-    shapes: tuple[tuple[int, ...], ...]
-    steps: tuple[Step, ...]
-    results: tuple[Result, ...]
-
-    def rates(self, *rates: Any) -> list[Array]:
-        """Return how fast the results change while the arrays do, at rates of their shapes."""
-        found = [x for array in rates for x in np.asarray(array).ravel().tolist()]
-        for places, slopes in self.steps:
-            total: Scalar = 0.0
-            for place, slope in zip(places, slopes, strict=True):
-                if not _is_zero(found[place]):
-                    total = total + slope * found[place]
-            found.append(total)
-        return [_array([0.0 if p < 0 else found[p] for p in of.places], of.shape) for of in self.results]
-
-    def gradient(self, *cotangents: Any) -> tuple[Array, ...]:
-        """Return the gradient of sum(cotangent . result) by each of the arrays varied, in their shapes.
-
-        Args:
-            cotangents: of the results, in their shapes.
-        """
-        sizes = [int(np.prod(shape)) for shape in self.shapes]
-        first = sum(sizes)
-        found: list[Scalar] = [0.0] * (first + len(self.steps))
-        for (_, places), cotangent in zip(self.results, cotangents, strict=True):
-            for place, x in zip(places, np.asarray(cotangent).ravel().tolist(), strict=True):
-                if place >= 0:
-                    found[place] = found[place] + x
-        for at in reversed(range(len(self.steps))):
-            places, slopes = self.steps[at]
-            for place, slope in zip(places, slopes, strict=True):
-                found[place] = found[place] + found[first + at] * slope
-        ends = np.cumsum([0, *sizes]).tolist()
-        parts = zip(ends, ends[1:], self.shapes, strict=False)
-        return tuple([_array(found[begin:end], shape) for begin, end, shape in parts])
-
-
 class Tape:
     """The record of a text's operations.
 
@@ -216,7 +146,7 @@ class Tape:
 
     def __init__(self) -> None:
         self.level = next(_levels)
-        self._made: list[tuple[Operation, list[Scalar], list[tuple[int, int]], Scalar] | None] = []
+        self._made: list[_Made | _Ruled | None] = []  # None: a variable, or a later number of what a rule is for
 
     def variable(self, value: Scalar) -> Recorded:
         """Return a number that is varied."""
@@ -228,31 +158,115 @@ class Tape:
         own = [isinstance(x, Recorded) and x.tape is self for x in operands]
         values = [x.value if mine else x for x, mine in zip(operands, own, strict=True)]
         found = operation.of(*values)
-        self._made.append((operation, values, [(k, operands[k].place) for k, mine in enumerate(own) if mine], found))
+        places = [(k, operands[k].place) for k, mine in enumerate(own) if mine]
+        self._made.append(_Made(operation, values, places, found))
         return Recorded(self, found, len(self._made) - 1)
+
+    def write_ruled(self, found: Sequence[Any], rule: Rule, given: Sequence[Any]) -> list[Array]:
+        """Return results that a rule knows the derivatives of; see `by_rule`."""
+        arrays, shapes = [np.asarray(x) for x in given], tuple([np.shape(x) for x in found])
+        first, size = len(self._made), sum(math.prod(shape) for shape in shapes)
+        self._made += [_Ruled(rule, [Result(x.shape, self.places(x)) for x in arrays], shapes), *([None] * (size - 1))]
+        entries = [entry for x in found for entry in np.asarray(x).ravel().tolist()]
+        own = [Recorded(self, entry, first + k) for k, entry in enumerate(entries)]
+        ends = np.cumsum([0, *(math.prod(shape) for shape in shapes)]).tolist()
+        return [array_of(own[a:b], shape) for a, b, shape in zip(ends, ends[1:], shapes, strict=False)]
+
+    def places(self, x: Array) -> tuple[int, ...]:
+        """Return the places of an array's entries; -1 for what is not on the record."""
+        return tuple([e.place if isinstance(e, Recorded) and e.tape is self else -1 for e in x.ravel().tolist()])
 
     def linear(self, shapes: tuple[tuple[int, ...], ...], results: Sequence[Any]) -> Linear:
         """Return the text with these results made linear: only what they depend on."""
         arrays = [np.asarray(x) for x in results]
-        own = [[x.place if isinstance(x, Recorded) and x.tape is self else -1 for x in a.flat] for a in arrays]
+        own = [self.places(x) for x in arrays]
         needed = {place for places in own for place in places if place >= 0}
         for at in reversed(range(len(self._made))):
             made = self._made[at]
-            if at in needed and made is not None:
-                needed |= {place for _, place in made[2]}
+            if made is not None and not needed.isdisjoint(range(at, at + made.size)):
+                needed.add(at)
+                needed.update(made.operands)
         new: dict[int, int] = {-1: -1}
-        steps: list[Step] = []
-        count = 0
+        steps: list[Step | Ruled] = []
+        count = until = 0
         for at, made in enumerate(self._made):
-            if made is None:
+            if made is None and at >= until:
                 new[at], count = count, count + 1
-            elif at in needed:
-                operation, values, operands, found = made
-                slopes = tuple([operation.slopes[k](*values, found) for k, _ in operands])
-                steps.append(Step(tuple([new[place] for _, place in operands]), slopes))
-                new[at], count = count, count + 1
+            elif made is not None:
+                until = at + made.size
+                if at in needed:
+                    steps.append(made.linear(new))
+                    new |= {at + k: count + k for k in range(made.size)}
+                    count += made.size
         found = zip(arrays, own, strict=True)
         return Linear(shapes, tuple(steps), tuple([Result(a.shape, tuple([new[p] for p in o])) for a, o in found]))
+
+
+class _Made(NamedTuple):
+    """An operation on record: what it is, its operands, which of them are on record where, and what it made."""
+
+    operation: Operation
+    values: list[Scalar]
+    places: list[tuple[int, int]]
+    found: Scalar
+
+    @property
+    def size(self) -> int:
+        return 1
+
+    @property
+    def operands(self) -> list[int]:
+        return [place for _, place in self.places]
+
+    def linear(self, new: Mapping[int, int]) -> Step:
+        slopes = tuple([self.operation.slopes[k](*self.values, self.found) for k, _ in self.places])
+        return Step(tuple([new[place] for _, place in self.places]), slopes)
+
+
+class _Ruled(NamedTuple):
+    """A function with a rule on record, as `Ruled` has it."""
+
+    rule: Rule
+    given: list[Result]
+    made: tuple[tuple[int, ...], ...]
+
+    @property
+    def size(self) -> int:
+        return sum(math.prod(shape) for shape in self.made)
+
+    @property
+    def operands(self) -> list[int]:
+        return [place for of in self.given for place in of.places if place >= 0]
+
+    def linear(self, new: Mapping[int, int]) -> Ruled:
+        given = tuple([Result(of.shape, tuple([new[place] for place in of.places])) for of in self.given])
+        return Ruled(self.rule, given, self.made)
+
+
+def by_rule(found: Sequence[Any], rule: Rule, *given: Any) -> list[Array]:
+    """Return results of a function whose derivatives are known otherwise than by its operations.
+
+    Args:
+        found: the results, as `bare` values of what is given make them.
+        rule: the derivatives there.
+        given: what the function depends on.
+    """
+    entries = [entry for x in given for entry in np.asarray(x).flat if isinstance(entry, Recorded)]
+    if not entries:
+        return [np.asarray(x) for x in found]
+    return max((entry.tape for entry in entries), key=lambda tape: tape.level).write_ruled(found, rule, given)
+
+
+def is_recorded(x: Any) -> bool:
+    """Return whether any entry of an array is on a record."""
+    array = np.asarray(x)
+    return array.dtype == object and any(isinstance(entry, Recorded) for entry in array.flat)
+
+
+def bare(x: Any) -> Array:
+    """Return an array's values, off every record."""
+    array = np.asarray(x)
+    return array if array.dtype != object else array_of([_bare(entry) for entry in array.flat], array.shape)
 
 
 def linearised(f: Callable[..., Sequence[Any]], *given: Any) -> Linear:
@@ -263,7 +277,7 @@ def linearised(f: Callable[..., Sequence[Any]], *given: Any) -> Linear:
         given: where.
     """
     tape, arrays = Tape(), [np.asarray(x) for x in given]
-    varied = [_array([tape.variable(entry) for entry in x.ravel().tolist()], x.shape) for x in arrays]
+    varied = [array_of([tape.variable(entry) for entry in x.ravel().tolist()], x.shape) for x in arrays]
     return tape.linear(tuple([x.shape for x in arrays]), f(*varied))
 
 
@@ -289,16 +303,3 @@ def _bare(x: Any) -> Any:
     while isinstance(x, Recorded):
         x = x.value
     return x
-
-
-def _is_zero(x: Any) -> bool:
-    return isinstance(x, float) and x == 0.0
-
-
-def _array(entries: Sequence[Any], shape: tuple[int, ...]) -> Array:
-    """Return an array of floats, if all entries are, else of objects."""
-    if all(isinstance(x, float | int) for x in entries):
-        return np.array(entries, dtype=float).reshape(shape)
-    made = np.empty(len(entries), dtype=object)
-    made[:] = entries
-    return made.reshape(shape)

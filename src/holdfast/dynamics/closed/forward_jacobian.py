@@ -27,7 +27,7 @@ from holdfast.dynamics.closed.tip_response import TipResponse
 from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
 from holdfast.dynamics.trunk.trunk_derivatives import OF_TRUNK
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.differentiation import Linear
+from holdfast.spatial.linear import Linear
 from holdfast.spatial.scalar import Array, array, concatenate, each
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 from holdfast.spatial.symmetric import Symmetric6

@@ -29,8 +29,9 @@ from holdfast.dynamics.closed.bushing_wrenches import stretched
 from holdfast.dynamics.closed.contact import contact
 from holdfast.model.grasp import Grasp
 from holdfast.model.held_object import HeldObject
-from holdfast.spatial.differentiation import Linear, gradient, linearised
+from holdfast.spatial.differentiation import gradient, linearised
 from holdfast.spatial.inertia import about_origin
+from holdfast.spatial.linear import Linear
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar
 from holdfast.spatial.spatial_vector import acceleration_gradient, shift_twist, unrotate
@@ -128,8 +129,8 @@ class ArmCase(NamedTuple):
         at = posture(arm, q)
         V, U = link_twists(arm, at, qd, base_twist), link_twists(arm, at, y.qdd, y.base)
         found = list(bias_accelerations(arm, at, V, qd, base_twist, base_acceleration, z.qdd))
-        drives = varied.get("armature", arm.armature) * z.qdd + varied.get("damping", arm.damping) * qd
-        power = y.qdd @ (drives + arm.stiffness * (q - arm.rest) - tau)
+        drives = varied.get("armature", arm.armature) * z.qdd + self.passive(q, qd, varied)
+        power = y.qdd @ (drives - tau)
         of_links = {"link_mass", "link_com", "link_inertia"} & set(varied)
         for k, (link, v, u, (a, K)) in enumerate(zip(arm.links, V, U, found, strict=True)):
             inertia = link.spatial_inertia
@@ -159,6 +160,11 @@ class ArmCase(NamedTuple):
             apart = apart + c.HT @ z.contact_acceleration
             together = together + c.HT @ y.contact_acceleration
         return power + y.wrench @ apart + together @ z.wrench
+
+    def passive(self, q: Array, qd: Array, varied: Numbers) -> Array:
+        """Return what dampers and springs take from the joints' torques, (N,)."""
+        arm = self.given.arm
+        return varied.get("damping", arm.damping) * qd + arm.stiffness * (q - arm.rest)
 
     def velocity_gap(self, names: Sequence[str]) -> Linear:
         """Return K (V+ - A V(C)), what the tip moves against its contact, made linear in the named numbers.

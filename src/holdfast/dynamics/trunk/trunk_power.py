@@ -18,6 +18,7 @@ import numpy as np
 from holdfast.dynamics.arm.bias import bias_accelerations
 from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.arm.velocity import link_twists
+from holdfast.model.arm import Arm
 from holdfast.model.trunk import Trunk
 from holdfast.spatial.differentiation import gradient, linearised
 from holdfast.spatial.pose import Pose
@@ -117,8 +118,8 @@ class TrunkCase(NamedTuple):
             found = bias_accelerations(arm, at, V, qd, twist, acceleration, z.qdd)
             frames = [Pose.unchecked(turn, at.tip.p - reach) for turn, reach in zip(at.R, at.reach, strict=True)]
             bodies += [(f, v, u, a, K) for f, v, u, (a, K) in zip(frames, V, U, found, strict=True)]
-            drives = varied.get("armature", arm.armature) * z.qdd + varied.get("damping", arm.damping) * qd
-            power = power + y.qdd @ (drives + arm.stiffness * (q - arm.rest) - tau)
+            drives = varied.get("armature", arm.armature) * z.qdd + self.passive(arm, q, qd, varied)
+            power = power + y.qdd @ (drives - tau)
         for link, (frame, v, u, a, K), w in zip(self.trunk.bodies, bodies, external, strict=True):
             power = power + u @ (link.spatial_inertia.wrench(a, v[:3], K) - unrotate(frame.R, w))
         places = self.numbers(("place_R", "place_p")) | dict(varied)
@@ -131,6 +132,10 @@ class TrunkCase(NamedTuple):
                 CarriedBase(frame.R @ turn, frame.p + frame.R @ shift, *(rotate(frame.R, part) for part in six))
             )
         return power, carried
+
+    def passive(self, arm: Arm, q: Array, qd: Array, varied: Numbers) -> Array:
+        """Return what dampers and springs take from the joints' torques, (n_t,)."""
+        return varied.get("damping", arm.damping) * qd + arm.stiffness * (q - arm.rest)
 
     def carried(self, z: TrunkUnknowns, y: TrunkUnknowns) -> dict[str, CarriedBase]:
         """Return the bases that the trunk carries, by arm."""

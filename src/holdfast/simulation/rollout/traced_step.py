@@ -19,6 +19,7 @@ from holdfast.compiled.structure import Structure
 from holdfast.compiled.traced_chain import Given, framed, traced_chain, traced_inputs
 from holdfast.compiler.schedule import FIRST_BAD
 from holdfast.control.controller import ControlLaw
+from holdfast.dynamics.closed.chain_solution import ChainSolution
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.energy import power_of
 from holdfast.dynamics.near_singular import STRENGTH_LOST
@@ -54,7 +55,7 @@ from holdfast.spatial.scalar import (
     where,
 )
 from holdfast.spatial.spatial_vector import unrotate
-from holdfast.state import State
+from holdfast.state import Inputs, State
 
 # Why a system stands still, as the machine code numbers it; 0: it does not. TOO_LONG is found afterwards.
 RUNNING, SLIPPED, SINGULAR, OPEN, BROKEN, TOO_LONG, LIMITED = range(7)
@@ -123,12 +124,20 @@ class TracedSystem:
     """
 
     def __init__(
-        self, structure: Structure, law: ControlLaw, motions: Motions, acting: GivenInputs | None, given: Given
+        self,
+        structure: Structure,
+        law: ControlLaw,
+        motions: Motions,
+        acting: GivenInputs | None,
+        given: Given,
+        environment: Environment | None = None,
     ) -> None:
         self.real, self.law, self.given = structure.chain, law, given
-        chain = traced_chain(structure, given)
-        moving = {name: checked_motion(name, motion) for name, motion in motions.items()}
-        self.environment, self.acting = Environment(chain, moving, traced_inputs(chain, given)), acting
+        if environment is None:
+            chain = traced_chain(structure, given)
+            moving = {name: checked_motion(name, motion) for name, motion in motions.items()}
+            environment = Environment(chain, moving, traced_inputs(chain, given))
+        self.environment, self.acting = environment, acting
         self.route: Route = structure.options.route
         self.friction = joint_friction(structure.chain)
         self.worst = np.zeros(2)
@@ -183,14 +192,25 @@ class TracedSystem:
         if implicit is not None:
             net, solved = net + implicit.torque, with_armature(chain, implicit.armature)
         choose = choose and held is not None
-        rank = self.given["generic_rank"]
-        found = solve_with_status(solved, framed(state), net, inputs, rank, self.route, held, choose)
-        whole = found.whole
-        powers = power_of(chain, state, drive, whole.base_wrench, inputs, whole.trunk_base_wrench)
-        power = work_rates(powers, lost, state.qd)
+        found = self.solve(solved, state, net, inputs, held, choose)
+        power = self.power(chain, state, drive, lost, inputs, found.whole)
         self.worst = maximum(self.worst, array([found.condition, found.status]))
         self.conditions.append(found.condition)
         return Evaluation(state, found, drive, kept, power)
+
+    def solve(
+        self, chain: ClosedChain, state: State, tau: Array, inputs: Inputs, held: Array | None, choose: bool
+    ) -> SolutionWithStatus:
+        """Return forward dynamics; see `solve_with_status`."""
+        rank = self.given["generic_rank"]
+        return solve_with_status(chain, framed(state), tau, inputs, rank, self.route, held, choose)
+
+    def power(
+        self, chain: ClosedChain, state: State, drive: Array, lost: Array, inputs: Inputs, whole: ChainSolution
+    ) -> Array:
+        """Return (4,), see `balance.WORK_TERMS` [W]."""
+        powers = power_of(chain, state, drive, whole.base_wrench, inputs, whole.trunk_base_wrench)
+        return work_rates(powers, lost, state.qd)
 
     def answer(self, question: Question) -> Any:
         """Return what a step asks; of a system that is held, at the state as it is."""

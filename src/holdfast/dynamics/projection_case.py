@@ -1,0 +1,109 @@
+"""What projections onto the grasps depend on: the chain at rest, its grasps open by gaps that its state decides.
+
+A projection is forward dynamics at rest, without torques, gravity or springs, with a gap in the place of the grasps'
+own acceleration. So is its virtual power, and its derivatives are found in the same way (`closed.virtual_power`):
+
+    L = y_q.(M dq + J^T p) + y_a.(M_C dx - sum A^T p) + y_f.(gap + J dq + H^T s - A dx) + y_s.H p
+
+The gap is a small displacement, or V+ - A V(C). The free part s of the relative motion is in L though nothing is
+transmitted there, as the directions turn with the object.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from holdfast.dynamics.arm.posture import Posture, posture
+from holdfast.dynamics.arm.velocity import link_twists, tip_twist
+from holdfast.dynamics.closed.contact import Contact, contact
+from holdfast.dynamics.closed.virtual_power import ArmCase, Numbers, Unknowns
+from holdfast.dynamics.projection import small_displacement
+from holdfast.dynamics.trunk.trunk_power import CarriedBase, TrunkCase, TrunkUnknowns
+from holdfast.model.arm import Arm
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array, Scalar
+from holdfast.spatial.spatial_vector import shift_twist
+
+RATES = ("qd", "base_twist", "object_twist")  # which enter by the gap alone
+
+
+class RestCase(ArmCase):
+    """An arm without dampers and springs, and its grasp."""
+
+    __slots__ = ()
+
+    def passive(self, q: Array, qd: Array, varied: Numbers) -> Array:
+        """Return what dampers and springs take from the joints' torques: nothing, (N,)."""
+        return np.zeros(len(q))
+
+
+class VelocityCase(ArmCase):
+    """One arm, whose grasp is to be closed in velocity."""
+
+    __slots__ = ()
+
+    def power(self, z: Unknowns, y: Unknowns, varied: Numbers) -> Scalar:
+        """Return the arm's and its grasp's part of L; see `ArmCase.power`."""
+        given, none = self.given, np.zeros(6)
+        holds = self.grasp is not None and self.grasp.of_kind.bushing is None
+        resting = replace(given, qd=np.zeros(len(given.q)), tau=np.zeros(len(given.q)), base_twist=none)
+        still = RestCase(resting, self.grasp if holds else None, self.frame, none)
+        power = still.power(z, y, {name: x for name, x in varied.items() if name not in RATES})
+        return power + y.wrench @ self.gap(varied) if holds else power
+
+    def gap(self, varied: Numbers) -> Array:
+        """Return how the grasp gapes, tip side minus object side about the contact point, (6,) world axes."""
+        given, grasp, none = self.given, self.grasp, np.zeros(6)
+        assert grasp is not None
+        base = Pose.unchecked(varied.get("base_R", given.arm.base.R), varied.get("base_p", given.arm.base.p))
+        arm, frame = given.arm.standing_at(base), grasp.frame
+        held = grasp.standing_at(Pose.unchecked(varied.get("grasp_R", frame.R), varied.get("grasp_p", frame.p)))
+        of_object = Pose.unchecked(varied.get("object_R", self.frame.R), varied.get("object_p", self.frame.p))
+        at = posture(arm, varied.get("q", given.q))
+        c = contact(held, of_object, none, at.tip, none)
+        return self.gap_at(c, of_object, arm, at, varied)
+
+    def gap_at(self, c: Contact, of_object: Pose, arm: Arm, at: Posture, varied: Numbers) -> Array:
+        """Return the gap of a grasp in a posture: V+ - A V(C)."""
+        qd, base, twist = (
+            varied.get(name, own)
+            for name, own in (
+                ("qd", self.given.qd),
+                ("base_twist", self.given.base_twist),
+                ("object_twist", self.twist),
+            )
+        )
+        moving = tip_twist(arm, at, link_twists(arm, at, qd, base), base)
+        return moving - shift_twist(c.offset, twist)
+
+
+class PositionCase(VelocityCase):
+    """One arm, whose grasp is to be closed in position."""
+
+    __slots__ = ()
+
+    def gap_at(self, c: Contact, of_object: Pose, arm: Arm, at: Posture, varied: Numbers) -> Array:
+        """Return the gap of a grasp in a posture: the small displacement tip minus object."""
+        return small_displacement(c, of_object.p + c.origin, at.tip)
+
+
+class RestTrunk(TrunkCase):
+    """A trunk at rest, without dampers and springs, that carries the bases of moving arms.
+
+    Its twists enter by those of the bases alone.
+    """
+
+    __slots__ = ()
+
+    def outward(self, z: TrunkUnknowns, y: TrunkUnknowns, varied: Numbers) -> tuple[Scalar, list[CarriedBase]]:
+        """Return the trunk's part of L, and the bases that it carries; see `TrunkCase.outward`."""
+        still = {"qd": np.zeros(len(self.q)), "base_twist": np.zeros(6)}
+        power, carried = super().outward(z, y, {**varied, **still})
+        _, moving = super().outward(z, y, varied)
+        return power, [a._replace(base_twist=b.base_twist) for a, b in zip(carried, moving, strict=True)]
+
+    def passive(self, arm: Arm, q: Array, qd: Array, varied: Numbers) -> Array:
+        """Return what dampers and springs take from the joints' torques: nothing, (n_t,)."""
+        return np.zeros(len(q))

@@ -1,0 +1,246 @@
+"""A time step made linear: its own text, run on numbers that are varied.
+
+What the text asks for, forward dynamics and the rounds of projection, has derivatives by one more solve each
+(`dynamics.point_rule`); what lies between, the law included, is differentiated operation by operation. Both of a
+projection's rounds are differentiated as they run: a projector that had converged would be off by as much as the step
+had drifted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import fields, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from holdfast.compiled.externals import state_fields
+from holdfast.compiled.forward_schedule import SolutionWithStatus, solve_with_status
+from holdfast.compiled.structure import Structure
+from holdfast.compiled.traced_chain import Given, framed
+from holdfast.control.controller import ControlLaw
+from holdfast.dynamics.closed.chain_solution import ChainSolution
+from holdfast.dynamics.closed.forward_derivatives import results_of
+from holdfast.dynamics.closed.forward_jacobian import gradient_shapes
+from holdfast.dynamics.closed.second_solve import Point, point
+from holdfast.dynamics.point_rule import PointRule, by_pose, motion_of
+from holdfast.dynamics.projection import STEP_ROUNDS, Change, displaced_by, quickened, turned_and_shifted
+from holdfast.dynamics.projection_derivatives import OF_PROJECTION, OF_ROUND, change_of, impulse_point, round_point
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.environment import Environment
+from holdfast.simulation.external_inputs import GivenInputs
+from holdfast.simulation.increment import OF_WORK, no_turns
+from holdfast.simulation.instant import passive_at
+from holdfast.simulation.rollout.traced_step import TracedSystem
+from holdfast.simulation.rollout.user_functions import Motions
+from holdfast.simulation.runge_kutta import Tableau
+from holdfast.simulation.step import Arrival, Question, Stage, answered, take_step
+from holdfast.spatial.differentiation import bare, by_rule, is_recorded, linearised
+from holdfast.spatial.linear import Linear
+from holdfast.spatial.scalar import Array, Loops, Scalar, loops
+from holdfast.state import Inputs, State
+
+POSES = ("object_pose", "floating_pose")
+FIELDS = {"object_wrench": "object_wrench", "link_wrench": "link_wrenches", "trunk_link_wrench": "trunk_link_wrenches"}
+RESULTS = {"floating_acceleration": "base_acceleration"}  # of forward dynamics, as a solution calls them
+CONTROL = "control."  # before the names of the law's parameters
+AT_START = "at_start."  # before the names of results there
+
+
+class VariedSystem(TracedSystem):
+    """A system some of whose numbers are varied.
+
+    Attributes:
+        varied: by name; of the model and the inputs, tangents that are zero.
+        memory: what the law remembers through the step.
+        many: as in `VariedStep`.
+        taker: what takes the loops of forward dynamics; those of the text itself are Python's.
+    """
+
+    def __init__(self, of: VariedStep, given: Given, varied: Mapping[str, Array], taker: Loops | None) -> None:
+        super().__init__(of.structure, of.law, of.motions, of.acting, given, of.environment)
+        own = {name: x for name, x in varied.items() if name.startswith(CONTROL)}
+        for name in state_fields(self.real):
+            if name in varied:
+                last = given[f"last.{name}"]
+                own[f"last.{name}"] = turned_and_shifted(last, varied[name]) if name in POSES else varied[name]
+        own |= {"last.before": varied["memory"]} if "memory" in varied else {}
+        self.given, self.varied, self.taker = {**given, **own}, varied, taker
+        self.memory, self.many = self.last("before"), of.many
+
+    def solve(
+        self, chain: ClosedChain, state: State, tau: Array, inputs: Inputs, held: Array | None, choose: bool
+    ) -> SolutionWithStatus:
+        """Return forward dynamics, with its derivatives."""
+        pushed = {name: x for name, field in FIELDS.items() if (x := getattr(inputs, field)) is not None}
+        pushed = {name: x + self.varied[name] if name in self.varied else x for name, x in pushed.items()}
+        acting = replace(inputs, **{FIELDS[name]: bare(x) for name, x in pushed.items()})
+        with self._loops():
+            rank = self.given["generic_rank"]
+            found = solve_with_status(chain, framed(plain(state)), bare(tau), acting, rank, self.route, held, choose)
+            at = point(found.motion, found.found, self.route)
+        fields = {name: RESULTS.get(name, name) for name in results_of(chain)}
+        results = {name: np.asarray(getattr(found.whole, field)) for name, field in fields.items()}
+        arguments = self.model() | state_arrays(self.real, state) | pushed | {"tau": tau}
+        made = ruled(at, {name: x for name, x in results.items() if x.size}, arguments, self.many)
+        return found._replace(whole=found.whole._replace(**{fields[name]: x for name, x in made.items()}))
+
+    def power(
+        self, chain: ClosedChain, state: State, drive: Array, lost: Array, inputs: Inputs, whole: ChainSolution
+    ) -> Array:
+        """Return none: work has no derivatives."""
+        return np.zeros(OF_WORK)
+
+    def answer(self, question: Question) -> Any:
+        """Return what a step asks; at its end, the state."""
+        t, at = question.t, question.state
+        if isinstance(question, Stage):
+            return self.evaluate(t, at, self.memory, False, question.implicit).slope(question.turns)
+        return at if isinstance(question, Arrival) else (self.closed(t, at), None)
+
+    def closed(self, t: Scalar, state: State) -> State:
+        """Return a state back on the grasps; see `projection.after_step`."""
+        for _ in range(STEP_ROUNDS):
+            state = displaced_by(state, self._change(t, state, round_point, OF_ROUND))
+        return quickened(state, self._change(t, state, impulse_point, OF_PROJECTION))
+
+    def model(self) -> dict[str, Array]:
+        """Return what is varied of the model."""
+        beside = (*state_fields(self.real), *FIELDS, "memory")
+        return {name: x for name, x in self.varied.items() if name not in beside and not name.startswith(CONTROL)}
+
+    def _change(self, t: Scalar, state: State, project: Callable[..., Point], by: Sequence[str]) -> Change:
+        here = framed(plain(state))
+        chain, inputs = self.environment.at(t, here)
+        with self._loops():
+            at = project(chain, here, inputs, self.held, self.route)
+        found = change_of(at)
+        results = {"qdd": found.qd, "object_acceleration": found.object}
+        results |= {} if found.base is None else {"floating_acceleration": found.base}
+        arguments = self.model() | state_arrays(self.real, state)
+        made = ruled(at, results, {name: x for name, x in arguments.items() if name in by}, self.many)
+        return Change(made["qdd"], made["object_acceleration"], made.get("floating_acceleration"))
+
+    @contextmanager
+    def _loops(self) -> Iterator[None]:
+        token = loops.set(self.taker)
+        try:
+            yield
+        finally:
+            loops.reset(token)
+
+
+def ruled(
+    at: Point, results: Mapping[str, Array], arguments: Mapping[str, Array], many: bool = False
+) -> dict[str, Array]:
+    """Return results at a point, with their derivatives by those of the arguments that vary."""
+    varied = {name: x for name, x in arguments.items() if is_recorded(x)}
+    poses = {name: bare(varied[name]) for name in POSES if name in varied}
+    rule = PointRule(at, {name: x.shape for name, x in results.items()}, tuple(varied), poses)
+    return dict(
+        zip(results, by_rule(list(results.values()), rule.whole() if many else rule, *varied.values()), strict=True)
+    )
+
+
+def state_arrays(chain: ClosedChain, state: State) -> dict[str, Array]:
+    """Return a state's arrays by the names that rollouts have for them."""
+    return {name: getattr(state, field) for name, field in state_fields(chain).items()}
+
+
+def plain(state: State) -> State:
+    """Return a state of what its numbers are, varied or not."""
+    parts = {field.name: getattr(state, field.name) for field in fields(state)}
+    return State(**{name: bare(x) for name, x in parts.items() if x is not None})
+
+
+class LinearStep(NamedTuple):
+    """A step made linear.
+
+    Attributes:
+        linear: the text, poses at its end as wxyz_xyz.
+        by: what is varied.
+        found: what the step returns, by name.
+    """
+
+    linear: Linear
+    by: tuple[str, ...]
+    found: dict[str, Array]
+
+    def rates(self, tangents: Mapping[str, Array]) -> dict[str, Array]:
+        """Return how fast what the step returns changes; poses by [turn; shift]."""
+        given = [tangents.get(name, np.zeros(shape)) for name, shape in zip(self.by, self.linear.shapes, strict=True)]
+        found = dict(zip(self.found, self.linear.rates(*given), strict=True))
+        return found | {name: motion_of(self.found[name], found[name]) for name in POSES if name in found}
+
+    def gradient(self, cotangents: Mapping[str, Array]) -> dict[str, Array]:
+        """Return the gradient of sum(cotangent . what the step returns); poses turn and shift on both sides."""
+        given = {name: cotangents.get(name, np.zeros(x.shape)) for name, x in self.found.items()}
+        given |= {name: by_pose(self.found[name], cotangents[name]) for name in POSES if name in cotangents}
+        return dict(zip(self.by, self.linear.gradient(*given.values()), strict=True))
+
+
+class VariedStep(NamedTuple):
+    """A step of one chain under one law, to be made linear.
+
+    Attributes:
+        structure: the chain.
+        law: its law.
+        motions: of the bases that move.
+        acting: wrenches that act besides those given.
+        tableau: the scheme.
+        environment: the chain with its parameters and what acts on it, if they are not traced.
+        many: on floats, whether many products will be taken with it.
+    """
+
+    structure: Structure
+    law: ControlLaw
+    motions: Motions
+    acting: GivenInputs | None
+    tableau: Tableau
+    environment: Environment | None = None
+    many: bool = False
+
+    def linear(self, given: Given, by: Sequence[str], of: Sequence[str] = ()) -> LinearStep:
+        """Return a step made linear; its text runs once.
+
+        Args:
+            given: what the step is given, as `TracedSystem`; "last.before" is what the law remembers at its beginning.
+            by: what is varied: arrays of the state, "memory", "control.*", arguments of forward dynamics.
+            of: results at its beginning that are wanted: those of forward dynamics, "tau".
+        """
+        return self._linear(given, by, lambda system: self._step(system, of))
+
+    def closing(self, given: Given, by: Sequence[str]) -> LinearStep:
+        """Return the projection onto the grasps with which a rollout starts, made linear."""
+        return self._linear(given, by, lambda s: state_arrays(s.real, s.closed(s.time(0.0), s.state)))
+
+    def _step(self, system: VariedSystem, of: Sequence[str]) -> dict[str, Array]:
+        """Return the state after a step, what the law remembers then, and results at the beginning."""
+        start, h = system.state, system.given["step"][()]
+        now = system.evaluate(system.time(0.0), start, system.last("before"), choose=False)
+        system.memory = now.memory
+        times = [system.time(c) for c in (*self.tableau.c.tolist(), 1.0)]
+        passive = passive_at(self.structure.chain, start.qd) if self.tableau.implicit else None
+        course = take_step(start, now.slope(no_turns(start)), h, times, self.tableau, passive)
+        end = state_arrays(system.real, answered(course, system.answer).later)
+        whole = now.found.whole
+        at_start = {name: now.drive if name == "tau" else getattr(whole, RESULTS.get(name, name)) for name in of}
+        return end | {"memory": now.memory} | {f"{AT_START}{name}": x for name, x in at_start.items()}
+
+    def _linear(self, given: Given, by: Sequence[str], text: Callable[[VariedSystem], dict[str, Array]]) -> LinearStep:
+        taker, shapes, found = loops.get(), gradient_shapes(self.structure.chain), dict[str, Array]()
+        own = {"q": "last.q", "qd": "last.qd", "object_twist": "last.object_twist", "memory": "last.before"}
+        own |= {"floating_twist": "last.floating_twist"} | {name: name for name in by if name.startswith(CONTROL)}
+        at = [given[own[name]] if name in own else np.zeros(shapes[name]) for name in by]
+
+        def outputs(*x: Array) -> list[Array]:
+            found.update(text(VariedSystem(self, given, dict(zip(by, x, strict=True)), taker)))
+            return list(found.values())
+
+        token = loops.set(None)
+        try:
+            made = linearised(outputs, *at)
+        finally:
+            loops.reset(token)
+        return LinearStep(made, tuple(by), {name: bare(x) for name, x in found.items()})
