@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ctypes
 import threading
+from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
@@ -56,6 +57,7 @@ class BatchKernel:
         self.externals, self.lanes = externals, lanes or cpu.lanes()
         self._make, self._key = make, f"{key}/{self.lanes}" if key else ""
         self._compiling = threading.Lock()
+        self._idle: deque[Array] = deque()  # working memory of earlier calls: to make it anew is slow
 
     @cached_property
     def schedule(self) -> Schedule:
@@ -79,8 +81,12 @@ class BatchKernel:
         bounds = [blocks * t // threads for t in range(threads + 1)]
 
         def part(t: int) -> None:
-            arena = aligned(code.notes["arena"])
+            try:
+                arena = self._idle.pop()
+            except IndexError:
+                arena = aligned(code.notes["arena"])
             run(address, bounds[t], bounds[t + 1], batch, repeats, arena.ctypes.data)
+            self._idle.append(arena)
 
         if threads == 1:
             part(0)

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -101,6 +102,8 @@ class StepKernel:
         law: the control law.
         motions: of the bases that move.
         acting: wrenches that are part of the machine code, besides those of a call.
+        structure: the chain as the compiler sees it.
+        adjoints: kernels of its adjoint so far.
         carried: shapes of what a system is between two steps.
         externals: the arrays its machine code takes and returns.
         parameters: the chain's own, by the machine code's names.
@@ -121,21 +124,14 @@ class StepKernel:
         """Take what is to be stepped; compiled at the first step, sooner if `quick`."""
         self.chain, self.law, self.motions, self.acting = chain, law, dict(motions or {}), acting
         held = 0 <= generic_rank < chain.constraint_row_count
-        structure = Structure(chain, replace(options or Options(), held=held))
+        self.structure = structure = Structure(chain, replace(options or Options(), held=held))
         externals = step_externals(structure, law)
-        friction = hashlib.sha256(joint_friction(chain).tobytes()).hexdigest()
-        moving = exact_fingerprint([self.motions, acting])
-        what = f"{law.key}/{list(law.parameters.items())}/{len(law.memory)}/{friction}/{moving}"
-
-        def compiled(of: str, schedule: Callable[[], Schedule]) -> BatchKernel:
-            known = law.key and moving is not None
-            key = key_of(f"{of}/{what}", structure, "forces", "simulation", "control", "scenario") if known else ""
-            return BatchKernel(externals, schedule, key, quick=quick)
-
         system = structure, law, self.motions, acting
         slopes = partial(traced_step.evaluation, *system)
-        self._step = compiled(f"step/{tableau.name}", lambda: step_schedule(*system, tableau))
-        self._slopes = compiled("evaluation", lambda: traced(externals, slopes))
+        name, code = f"step/{tableau.name}", partial(self.compiled, externals, quick=quick)
+        self._step = code(name, lambda: step_schedule(*system, tableau))
+        self._slopes = code("evaluation", lambda: traced(externals, slopes))
+        self.adjoints: dict[Any, Any] = {}  # of `adjoint.AdjointKernel`, made when asked for
         self.carried = carried_shapes(chain, law, structure.options.held)
         self.externals = externals
         own = parameters_of(chain, generic_rank) | {"contact": _contact(chain), "limits": np.array(joint_limits(chain))}
@@ -144,6 +140,24 @@ class StepKernel:
         self._defaults: Systems = {"least_margin": none, "least_joint_margin": none}
         self._defaults |= {"keep_rows": np.array(0.0), "search": np.array(1.0)}
         self._layout = [(name, e.size, len(e.shape)) for name, e in externals.items()]
+
+    def compiled(
+        self, externals: Mapping[str, External], of: str, schedule: Callable[[], Schedule], quick: bool = False
+    ) -> BatchKernel:
+        """Return machine code for this chain under this law, to be found on disk by what it computes.
+
+        Args:
+            externals: the arrays it takes and returns.
+            of: what it computes.
+            schedule: how.
+            quick: compile sooner what will not run for long.
+        """
+        law, moving = self.law, exact_fingerprint([self.motions, self.acting])
+        friction = hashlib.sha256(joint_friction(self.chain).tobytes()).hexdigest()
+        what = f"{of}/{law.key}/{list(law.parameters.items())}/{len(law.memory)}/{friction}/{moving}"
+        known = law.key and moving is not None
+        key = key_of(what, self.structure, "forces", "simulation", "control", "scenario") if known else ""
+        return BatchKernel(externals, schedule, key, quick=quick)
 
     def systems(self, state: Mapping[str, Array], memory: Array | None = None, count: int | None = None) -> Systems:
         """Return systems that have only their states; a step of length zero closes them and finds everything else.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,16 +11,14 @@ import numpy as np
 from holdfast.compiled import arrays
 from holdfast.compiled.externals import state_fields
 from holdfast.compiled.faults import faulty, largest_positions
-from holdfast.compiled.statuses import MOST_TRIED, system
 from holdfast.compiled.structure import Options
 from holdfast.compiler.schedule import External
 from holdfast.control.controller import ControlLaw
 from holdfast.dynamics.consistency import POSITION_TOLERANCE
-from holdfast.dynamics.rank import closed_near, constraint_rank, generic_rank_near, held_near
+from holdfast.dynamics.rank import constraint_rank, generic_rank_near
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.environment import Environment
 from holdfast.simulation.external_inputs import GivenInputs
 from holdfast.simulation.rollout.arguments import (
     StopMargins,
@@ -37,14 +36,15 @@ from holdfast.simulation.rollout.arguments import (
 )
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.parts import contradicted, subdivided
+from holdfast.simulation.rollout.starting import closed_systems, hold_rows, located
 from holdfast.simulation.rollout.stiff import stiff_systems
 from holdfast.simulation.rollout.systems import Begun, RolloutRecord, RolloutSystems
+from holdfast.simulation.rollout.tape import Tape
 from holdfast.simulation.rollout.traced_step import BROKEN, LIMITED, OPEN, SINGULAR, SLIPPED, TOO_LONG
 from holdfast.simulation.rollout.user_functions import Motions, travelling_inputs, travelling_law, travelling_motion
 from holdfast.simulation.runge_kutta import IMEX, Tableau
 from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.spatial.scalar import Array
-from holdfast.state import State
 
 HALVINGS = 50  # of a step, when the instant of a slip or limit is sought
 NO_STOPS: StopMargins = {SLIPPED: -np.inf, LIMITED: -np.inf}
@@ -306,6 +306,43 @@ class Rollout:
         begun = Begun(self, systems.copy(), step, every, {**stops, "largest_drift": largest_drift})
         return RolloutRecord(begin + done * step, found, at, stopped, begun)
 
+    def tape(
+        self,
+        systems: RolloutSystems,
+        step: Any,
+        *,
+        steps: int,
+        every: int | None = None,
+        record: Sequence[str] = (),
+        schedule: Mapping[str, Any] | None = None,
+        least_margin: float = -np.inf,
+        stop_at_limits: bool = False,
+        threads: int = 1,
+        **given: Any,
+    ) -> Tape:
+        """Take steps and keep them, so that gradients come back through them; see `Tape.vjp`.
+
+        Args:
+            systems: what `start` returned; left as they are.
+            step: h [s]; one for all, or (systems,).
+            steps: how many.
+            every: how many steps apart the states are that are kept, the steps between them being taken again on the
+                way back; None: 1, or about sqrt(steps) where states would take more than a GiB.
+            record: names of arrays to keep at the end of every step: attributes of `RolloutSystems`.
+            schedule: parameters of the law that change from step to step, by name (steps, ...) or (steps, systems,
+                ...).
+            least_margin: as for `step`.
+            stop_at_limits: as for `step`.
+            threads: as for `step`.
+            **given: as for `step`.
+
+        Raises:
+            StateError: wrong shapes or names.
+            MethodNotApplicable: springs between bodies.
+        """
+        options = {"least_margin": least_margin, "stop_at_limits": stop_at_limits, "threads": threads}
+        return Tape(self, systems, step, steps, every, record, schedule or {}, options, given)
+
     def _systems_at(self, given: Mapping[str, Any], memory: Any, t: float) -> RolloutSystems:
         """Return systems at users' states as they are, faulty ones marked as such."""
         shapes = {name: self.kernel.carried[name] for name in given}
@@ -341,11 +378,11 @@ class Rollout:
 
     def _started(self, systems: RolloutSystems, threads: int) -> RolloutSystems:
         """Return systems at states as they are brought onto the grasps, and all that is known there."""
-        if self.generic_rank is None and (near := next(self._closed(systems), None)) is not None:
+        if self.generic_rank is None and (near := next(closed_systems(self, systems), None)) is not None:
             self.generic_rank = generic_rank_near(*near, constraint_rank(*near))
             self._kernels = self._kernels_for(self.generic_rank)
         if "held_rows" in self.kernel.carried:
-            self._hold_rows(systems, threads)
+            hold_rows(self, systems, lambda some: self._advance(some, some.step_length, 1, NO_STOPS, threads))
         self._advance(systems, systems.step_length, 1, NO_STOPS, threads)
         for name in ("work", "count"):
             systems.arrays[name][...] = 0.0
@@ -356,7 +393,7 @@ class Rollout:
     ) -> None:
         """Take steps in place under the arguments of calls so far, and believe what they show."""
         systems.set_step_length(step_length)
-        stiff = stiff_systems(systems, scheme_of(self.scheme), self._located)
+        stiff = stiff_systems(systems, scheme_of(self.scheme), partial(located, self))
         for implicit in np.unique(stiff).tolist():
             rows = np.flatnonzero(stiff == implicit)
             kernel, part = self._kernels[implicit], systems if len(rows) == len(systems) else systems.copy(rows)
@@ -364,30 +401,3 @@ class Rollout:
             kernel.run(part.arrays, inputs | step_inputs(part, least), parameters, steps, threads)
             if part is not systems:
                 systems.put(rows, part)
-
-    def _hold_rows(self, systems: RolloutSystems, threads: int) -> None:
-        """Bring systems near the grasps by rows that suit one of them; each then chooses its own."""
-        assert self.generic_rank is not None
-        rank, begun = self.generic_rank, systems.copy()
-        one = next((held for near in self._closed(systems) if (held := held_near(*near, rank)) is not None), np.ones(6))
-        systems.arrays["held_rows"] = np.ones((len(systems), *self.kernel.carried["held_rows"]))
-        begun.arrays["held_rows"] = one * systems.arrays["held_rows"]
-        self._advance(begun, begun.step_length, 1, NO_STOPS, threads)
-        there = begun.running
-        for name in (*state_fields(self.chain), "held_rows"):
-            systems.arrays[name][there] = begun.arrays[name][there]
-
-    def _closed(self, systems: RolloutSystems) -> Iterator[tuple[ClosedChain, State]]:
-        """Yield chain and state, closed, of the first systems whose grasps nearly hold."""
-        for row in np.flatnonzero(systems.running)[:MOST_TRIED].tolist():
-            chain, state = self._located(systems, row)
-            closed = closed_near(chain, state)
-            if closed is not None:
-                yield chain, closed
-
-    def _located(self, systems: RolloutSystems, row: int) -> tuple[ClosedChain, State]:
-        """Return one system's chain, its bases where they are, and its state."""
-        _, parameters = kernel_arguments(self.kernel, systems.call_inputs)
-        at = {name: systems.arrays[name] for name in state_fields(self.chain)} | self.kernel.parameters | parameters
-        chain, state = system(self.chain, at, row)
-        return Environment(chain, self.base_motion).chain_at(float(systems.t[row])), state

@@ -32,7 +32,8 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.external_inputs import GivenInputs
 from holdfast.simulation.increment import OF_WORK, no_turns
 from holdfast.simulation.instant import passive_at
-from holdfast.simulation.rollout.traced_step import TracedSystem
+from holdfast.simulation.linearly_implicit import Implicit
+from holdfast.simulation.rollout.traced_step import Evaluation, TracedSystem
 from holdfast.simulation.rollout.user_functions import Motions
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import Arrival, Question, Stage, answered, take_step
@@ -45,7 +46,6 @@ POSES = ("object_pose", "floating_pose")
 FIELDS = {"object_wrench": "object_wrench", "link_wrench": "link_wrenches", "trunk_link_wrench": "trunk_link_wrenches"}
 RESULTS = {"floating_acceleration": "base_acceleration"}  # of forward dynamics, as a solution calls them
 CONTROL = "control."  # before the names of the law's parameters
-AT_START = "at_start."  # before the names of results there
 
 
 class VariedSystem(TracedSystem):
@@ -55,6 +55,7 @@ class VariedSystem(TracedSystem):
         varied: by name; of the model and the inputs, tangents that are zero.
         memory: what the law remembers through the step.
         many: as in `VariedStep`.
+        heavier: (n,) armature that a stage of an implicit step adds; None in others.
         taker: what takes the loops of forward dynamics; those of the text itself are Python's.
     """
 
@@ -67,7 +68,16 @@ class VariedSystem(TracedSystem):
                 own[f"last.{name}"] = turned_and_shifted(last, varied[name]) if name in POSES else varied[name]
         own |= {"last.before": varied["memory"]} if "memory" in varied else {}
         self.given, self.varied, self.taker = {**given, **own}, varied, taker
+        self.heavier: Array | None = None
         self.memory, self.many = self.last("before"), of.many
+
+    def evaluate(
+        self, t: Scalar, state: State, memory: Array, choose: bool, implicit: Implicit | None = None
+    ) -> Evaluation:
+        """Return torques, then forward dynamics; see `TracedSystem.evaluate`."""
+        self.heavier = None if implicit is None else implicit.armature
+        plain = None if implicit is None else implicit._replace(armature=bare(implicit.armature))
+        return super().evaluate(t, state, memory, choose, plain)
 
     def solve(
         self, chain: ClosedChain, state: State, tau: Array, inputs: Inputs, held: Array | None, choose: bool
@@ -83,6 +93,7 @@ class VariedSystem(TracedSystem):
         fields = {name: RESULTS.get(name, name) for name in results_of(chain)}
         results = {name: np.asarray(getattr(found.whole, field)) for name, field in fields.items()}
         arguments = self.model() | state_arrays(self.real, state) | pushed | {"tau": tau}
+        arguments |= {} if self.heavier is None else {"armature": self.heavier}
         made = ruled(at, {name: x for name, x in results.items() if x.size}, arguments, self.many)
         return found._replace(whole=found.whole._replace(**{fields[name]: x for name, x in made.items()}))
 
@@ -207,7 +218,7 @@ class VariedStep(NamedTuple):
         Args:
             given: what the step is given, as `TracedSystem`; "last.before" is what the law remembers at its beginning.
             by: what is varied: arrays of the state, "memory", "control.*", arguments of forward dynamics.
-            of: results at its beginning that are wanted: those of forward dynamics, "tau".
+            of: results at its end that are wanted: those of forward dynamics, "tau".
         """
         return self._linear(given, by, lambda system: self._step(system, of))
 
@@ -216,17 +227,21 @@ class VariedStep(NamedTuple):
         return self._linear(given, by, lambda s: state_arrays(s.real, s.closed(s.time(0.0), s.state)))
 
     def _step(self, system: VariedSystem, of: Sequence[str]) -> dict[str, Array]:
-        """Return the state after a step, what the law remembers then, and results at the beginning."""
+        """Return the state after a step, what the law remembered through it, and results at the end."""
         start, h = system.state, system.given["step"][()]
         now = system.evaluate(system.time(0.0), start, system.last("before"), choose=False)
         system.memory = now.memory
         times = [system.time(c) for c in (*self.tableau.c.tolist(), 1.0)]
         passive = passive_at(self.structure.chain, start.qd) if self.tableau.implicit else None
         course = take_step(start, now.slope(no_turns(start)), h, times, self.tableau, passive)
-        end = state_arrays(system.real, answered(course, system.answer).later)
-        whole = now.found.whole
-        at_start = {name: now.drive if name == "tau" else getattr(whole, RESULTS.get(name, name)) for name in of}
-        return end | {"memory": now.memory} | {f"{AT_START}{name}": x for name, x in at_start.items()}
+        end = answered(course, system.answer).later
+        found = state_arrays(system.real, end) | {"memory": now.memory}
+        if not of:
+            return found
+        at_end = system.evaluate(times[-1], end, now.memory, choose=False)
+        whole = at_end.found.whole
+        own = {name: at_end.drive if name == "tau" else getattr(whole, RESULTS.get(name, name)) for name in of}
+        return found | own
 
     def _linear(self, given: Given, by: Sequence[str], text: Callable[[VariedSystem], dict[str, Array]]) -> LinearStep:
         taker, shapes, found = loops.get(), gradient_shapes(self.structure.chain), dict[str, Array]()

@@ -1,0 +1,108 @@
+"""The adjoint of a step as machine code: from cotangents at its end to gradients at its beginning."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from holdfast.compiled.externals import shapes, state_fields
+from holdfast.compiled.traced_chain import Given, traced
+from holdfast.compiler.program import Shape
+from holdfast.compiler.schedule import External
+from holdfast.dynamics.closed.forward_jacobian import gradient_shapes
+from holdfast.simulation.rollout.kernel import StepKernel, step_externals
+from holdfast.simulation.rollout.varied_step import CONTROL, VariedStep
+from holdfast.simulation.runge_kutta import EULER, Tableau
+from holdfast.spatial.scalar import Array
+
+UNUSED = ("held", "least_margin", "least_joint_margin", "search", "keep_rows", "contact", "limits")
+WITH = "with."  # before the names of what cotangents are given of
+FOUND = "found."  # before the names of gradients
+MEMORY = "memory"
+
+
+class AdjointKernel:
+    """The adjoint of a step of one chain under one law.
+
+    Attributes:
+        by: what gradients are by, as `VariedStep.linear` names it.
+        of: results at the step's end that have cotangents, besides the state and the memory.
+        externals: the arrays its machine code takes and returns.
+    """
+
+    def __init__(self, step: StepKernel, tableau: Tableau | None, by: Sequence[str], of: Sequence[str]) -> None:
+        """Take what is differentiated; compiled when it is first run.
+
+        Args:
+            step: the step.
+            tableau: its scheme; None: of a projection onto the grasps alone, as `Rollout.start` makes it.
+            by: what gradients are by.
+            of: results that have cotangents.
+        """
+        self.by, self.of, self._step = tuple(by), tuple(of), step
+        self._shapes = adjoint_shapes(step, self.by, self.of)
+        own = step_externals(step.structure, step.law)
+        plain = {name: e for name, e in own.items() if e.role != "carried" and name not in UNUSED}
+        states = [f"last.{name}" for name in (*state_fields(step.chain), "before", "count")]
+        states += ["last.held_rows"] if "held_rows" in step.carried else []
+        found = {name: e for name, e in plain.items() if e.role == "input"}
+        found |= {name: External(own[name].shape, "input") for name in states if name in own}
+        found |= {name: External(shape, "input") for name, shape in self._shapes.items() if name.startswith(WITH)}
+        found |= {name: e for name, e in plain.items() if e.role == "parameter"}
+        found |= {name: External(shape, "output") for name, shape in self._shapes.items() if name.startswith(FOUND)}
+        self.externals = {name: e for name, e in found.items() if math.prod(e.shape)}
+        scheme = "closing" if tableau is None else tableau.name
+        model = VariedStep(step.structure, step.law, step.motions, step.acting, tableau or EULER)
+        what = f"adjoint/{scheme}/{','.join(self.by)};{','.join(self.of)}"
+        self._code = step.compiled(self.externals, what, lambda: traced(self.externals, self._text(model, tableau)))
+
+    @classmethod
+    def of_step(cls, step: StepKernel, tableau: Tableau | None, by: Sequence[str], of: Sequence[str]) -> AdjointKernel:
+        """Return the adjoint of a step, made once."""
+        key = None if tableau is None else tableau.name, tuple(by), tuple(of)
+        if key not in step.adjoints:
+            step.adjoints[key] = cls(step, tableau, by, of)
+        return step.adjoints[key]
+
+    def _text(self, model: VariedStep, tableau: Tableau | None) -> Any:
+        def text(given: Given) -> dict[str, Array]:
+            whole = {"last.before": np.zeros(0)} | dict(given)
+            linear = model.closing(whole, self.by) if tableau is None else model.linear(whole, self.by, self.of)
+            cotangents = {name.removeprefix(WITH): x for name, x in given.items() if name.startswith(WITH)}
+            return {f"{FOUND}{name}": x for name, x in linear.gradient(cotangents).items()}
+
+        return text
+
+    def run(
+        self, given: Mapping[str, Array], cotangents: Mapping[str, Array], count: int, threads: int = 1
+    ) -> dict[str, Array]:
+        """Return gradients, (count, *shape) each.
+
+        Args:
+            given: inputs and parameters, (*shape) for all systems or with a leading axis.
+            cotangents: with a leading axis.
+            count: how many systems.
+            threads: how many share them.
+        """
+        found = {name: np.zeros((count, *self._shapes[f"{FOUND}{name}"])) for name in self.by}
+        every = {**self._step.parameters, **given}
+        every |= {f"{WITH}{name}": x for name, x in cotangents.items()}
+        every |= {f"{FOUND}{name}": x for name, x in found.items()}
+        arrays = [np.asarray(every[name], dtype=float, order="C") for name in self.externals]
+        table = np.zeros((len(arrays), 2), dtype=np.int64)
+        for row, x, external in zip(table, arrays, self.externals.values(), strict=True):
+            row[:] = x.ctypes.data, external.size if x.ndim > len(external.shape) else 0
+        self._code.run_batch(table, count, threads)
+        return found
+
+
+def adjoint_shapes(step: StepKernel, by: Sequence[str], of: Sequence[str]) -> dict[str, Shape]:
+    """Return the shapes of cotangents and gradients, by the machine code's names; of poses (6,)."""
+    known = shapes(step.chain) | gradient_shapes(step.chain) | {MEMORY: (len(step.law.memory),)}
+    known |= dict.fromkeys(("object_pose", "floating_pose"), (6,))
+    known |= {f"{CONTROL}{name}": tuple(shape) for name, shape in step.law.parameters.items()}
+    states = (*state_fields(step.chain), MEMORY)
+    return {f"{WITH}{name}": known[name] for name in (*states, *of)} | {f"{FOUND}{name}": known[name] for name in by}

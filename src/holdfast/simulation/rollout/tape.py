@@ -1,0 +1,326 @@
+"""A rollout whose steps are kept, so that gradients come back through it.
+
+Only states are kept: what a step computed is computed again on the way back. Where that would be too many, every so
+many states are kept, and the steps between them are taken again, to the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from holdfast.compiled.externals import state_fields
+from holdfast.dynamics.closed.forward_derivatives import results_of
+from holdfast.dynamics.derivatives import Derivatives, require_names
+from holdfast.dynamics.projection_derivatives import OF_PROJECTION
+from holdfast.errors import MethodNotApplicable, StateError
+from holdfast.model import checks
+from holdfast.simulation.rollout.adjoint import MEMORY, AdjointKernel, adjoint_shapes
+from holdfast.simulation.rollout.arguments import (
+    CHAINS,
+    OF_LINKS,
+    fitting,
+    kernel_arguments,
+    step_lengths,
+    whole_number,
+)
+from holdfast.simulation.rollout.starting import located
+from holdfast.simulation.rollout.stiff import stiff_systems
+from holdfast.simulation.rollout.systems import RolloutSystems
+from holdfast.simulation.rollout.varied_step import CONTROL
+from holdfast.simulation.runge_kutta import IMEX
+from holdfast.simulation.runge_kutta import scheme as scheme_of
+from holdfast.spatial.scalar import Array
+
+if TYPE_CHECKING:
+    from holdfast.simulation.rollout.rollout import Rollout
+
+MOST_KEPT = 2**30  # bytes of states, beyond which steps are taken again
+FORCES = ("grasp_wrench", "base_wrench", "trunk_base_wrench")  # which may not be unique
+
+
+class KeptStep(NamedTuple):
+    """A step that was taken.
+
+    Attributes:
+        given: what it was given, the state at its beginning included, by the machine code's names.
+        stiff: (systems,) whether it was implicit.
+        went: (systems,) whether a system took it; the others stood still.
+    """
+
+    given: dict[str, Array]
+    stiff: Array
+    went: Array
+
+
+class Tape:
+    """Steps of systems, kept for gradients; made by `Rollout.tape`.
+
+    Attributes:
+        rollout: what takes the steps.
+        systems: at the end.
+        steps: how many were taken.
+        every: how many steps apart the states are that are kept.
+        records: what was asked for at the end of every step, by name, (steps, systems, ...).
+    """
+
+    def __init__(
+        self,
+        rollout: Rollout,
+        systems: RolloutSystems,
+        step: Any,
+        steps: int,
+        every: int | None,
+        record: Sequence[str],
+        schedule: Mapping[str, Any],
+        options: Mapping[str, Any],
+        given: Mapping[str, Any],
+    ) -> None:
+        """Take the steps; see `Rollout.tape`."""
+        self.rollout, self.steps = rollout, whole_number("steps", steps)
+        self._require_differentiable()
+        self._step, self._options, self._given = step, options, given
+        self._schedule = self._scheduled(schedule, len(systems))
+        carried = rollout.kernel.carried
+        self._shapes = {n: carried[n] for n in (*state_fields(rollout.chain), "before", "held_rows") if n in carried}
+        self._acting: tuple[dict[str, Array], dict[str, Array]] | None = None
+        size = sum(math.prod(shape) for shape in self._shapes.values())
+        fits = self.steps * len(systems) * size * 8 <= MOST_KEPT
+        default = 1 if fits else math.isqrt(self.steps - 1) + 1
+        self.every = default if every is None else whole_number("every", every)
+        at, self._kept, self._starts = systems.copy(), list[KeptStep](), list[RolloutSystems]()
+        rows: dict[str, list[Array]] = {name: [] for name in record}
+        for k in range(self.steps):
+            if self.every > 1 and k % self.every == 0:
+                self._starts.append(at.copy())
+            kept = self._taken(at, k)
+            if self.every == 1:
+                self._kept.append(kept)
+            for name in record:
+                if not isinstance(getattr(RolloutSystems, name, None), property):
+                    raise StateError(f"record: no array '{name}'.{checks.did_you_mean(name, vars(RolloutSystems))}")
+                rows[name].append(np.array(getattr(at, name)))
+        self.systems, self.records = at, {name: np.array(x) for name, x in rows.items()}
+
+    def __repr__(self) -> str:
+        """Return how many steps of how many systems there are, on one line."""
+        return f"<Tape of {self.steps} steps of {len(self.systems)} systems, states kept every {self.every}>"
+
+    def vjp(
+        self,
+        final: Mapping[str, Any] | None = None,
+        along: Mapping[str, Any] | None = None,
+        *,
+        by: Sequence[str] | None = None,
+        threads: int = 1,
+    ) -> Derivatives:
+        """Return gradients of sum(cotangent . result) over all that the steps returned. O(steps) (O(n) + O(l)).
+
+        They are exact derivatives of the discrete map, projections included: each step is differentiated as it ran, at
+        the states that it had. Poses turn by R -> exp(turn) R and shift, (6,) [turn; shift], on both sides. A system
+        that stood still passes cotangents on unchanged.
+
+        Args:
+            final: cotangents at the end, by name: q (systems, n), qd, object_pose (systems, 6), object_twist, and
+                floating_pose and floating_twist.
+            along: those at the end of every step, (steps, systems, ...): of the same, of tau, and of the results of
+                forward dynamics: qdd, grasp_wrench (.., arms, 6), object_acceleration, contact_acceleration,
+                base_wrench.
+            by: what gradients are by: the arrays of the state that `Rollout.start` is given and `memory`, parameters
+                of the law, object_wrench, gravity, object_mass, object_com, object_inertia, grasp_pose, base_pose,
+                and those that the rollout takes of link_mass, link_com, link_inertia, link_wrench. By default the
+                state and all parameters of the law. `start` closes the grasps again where they are moved.
+            threads: how many share the systems.
+
+        Returns:
+            By name (systems, ...), summed over the steps; (steps, systems, ...) of what is given step by step.
+            `result` is the systems at the end.
+
+        Raises:
+            StateError: wrong names or shapes, or results of a system that never took a step.
+            MethodNotApplicable: a cotangent of forces that are not unique.
+        """
+        chain, law = self.rollout.chain, self.rollout.law
+        ends, passed = dict(final or {}), dict(along or {})
+        state = tuple(state_fields(chain))
+        results = ("tau", *results_of(chain))
+        require_names("tape: final", ends or state, state)
+        require_names("tape: along", passed or state, (*state, *results))
+        names = (*state, *law.parameters) if by is None else tuple(by)
+        require_names("tape: by", names, self._known())
+        self._require_unique(passed)
+        code = {name: f"{CONTROL}{name}" if name in law.parameters else name for name in names}
+        return self._vjp(ends, passed, code, threads)
+
+    def _vjp(
+        self, final: Mapping[str, Any], along: Mapping[str, Any], by: Mapping[str, str], threads: int
+    ) -> Derivatives:
+        """Return gradients; `by` has the machine code's names."""
+        chain, count, kernel = self.rollout.chain, len(self.systems), self.rollout.kernel
+        carried = (*state_fields(chain), *([MEMORY] if len(self.rollout.law.memory) else []))
+        of = tuple(name for name in along if name not in carried)
+        parameters = tuple(dict.fromkeys(name for name in by.values() if name not in carried))
+        known = adjoint_shapes(kernel, (*carried, *parameters), of)
+        bars = {name: np.zeros((count, *known[f"with.{name}"])) for name in (*carried, *of)}
+        for name, x in final.items():
+            bars[name] += checks.numbers(x, bars[name].shape, f"final: {name}", StateError)
+        passed = {
+            name: checks.numbers(x, (self.steps, *bars[name].shape), f"along: {name}", StateError)
+            for name, x in along.items()
+        }
+        adjoints = {stiff: self._adjoint(stiff, (*carried, *parameters), of) for stiff in (False, True)}
+        totals = {name: np.zeros((count, *known[f"found.{name}"])) for name in parameters}
+        stepwise = {name: np.zeros((self.steps, *totals[name].shape)) for name in parameters if name in self._schedule}
+        for k, step in self._backward():
+            for name, x in passed.items():
+                bars[name] += x[k]
+            for stiff in (False, True):
+                rows = np.flatnonzero(step.went & (step.stiff == stiff))
+                if not len(rows):
+                    continue
+                found = _of_rows(adjoints[stiff], step.given, bars, rows, count, threads)
+                for name in carried:
+                    bars[name][rows] = found[name]
+                for name in of:
+                    bars[name][rows] = 0.0
+                for name in parameters:
+                    totals[name][rows] += found[name]
+                    if name in stepwise:
+                        stepwise[name][k, rows] = found[name]
+        idle = np.flatnonzero([any(bars[name][i].any() for name in of) for i in range(count)])
+        if len(idle):
+            raise StateError(
+                f"tape: along: expected results of systems that took a step, got cotangents of {', '.join(of)} of"
+                f" system {idle[0]}, which took none; try zeros for it"
+            )
+        self._through_start(bars, totals, carried, parameters, threads)
+        whole = totals | stepwise | {name: bars[name] for name in carried}
+        return Derivatives(self.systems, {name: whole[key] for name, key in by.items()})
+
+    def _through_start(
+        self,
+        bars: dict[str, Array],
+        totals: dict[str, Array],
+        carried: Sequence[str],
+        parameters: Sequence[str],
+        threads: int,
+    ) -> None:
+        """Carry gradients on through the projection with which `Rollout.start` begins, in place."""
+        state = tuple(state_fields(self.rollout.chain))
+        moving = tuple(name for name in parameters if name in OF_PROJECTION)
+        closing = AdjointKernel.of_step(self.rollout.kernel, None, (*state, *moving), ())
+        first = next(self._forward(0))
+        rows = np.flatnonzero(first.went)
+        if not len(rows):
+            return
+        found = _of_rows(closing, first.given, {name: bars[name] for name in state}, rows, len(self.systems), threads)
+        for name in state:
+            bars[name][rows] = found[name]
+        for name in moving:
+            totals[name][rows] += found[name]
+
+    # ---- steps ----
+
+    def _taken(self, at: RolloutSystems, k: int) -> KeptStep:
+        """Take the k-th step in place and return it."""
+        rollout, running = self.rollout, at.running
+        at.set_step_length(step_lengths(self._step, len(at)))
+        stiff = stiff_systems(at, scheme_of(rollout.scheme), partial(located, rollout))
+        counts = {"last.count": at.arrays["count"].copy(), "begin": at.begin, "step": at.step_length}
+        before = {f"last.{name}": at.arrays[name].copy() for name in self._shapes}
+        given = {name.removeprefix(CONTROL): x[k] for name, x in self._schedule.items()}
+        rollout.step(at, self._step, steps=1, **self._options, **given, **(self._given if k == 0 else {}))
+        if given or k == 0 or self._acting is None:
+            self._acting = kernel_arguments(rollout.kernel, at.call_inputs)
+        inputs, parameters = self._acting
+        return KeptStep(before | inputs | parameters | counts, stiff, running & at.running)
+
+    def _backward(self) -> Iterator[tuple[int, KeptStep]]:
+        """Yield the steps from the last to the first."""
+        for first in reversed(range(0, self.steps, self.every)):
+            until = min(first + self.every, self.steps)
+            yield from reversed(list(zip(range(first, until), self._forward(first), strict=False)))
+
+    def _forward(self, first: int) -> Iterator[KeptStep]:
+        """Yield the steps from a kept state on."""
+        if self.every == 1:
+            yield from self._kept[first : first + 1]
+            return
+        at = self._starts[first // self.every].copy()
+        for k in range(first, min(first + self.every, self.steps)):
+            yield self._taken(at, k)
+
+    def _adjoint(self, stiff: bool, by: Sequence[str], of: Sequence[str]) -> AdjointKernel:
+        tableau = IMEX if stiff else scheme_of(self.rollout.scheme)
+        return AdjointKernel.of_step(self.rollout.kernel, tableau, by, of)
+
+    # ---- what is known ----
+
+    def _known(self) -> tuple[str, ...]:
+        """Return what gradients may be by."""
+        kernel, law = self.rollout.kernel, self.rollout.law
+        links = [name for name in OF_LINKS if name in kernel.externals]
+        chains = [name for name in CHAINS if name != "base_pose" or not self.rollout.base_motion]
+        return (
+            *state_fields(self.rollout.chain),
+            *([MEMORY] if len(law.memory) else []),
+            *law.parameters,
+            *chains,
+            *links,
+        )
+
+    def _scheduled(self, schedule: Mapping[str, Any], count: int) -> dict[str, Array]:
+        """Return what is given step by step, by the machine code's names."""
+        checks.instance(schedule, Mapping, "tape: schedule", StateError)
+        shapes = self.rollout.law.parameters
+        found = {}
+        for name, given in schedule.items():
+            require_names("tape: schedule", (name,), tuple(shapes))
+            if len(np.shape(given)) == 0 or len(given) != self.steps:
+                raise StateError(
+                    f"schedule: {name}: expected {self.steps} rows, one a step, got shape {np.shape(given)}"
+                )
+            found[f"{CONTROL}{name}"] = [fitting(name, x, shapes[name], count) for x in given]
+        return found
+
+    def _require_differentiable(self) -> None:
+        """Refuse chains whose steps have no derivatives yet.
+
+        Raises:
+            MethodNotApplicable: springs between bodies.
+        """
+        if self.rollout.chain.springs:
+            raise MethodNotApplicable("tape: steps of a chain with springs between bodies have no derivatives yet")
+
+    def _require_unique(self, along: Mapping[str, Any]) -> None:
+        """Refuse cotangents of forces of which there are many.
+
+        Raises:
+            MethodNotApplicable: naming them.
+        """
+        for name in FORCES:
+            if name in along and "held_rows" in self.rollout.kernel.carried:
+                raise MethodNotApplicable(
+                    f"tape: along: {name}: expected forces that are unique, got a chain whose grasps hold it more than"
+                    " once; a step returns one choice of them, which has no derivative"
+                )
+
+
+def _of_rows(
+    adjoint: AdjointKernel,
+    given: Mapping[str, Array],
+    bars: Mapping[str, Array],
+    rows: Array,
+    count: int,
+    threads: int,
+) -> dict[str, Array]:
+    """Return gradients of some systems."""
+    if len(rows) == count:
+        return adjoint.run(given, bars, count, threads)
+    shapes = {name: e.shape for name, e in adjoint.externals.items()}
+    some = {name: x[rows] if name in shapes and x.ndim > len(shapes[name]) else x for name, x in given.items()}
+    return adjoint.run(some, {name: x[rows] for name, x in bars.items()}, len(rows), threads)
