@@ -8,11 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.compiled import arrays
 from holdfast.compiled.externals import state_fields
-from holdfast.compiled.faults import faulty, largest_positions
 from holdfast.compiled.structure import Options
-from holdfast.compiler.schedule import External
 from holdfast.control.controller import ControlLaw
 from holdfast.dynamics.consistency import POSITION_TOLERANCE
 from holdfast.dynamics.rank import constraint_rank, generic_rank_near
@@ -24,7 +21,6 @@ from holdfast.simulation.rollout.arguments import (
     StopMargins,
     call_inputs,
     common_time,
-    fitting,
     kernel_arguments,
     number,
     state_arguments,
@@ -36,11 +32,11 @@ from holdfast.simulation.rollout.arguments import (
 )
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.parts import contradicted, subdivided
-from holdfast.simulation.rollout.starting import closed_systems, hold_rows, located
+from holdfast.simulation.rollout.starting import closed_systems, hold_rows, located, systems_at
 from holdfast.simulation.rollout.stiff import stiff_systems
 from holdfast.simulation.rollout.systems import Begun, RolloutRecord, RolloutSystems
 from holdfast.simulation.rollout.tape import Tape
-from holdfast.simulation.rollout.traced_step import BROKEN, LIMITED, OPEN, SINGULAR, SLIPPED, TOO_LONG
+from holdfast.simulation.rollout.traced_step import LIMITED, OPEN, SINGULAR, SLIPPED, TOO_LONG
 from holdfast.simulation.rollout.user_functions import Motions, travelling_inputs, travelling_law, travelling_motion
 from holdfast.simulation.runge_kutta import IMEX, Tableau
 from holdfast.simulation.runge_kutta import scheme as scheme_of
@@ -137,7 +133,7 @@ class Rollout:
             StateError: wrong shapes, or no system at all.
         """
         every = (q, qd, object_pose, object_twist, floating_pose, floating_twist)
-        systems = self._systems_at(state_arguments(self.chain, *every), memory, number("t", t))
+        systems = systems_at(self, state_arguments(self.chain, *every), memory, number("t", t))
         systems.keep_inputs(call_inputs(self.kernel, given, len(systems)), self.law, self.inputs)
         return self._started(systems, whole_number("threads", threads))
 
@@ -230,6 +226,7 @@ class Rollout:
         inputs, parameters = kernel_arguments(self.kernel, systems.call_inputs | new)
         self.kernel.require_own(systems.arrays)  # nothing is changed before the last refusal
         systems.set_step_length(lengths)
+        systems.started_from = None
         if systems.keep_inputs(new, self.law, self.inputs):  # slopes were found under other torques
             inputs |= step_inputs(systems, NO_STOPS)
             self.kernel.run(systems.arrays, inputs, parameters, 1, threads, slopes_only=True)
@@ -343,23 +340,6 @@ class Rollout:
         options = {"least_margin": least_margin, "stop_at_limits": stop_at_limits, "threads": threads}
         return Tape(self, systems, step, steps, every, record, schedule or {}, options, given)
 
-    def _systems_at(self, given: Mapping[str, Any], memory: Any, t: float) -> RolloutSystems:
-        """Return systems at users' states as they are, faulty ones marked as such."""
-        shapes = {name: self.kernel.carried[name] for name in given}
-        state = {name: arrays.floats(name, x, shapes[name]) for name, x in given.items()}
-        count = arrays.batch_of(state, {name: External(shape, "input") for name, shape in shapes.items()})
-        if count == 0:
-            raise StateError("rollout: expected at least one system, got arrays without rows")
-        count = count or 1
-        bad = faulty(state, {name: len(s) for name, s in shapes.items()}, largest_positions(self.chain), count)
-        remembered = None if memory is None else fitting("memory", memory, (len(self.law.memory),), count)
-        found = self.kernel.systems(state, remembered, count)
-        bad = np.zeros(count, dtype=bool) if bad is None else bad
-        for pose in (found[name] for name in given if name.endswith("pose")):
-            pose[~bad, :4] /= np.linalg.norm(pose[~bad, :4], axis=1, keepdims=True)
-        found["code"][bad] = BROKEN
-        return RolloutSystems(self.chain, found, np.full(count, t), np.zeros(count))
-
     def _refined(self, at: RolloutSystems, rows: Array, step: float, least: StopMargins) -> Array:
         """Return when systems slip or pass a limit, by halving the step that would go too far.
 
@@ -378,6 +358,7 @@ class Rollout:
 
     def _started(self, systems: RolloutSystems, threads: int) -> RolloutSystems:
         """Return systems at states as they are brought onto the grasps, and all that is known there."""
+        given = {name: systems.arrays[name].copy() for name in state_fields(self.chain)}
         if self.generic_rank is None and (near := next(closed_systems(self, systems), None)) is not None:
             self.generic_rank = generic_rank_near(*near, constraint_rank(*near))
             self._kernels = self._kernels_for(self.generic_rank)
@@ -386,6 +367,7 @@ class Rollout:
         self._advance(systems, systems.step_length, 1, NO_STOPS, threads)
         for name in ("work", "count"):
             systems.arrays[name][...] = 0.0
+        systems.started_from = given
         return systems
 
     def _advance(

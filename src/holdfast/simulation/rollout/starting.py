@@ -2,22 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from holdfast.compiled import arrays
 from holdfast.compiled.externals import state_fields
+from holdfast.compiled.faults import faulty, largest_positions
 from holdfast.compiled.statuses import MOST_TRIED, system
+from holdfast.compiler.schedule import External
 from holdfast.dynamics.rank import closed_near, held_near
+from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.environment import Environment
-from holdfast.simulation.rollout.arguments import kernel_arguments
+from holdfast.simulation.rollout.arguments import fitting, kernel_arguments
 from holdfast.simulation.rollout.systems import RolloutSystems
+from holdfast.simulation.rollout.traced_step import BROKEN
 from holdfast.state import State
 
 if TYPE_CHECKING:
     from holdfast.simulation.rollout.rollout import Rollout
+
+
+def systems_at(rollout: Rollout, given: Mapping[str, Any], memory: Any, t: float) -> RolloutSystems:
+    """Return systems at users' states as they are, faulty ones marked as such.
+
+    Raises:
+        StateError: wrong shapes, or no system at all.
+    """
+    shapes = {name: rollout.kernel.carried[name] for name in given}
+    state = {name: arrays.floats(name, x, shapes[name]) for name, x in given.items()}
+    count = arrays.batch_of(state, {name: External(shape, "input") for name, shape in shapes.items()})
+    if count == 0:
+        raise StateError("rollout: expected at least one system, got arrays without rows")
+    count = count or 1
+    bad = faulty(state, {name: len(s) for name, s in shapes.items()}, largest_positions(rollout.chain), count)
+    remembered = None if memory is None else fitting("memory", memory, (len(rollout.law.memory),), count)
+    found = rollout.kernel.systems(state, remembered, count)
+    bad = np.zeros(count, dtype=bool) if bad is None else bad
+    for pose in (found[name] for name in given if name.endswith("pose")):
+        pose[~bad, :4] /= np.linalg.norm(pose[~bad, :4], axis=1, keepdims=True)
+    found["code"][bad] = BROKEN
+    return RolloutSystems(rollout.chain, found, np.full(count, t), np.zeros(count))
 
 
 def hold_rows(rollout: Rollout, systems: RolloutSystems, close: Callable[[RolloutSystems], None]) -> None:

@@ -33,7 +33,7 @@ class RolloutStatus(Enum):
     LIMITED = "a joint passes a limit of its position, rate or effort within the next step"
 
 
-_ATTRIBUTES = ("chain", "arrays", "begin", "step_length", "call_inputs", "under")
+_ATTRIBUTES = ("chain", "arrays", "begin", "step_length", "call_inputs", "under", "started_from")
 _STATUSES = np.array(list(RolloutStatus))
 
 
@@ -61,6 +61,7 @@ class RolloutSystems:
         call_inputs: the arguments of calls so far, by the machine code's names, (1 or systems, ...) each; each acts
             until a call gives it anew.
         under: the law and the wrenches under which their slopes were found.
+        started_from: the states that a start brought onto the grasps, by name; None once a step was taken.
     """
 
     q: Array = _carried("q", "(systems, n) joint positions [rad or m].")
@@ -102,6 +103,7 @@ class RolloutSystems:
         self.chain, self.arrays, self.begin, self.step_length = chain, arrays, begin, step_length
         self.call_inputs: dict[str, Array] = {}
         self.under: tuple[object, ...] = ()
+        self.started_from: dict[str, Array] | None = None
 
     def __len__(self) -> int:
         return len(self.begin)
@@ -194,6 +196,8 @@ class RolloutSystems:
         made = RolloutSystems(self.chain, arrays, self.begin[which].copy(), self.step_length[which].copy())
         made.call_inputs = {name: x if len(x) == 1 else x[which] for name, x in self.call_inputs.items()}
         made.under = self.under
+        if self.started_from is not None:
+            made.started_from = {name: x[which].copy() for name, x in self.started_from.items()}
         return made
 
     def freed(self, rows: Array) -> RolloutSystems:

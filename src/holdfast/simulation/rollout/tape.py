@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from holdfast.simulation.rollout.rollout import Rollout
 
 MOST_KEPT = 2**30  # bytes of states, beyond which steps are taken again
+STEP = "step"
 FORCES = ("grasp_wrench", "base_wrench", "trunk_base_wrench")  # which may not be unique
 
 
@@ -92,6 +93,7 @@ class Tape:
         fits = self.steps * len(systems) * size * 8 <= MOST_KEPT
         default = 1 if fits else math.isqrt(self.steps - 1) + 1
         self.every = default if every is None else whole_number("every", every)
+        self._came_from = systems.copy().started_from
         at, self._kept, self._starts = systems.copy(), list[KeptStep](), list[RolloutSystems]()
         rows: dict[str, list[Array]] = {name: [] for name in record}
         for k in range(self.steps):
@@ -130,10 +132,11 @@ class Tape:
             along: those at the end of every step, (steps, systems, ...): of the same, of tau, and of the results of
                 forward dynamics: qdd, grasp_wrench (.., arms, 6), object_acceleration, contact_acceleration,
                 base_wrench.
-            by: what gradients are by: the arrays of the state that `Rollout.start` is given and `memory`, parameters
-                of the law, object_wrench, gravity, object_mass, object_com, object_inertia, grasp_pose, base_pose,
-                and those that the rollout takes of link_mass, link_com, link_inertia, link_wrench. By default the
-                state and all parameters of the law. `start` closes the grasps again where they are moved.
+            by: what gradients are by: the arrays of the state and `memory` at the beginning, parameters of the law,
+                the length of a `step`, object_wrench, gravity, object_mass, object_com, object_inertia, grasp_pose,
+                base_pose, and those that the rollout takes of link_mass, link_com, link_inertia, link_wrench. By
+                default the state and all parameters of the law. Where the tape begins with what `Rollout.start` or
+                `take_over` returned, they are by what those were given: the grasps close again.
             threads: how many share the systems.
 
         Returns:
@@ -197,27 +200,22 @@ class Tape:
                 f"tape: along: expected results of systems that took a step, got cotangents of {', '.join(of)} of"
                 f" system {idle[0]}, which took none; try zeros for it"
             )
-        self._through_start(bars, totals, carried, parameters, threads)
+        self._through_start(bars, totals, parameters, threads)
         whole = totals | stepwise | {name: bars[name] for name in carried}
         return Derivatives(self.systems, {name: whole[key] for name, key in by.items()})
 
     def _through_start(
-        self,
-        bars: dict[str, Array],
-        totals: dict[str, Array],
-        carried: Sequence[str],
-        parameters: Sequence[str],
-        threads: int,
+        self, bars: dict[str, Array], totals: dict[str, Array], parameters: Sequence[str], threads: int
     ) -> None:
-        """Carry gradients on through the projection with which `Rollout.start` begins, in place."""
-        state = tuple(state_fields(self.rollout.chain))
-        moving = tuple(name for name in parameters if name in OF_PROJECTION)
-        closing = AdjointKernel.of_step(self.rollout.kernel, None, (*state, *moving), ())
-        first = next(self._forward(0))
+        """Carry gradients on through the projection by which systems that have just started came here, in place."""
+        first, came_from = next(self._forward(0)), self._came_from
         rows = np.flatnonzero(first.went)
-        if not len(rows):
+        if came_from is None or not len(rows):
             return
-        found = _of_rows(closing, first.given, {name: bars[name] for name in state}, rows, len(self.systems), threads)
+        state, moving = tuple(came_from), tuple(name for name in parameters if name in OF_PROJECTION)
+        closing = AdjointKernel.of_step(self.rollout.kernel, None, (*state, *moving), ())
+        given = first.given | {f"last.{name}": x for name, x in came_from.items()}
+        found = _of_rows(closing, given, {name: bars[name] for name in state}, rows, len(self.systems), threads)
         for name in state:
             bars[name][rows] = found[name]
         for name in moving:
@@ -265,13 +263,8 @@ class Tape:
         kernel, law = self.rollout.kernel, self.rollout.law
         links = [name for name in OF_LINKS if name in kernel.externals]
         chains = [name for name in CHAINS if name != "base_pose" or not self.rollout.base_motion]
-        return (
-            *state_fields(self.rollout.chain),
-            *([MEMORY] if len(law.memory) else []),
-            *law.parameters,
-            *chains,
-            *links,
-        )
+        memory = [MEMORY] if len(law.memory) else []
+        return (*state_fields(self.rollout.chain), *memory, *law.parameters, STEP, *chains, *links)
 
     def _scheduled(self, schedule: Mapping[str, Any], count: int) -> dict[str, Array]:
         """Return what is given step by step, by the machine code's names."""

@@ -67,6 +67,7 @@ class VariedSystem(TracedSystem):
                 last = given[f"last.{name}"]
                 own[f"last.{name}"] = turned_and_shifted(last, varied[name]) if name in POSES else varied[name]
         own |= {"last.before": varied["memory"]} if "memory" in varied else {}
+        own |= {"step": varied["step"]} if "step" in varied else {}
         self.given, self.varied, self.taker = {**given, **own}, varied, taker
         self.heavier: Array | None = None
         self.memory, self.many = self.last("before"), of.many
@@ -118,7 +119,7 @@ class VariedSystem(TracedSystem):
 
     def model(self) -> dict[str, Array]:
         """Return what is varied of the model."""
-        beside = (*state_fields(self.real), *FIELDS, "memory")
+        beside = (*state_fields(self.real), *FIELDS, "memory", "step")
         return {name: x for name, x in self.varied.items() if name not in beside and not name.startswith(CONTROL)}
 
     def _change(self, t: Scalar, state: State, project: Callable[..., Point], by: Sequence[str]) -> Change:
@@ -217,7 +218,7 @@ class VariedStep(NamedTuple):
 
         Args:
             given: what the step is given, as `TracedSystem`; "last.before" is what the law remembers at its beginning.
-            by: what is varied: arrays of the state, "memory", "control.*", arguments of forward dynamics.
+            by: what is varied: arrays of the state, "memory", "step", "control.*", arguments of forward dynamics.
             of: results at its end that are wanted: those of forward dynamics, "tau".
         """
         return self._linear(given, by, lambda system: self._step(system, of))
@@ -245,7 +246,13 @@ class VariedStep(NamedTuple):
 
     def _linear(self, given: Given, by: Sequence[str], text: Callable[[VariedSystem], dict[str, Array]]) -> LinearStep:
         taker, shapes, found = loops.get(), gradient_shapes(self.structure.chain), dict[str, Array]()
-        own = {"q": "last.q", "qd": "last.qd", "object_twist": "last.object_twist", "memory": "last.before"}
+        own = {
+            "q": "last.q",
+            "qd": "last.qd",
+            "object_twist": "last.object_twist",
+            "memory": "last.before",
+            "step": "step",
+        }
         own |= {"floating_twist": "last.floating_twist"} | {name: name for name in by if name.startswith(CONTROL)}
         at = [given[own[name]] if name in own else np.zeros(shapes[name]) for name in by]
 
