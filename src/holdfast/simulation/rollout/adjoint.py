@@ -21,7 +21,7 @@ from holdfast.spatial.scalar import Array
 UNUSED = ("held", "least_margin", "least_joint_margin", "search", "keep_rows", "contact", "limits")
 WITH = "with."  # before the names of what cotangents are given of
 FOUND = "found."  # before the names of gradients
-MEMORY = "memory"
+BEFORE = "before"  # what the law remembers at a step's beginning
 
 
 class AdjointKernel:
@@ -45,7 +45,7 @@ class AdjointKernel:
         self.by, self.of, self._step = tuple(by), tuple(of), step
         self._shapes = adjoint_shapes(step, self.by, self.of)
         if tableau is None:  # the law has no part in it
-            del self._shapes[f"{WITH}{MEMORY}"]
+            del self._shapes[f"{WITH}{BEFORE}"]
         own = step_externals(step.structure, step.law)
         plain = {name: e for name, e in own.items() if e.role != "carried" and name not in UNUSED}
         states = [f"last.{name}" for name in (*state_fields(step.chain), "before", "count")]
@@ -103,8 +103,10 @@ class AdjointKernel:
 
 def adjoint_shapes(step: StepKernel, by: Sequence[str], of: Sequence[str]) -> dict[str, Shape]:
     """Return the shapes of cotangents and gradients, by the machine code's names; of poses (6,)."""
-    known = shapes(step.chain) | gradient_shapes(step.chain) | {MEMORY: (len(step.law.memory),)}
+    known = (
+        shapes(step.chain) | gradient_shapes(step.chain) | dict.fromkeys((BEFORE, "memory"), (len(step.law.memory),))
+    )
     known |= dict.fromkeys(("object_pose", "floating_pose"), (6,)) | {"step": ()}
     known |= {f"{CONTROL}{name}": tuple(shape) for name, shape in step.law.parameters.items()}
-    states = (*state_fields(step.chain), MEMORY)
+    states = (*state_fields(step.chain), BEFORE)
     return {f"{WITH}{name}": known[name] for name in (*states, *of)} | {f"{FOUND}{name}": known[name] for name in by}

@@ -19,7 +19,7 @@ from holdfast.dynamics.derivatives import Derivatives, require_names
 from holdfast.dynamics.projection_derivatives import OF_PROJECTION
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model import checks
-from holdfast.simulation.rollout.adjoint import MEMORY, AdjointKernel, adjoint_shapes
+from holdfast.simulation.rollout.adjoint import BEFORE, AdjointKernel, adjoint_shapes
 from holdfast.simulation.rollout.arguments import (
     CHAINS,
     OF_LINKS,
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from holdfast.simulation.rollout.rollout import Rollout
 
 MOST_KEPT = 2**30  # bytes of states, beyond which steps are taken again
-STEP = "step"
+STEP, MEMORY = "step", "memory"
 FORCES = ("grasp_wrench", "base_wrench", "trunk_base_wrench")  # which may not be unique
 
 
@@ -127,8 +127,8 @@ class Tape:
         that stood still passes cotangents on unchanged.
 
         Args:
-            final: cotangents at the end, by name: q (systems, n), qd, object_pose (systems, 6), object_twist, and
-                floating_pose and floating_twist.
+            final: cotangents at the end, by name: q (systems, n), qd, object_pose (systems, 6), object_twist,
+                floating_pose and floating_twist, and the law's memory.
             along: those at the end of every step, (steps, systems, ...): of the same, of tau, and of the results of
                 forward dynamics: qdd, grasp_wrench (.., arms, 6), object_acceleration, contact_acceleration,
                 base_wrench.
@@ -150,13 +150,14 @@ class Tape:
         chain, law = self.rollout.chain, self.rollout.law
         ends, passed = dict(final or {}), dict(along or {})
         state = tuple(state_fields(chain))
-        results = ("tau", *results_of(chain))
-        require_names("tape: final", ends or state, state)
-        require_names("tape: along", passed or state, (*state, *results))
+        memory = (MEMORY,) if len(law.memory) else ()
+        require_names("tape: final", ends or state, (*state, *memory))
+        require_names("tape: along", passed or state, (*state, *memory, "tau", *results_of(chain)))
         names = (*state, *law.parameters) if by is None else tuple(by)
         require_names("tape: by", names, self._known())
         self._require_unique(passed)
         code = {name: f"{CONTROL}{name}" if name in law.parameters else name for name in names}
+        code |= {MEMORY: BEFORE} if MEMORY in names else {}
         return self._vjp(ends, passed, code, threads)
 
     def _vjp(
@@ -164,8 +165,8 @@ class Tape:
     ) -> Derivatives:
         """Return gradients; `by` has the machine code's names."""
         chain, count, kernel = self.rollout.chain, len(self.systems), self.rollout.kernel
-        carried = (*state_fields(chain), *([MEMORY] if len(self.rollout.law.memory) else []))
-        of = tuple(name for name in along if name not in carried)
+        carried = (*state_fields(chain), *([BEFORE] if len(self.rollout.law.memory) else []))
+        of = tuple(dict.fromkeys(name for name in (*along, *final) if name not in carried))
         parameters = tuple(dict.fromkeys(name for name in by.values() if name not in carried))
         known = adjoint_shapes(kernel, (*carried, *parameters), of)
         bars = {name: np.zeros((count, *known[f"with.{name}"])) for name in (*carried, *of)}

@@ -66,7 +66,7 @@ class VariedSystem(TracedSystem):
             if name in varied:
                 last = given[f"last.{name}"]
                 own[f"last.{name}"] = turned_and_shifted(last, varied[name]) if name in POSES else varied[name]
-        own |= {"last.before": varied["memory"]} if "memory" in varied else {}
+        own |= {"last.before": varied["before"]} if "before" in varied else {}
         own |= {"step": varied["step"]} if "step" in varied else {}
         self.given, self.varied, self.taker = {**given, **own}, varied, taker
         self.heavier: Array | None = None
@@ -119,7 +119,7 @@ class VariedSystem(TracedSystem):
 
     def model(self) -> dict[str, Array]:
         """Return what is varied of the model."""
-        beside = (*state_fields(self.real), *FIELDS, "memory", "step")
+        beside = (*state_fields(self.real), *FIELDS, "before", "step")
         return {name: x for name, x in self.varied.items() if name not in beside and not name.startswith(CONTROL)}
 
     def _change(self, t: Scalar, state: State, project: Callable[..., Point], by: Sequence[str]) -> Change:
@@ -218,8 +218,8 @@ class VariedStep(NamedTuple):
 
         Args:
             given: what the step is given, as `TracedSystem`; "last.before" is what the law remembers at its beginning.
-            by: what is varied: arrays of the state, "memory", "step", "control.*", arguments of forward dynamics.
-            of: results at its end that are wanted: those of forward dynamics, "tau".
+            by: what is varied: arrays of the state, "before", "step", "control.*", arguments of forward dynamics.
+            of: results at its end that are wanted: those of forward dynamics, "tau", "memory".
         """
         return self._linear(given, by, lambda system: self._step(system, of))
 
@@ -236,13 +236,13 @@ class VariedStep(NamedTuple):
         passive = passive_at(self.structure.chain, start.qd) if self.tableau.implicit else None
         course = take_step(start, now.slope(no_turns(start)), h, times, self.tableau, passive)
         end = answered(course, system.answer).later
-        found = state_arrays(system.real, end) | {"memory": now.memory}
+        found = state_arrays(system.real, end) | {"before": now.memory}
         if not of:
             return found
         at_end = system.evaluate(times[-1], end, now.memory, choose=False)
         whole = at_end.found.whole
-        own = {name: at_end.drive if name == "tau" else getattr(whole, RESULTS.get(name, name)) for name in of}
-        return found | own
+        own = {"tau": at_end.drive, "memory": at_end.memory}
+        return found | {name: own[name] if name in own else getattr(whole, RESULTS.get(name, name)) for name in of}
 
     def _linear(self, given: Given, by: Sequence[str], text: Callable[[VariedSystem], dict[str, Array]]) -> LinearStep:
         taker, shapes, found = loops.get(), gradient_shapes(self.structure.chain), dict[str, Array]()
@@ -250,7 +250,7 @@ class VariedStep(NamedTuple):
             "q": "last.q",
             "qd": "last.qd",
             "object_twist": "last.object_twist",
-            "memory": "last.before",
+            "before": "last.before",
             "step": "step",
         }
         own |= {"floating_twist": "last.floating_twist"} | {name: name for name in by if name.startswith(CONTROL)}

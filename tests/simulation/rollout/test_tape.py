@@ -1,0 +1,262 @@
+"""Gradients through rollouts against five-point differences of the discrete map, kept or taken again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from examples.benchmarks import four_bar
+from scipy.optimize import brentq
+
+import holdfast as hf
+from tests.derivatives.chains import random_chain
+from tests.systems import random_system
+from tests.systems.as_chain import Problem, as_chain
+
+STEP, STEPS, SYSTEMS = 2e-3, 9, 3
+BAR = 1e-8
+
+
+def damped(t: Any, state: hf.State, memory: Any, given: Any) -> Any:
+    """Drive and damp; what it remembers of its gain enters the next step."""
+    return given["tau"] - memory * state.qd, 0.9 * memory + 0.1 * given["gain"]
+
+
+def law(n: int) -> hf.ControlLaw:
+    """Return a law with two parameters and a memory."""
+    return hf.ControlLaw(damped, memory=np.full(n, 0.2), parameters={"tau": (n,), "gain": (n,)})
+
+
+class Rolled:
+    """A rollout as a function of what gradients are by, and a scalar of its result for every system.
+
+    Attributes:
+        p: the chain, a state and torques.
+        rollout: what steps.
+        bars: cotangents at the end, and along the steps.
+    """
+
+    def __init__(self, p: Problem, along: tuple[str, ...] = ("grasp_wrench", "qd")) -> None:
+        random, n = np.random.default_rng(0), p.chain.joint_count
+        self.p, self.rollout = p, hf.compile_rollout(p.chain, law(n))
+        self.tau = p.tau + random.normal(size=(STEPS, SYSTEMS, n))
+        shapes = {"grasp_wrench": (len(p.chain.arms), 6), "qd": (n,), "qdd": (n,)}
+        self.final = {
+            name: random.normal(size=(SYSTEMS, k)) for name, k in (("q", n), ("object_twist", 6), ("memory", n))
+        }
+        self.along = {name: 1e-2 * random.normal(size=(STEPS, SYSTEMS, *shapes[name])) for name in along}
+
+    def tape(self, changed: dict[str, Any], far: float, **options: Any) -> Any:
+        """Return the steps with something changed."""
+        d = {name: far * x for name, x in changed.items()}
+        n, body, at = self.p.chain.joint_count, self.p.chain.held_object, self.p.state
+        poses = [grasp.frame for grasp in self.p.chain.grasps.values()]
+        shifts = np.reshape(d.get("grasp_pose", np.zeros(6 * len(poses))), (-1, 6))
+        moved = [np.concatenate([f.wxyz_xyz[:4], f.p + x[3:]]) for f, x in zip(poses, shifts, strict=True)]
+        given = {"gain": np.full(n, 0.5) + d.get("gain", 0.0), "grasp_pose": np.array(moved)}
+        given |= {"object_mass": body.mass + d.get("object_mass", 0.0), "object_inertia": np.array(body.inertia)}
+        floating = {} if at.base_pose is None else {"floating_pose": at.base_pose, "floating_twist": at.base_twist}
+        pose = at.object_pose + np.concatenate([np.zeros(4), np.reshape(d.get("object_pose", np.zeros(6)), 6)[3:]])
+        tau = self.tau + d.get("tau", 0.0)
+        systems = self.rollout.start(
+            np.repeat((at.q + d.get("q", 0.0))[None], SYSTEMS, 0),
+            at.qd + d.get("qd", 0.0),
+            pose,
+            at.object_twist,
+            memory=np.full(n, 0.2) + d.get("memory", 0.0),
+            tau=tau[0],
+            **floating,
+            **given,
+        )
+        step = STEP + d.get("step", 0.0)
+        return self.rollout.tape(systems, step, steps=STEPS, schedule={"tau": tau}, record=(*self.along,), **options)
+
+    def value(self, tape: Any) -> np.ndarray:
+        """Return the scalar of every system."""
+        found = sum((x * getattr(tape.systems, name)).sum(axis=1) for name, x in self.final.items())
+        for name, x in self.along.items():
+            found = found + (x * tape.records[name]).reshape(STEPS, SYSTEMS, -1).sum(axis=(0, 2))
+        return found
+
+    def worst(self, names: tuple[str, ...], far: float = 1e-4) -> float:
+        """Return how far gradients are from differences."""
+        tape, random, off = self.tape({}, 0.0), np.random.default_rng(2), [0.0]
+        found = tape.vjp(self.final, self.along, by=names)
+        for name in names:
+            x = found[name]
+            direction = random.normal(size=x.shape[1:] if name != "tau" else x.shape)
+            if name.endswith("_pose"):
+                direction[..., :3] = 0.0  # shifts
+            size = np.abs(direction).max() or 1.0
+            ends = [self.value(self.tape({name: direction / size}, k * far)) for k in (1, -1, 2, -2)]
+            expected = (8 * (ends[0] - ends[1]) - (ends[2] - ends[3])) / (12 * far)
+            axes = tuple(range(1, x.ndim)) if name != "tau" else (0, 2)
+            slope = (x * direction / size).sum(axis=axes)
+            off.append(float((np.abs(slope - expected) / np.maximum(np.abs(expected), 0.1)).max()))
+            print(f"\n{name}: {off[-1]:.1e}")
+        return max(off)
+
+
+NAMES = ("q", "qd", "object_pose", "memory", "gain", "tau", "step", "object_mass", "grasp_pose")
+
+
+@pytest.fixture(scope="module")
+def rolled():
+    """Return two arms, one that may slide; their first velocities do not fit the grasps."""
+    p = as_chain(random_system(5, arms=2, joints=[5, 4], grasps=["rigid", "hinge"], moving_base=False))
+    return Rolled(replace(p, state=replace(p.state, qd=p.state.qd + 0.1)))
+
+
+def test_gradients(rolled):
+    """Everything that a rollout is given, the state that `start` brings onto the grasps included."""
+    assert rolled.worst(NAMES) < BAR
+
+
+def test_bits(rolled):
+    """The same bits whether states are kept or steps taken again, on threads, and for one system."""
+    tape = rolled.tape({}, 0.0)
+    found = tape.vjp(rolled.final, rolled.along, by=NAMES)
+    for every in (2, 4):
+        again = rolled.tape({}, 0.0, every=every).vjp(rolled.final, rolled.along, by=NAMES, threads=2)
+        assert all(np.array_equal(again[name], found[name]) for name in NAMES)
+    assert tape.every == 1
+    assert repr(tape) == "<Tape of 9 steps of 3 systems, states kept every 1>"
+
+
+def test_standing_still(rolled):
+    """A system that stops passes on what comes back unchanged; of one that never went there is only that."""
+    systems = rolled.tape({}, 0.0).systems
+    bad = systems.q.copy()
+    bad[1, 0] = np.nan
+    started = rolled.rollout.start(
+        bad, systems.qd, systems.object_pose, systems.object_twist, tau=rolled.tau[0], gain=np.full(9, 0.5)
+    )
+    tape = rolled.rollout.tape(started, STEP, steps=2, schedule={"tau": rolled.tau[:2]})
+    along = {name: 0.0 * x[:2] for name, x in rolled.along.items()}
+    found = tape.vjp({"q": np.ones((SYSTEMS, 9)), "memory": np.zeros((SYSTEMS, 9))}, along, by=NAMES)
+    assert (found.q[1] == 1.0).all()
+    assert not found.gain[1].any()
+    assert found.gain[0].any()
+    with pytest.raises(hf.StateError, match="system 1, which took none"):
+        tape.vjp({"memory": np.zeros((SYSTEMS, 9))}, {name: 1.0 + x for name, x in along.items()}, by=NAMES)
+
+
+def test_refusals(rolled):
+    """Names and shapes that mean nothing are named."""
+    tape = rolled.tape({}, 0.0)
+    with pytest.raises(hf.StateError, match="tape: by: no 'gian'"):
+        tape.vjp(rolled.final, by=("gian",))
+    with pytest.raises(hf.StateError, match="tape: final: no 'qdd'"):
+        tape.vjp({"qdd": np.zeros((SYSTEMS, 9))})
+    with pytest.raises(hf.StateError, match=r"along: qd: expected shape"):
+        tape.vjp(along={"qd": np.zeros((2, SYSTEMS, 9))})
+    systems = tape.systems
+    for options, text in (
+        ({"steps": 0}, "steps"),
+        ({"steps": 2, "every": 0}, "every"),
+        ({"steps": 2, "schedule": {"tau": np.zeros((3, 9))}}, "expected 2 rows"),
+        ({"steps": 2, "schedule": {"mass": np.zeros(2)}}, "no 'mass'"),
+        ({"steps": 2, "record": ("qqq",)}, "no array 'qqq'"),
+    ):
+        with pytest.raises(hf.StateError, match=text):
+            rolled.rollout.tape(systems, STEP, **options)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("trunk", ["fixed", "floating"])
+def test_trunks(trunk):
+    """Arms on a trunk, which may float."""
+    names = ("q", "qd", "memory", "gain", "tau", "step", "object_mass")
+    assert Rolled(random_chain(1, trunk)).worst(names, far=1e-5) < 1e-7
+
+
+@pytest.mark.long
+def test_many_holds():
+    """A planar loop in space: rows of the grasps follow from others, and forces are refused."""
+    chain = replace(four_bar.four_bar(1.0), springs=())
+    state = hf.State([2.2] * 2, [0.3] * 2, [1, 0, 0, 0, 0.5 + np.cos(2.2), np.sin(2.2), 0])
+    p = Problem(chain, hf.project(chain, state)[0], np.array([0.1, -0.2]), hf.Inputs())
+    rolled = Rolled(p, along=("qdd",))
+    assert rolled.worst(("q", "qd", "memory", "gain", "tau", "step", "object_mass")) < BAR
+    with pytest.raises(hf.MethodNotApplicable, match="unique"):
+        rolled.tape({}, 0.0).vjp(along={"grasp_wrench": np.zeros((STEPS, SYSTEMS, 2, 6))})
+
+
+@pytest.mark.long
+def test_implicit_steps():
+    """Dampers and friction that make steps implicit."""
+    p = as_chain(random_system(5, arms=2, joints=[5, 4], grasps=["rigid", "hinge"], moving_base=False))
+    arms = {
+        name: arm.of([replace(joint, damping=300.0, friction=0.5) for joint in arm.joints])
+        for name, arm in p.chain.arms.items()
+    }
+    rolled = Rolled(replace(p, chain=replace(p.chain, arms=arms)))
+    assert rolled.tape({}, 0.0)._kept[0].stiff.all()
+    assert rolled.worst(("q", "qd", "memory", "gain", "tau", "object_mass")) < 1e-7
+
+
+@pytest.mark.long
+def test_events():
+    """A thousand steps: a grasp closes on a moving object, is lost where its force passes a bound, and stays open.
+
+    The step that ends at the loss has a length h such that m(x(h)) = 0, so dh = -(grad m . dx) / (dm / dh).
+    """
+    p = as_chain(random_system(5, arms=2, joints=[5, 4], grasps=["rigid", "hinge"], moving_base=False))
+    n, chain = p.chain.joint_count, p.chain
+    free, last = list(chain.grasps)
+    alone, both = (hf.compile_rollout(c, law(n)) for c in (replace(chain, grasps={free: chain.grasps[free]}), chain))
+    random, given = np.random.default_rng(3), {"tau": hf.holding_torques(chain, p.state.at_rest())}
+    bar = {"q": random.normal(size=(1, n)), "object_twist": random.normal(size=(1, 6))}
+    turn = random.normal(size=n)
+    row, h = list(chain.arms).index(last), 1e-4
+
+    def force(tape):
+        return tape.records["grasp_wrench"][0, 0, row, 3:].sum()
+
+    def run(gain, far, bound=None):
+        given["gain"] = np.full(n, gain)
+        qd = p.state.qd + (np.arange(n) >= 5) * 0.1 * (1.0 + far * turn)
+        first = alone.tape(
+            alone.start(p.state.q, qd, p.state.object_pose, p.state.object_twist, **given), 1e-8, steps=2
+        )
+        second = both.tape(both.take_over(first.systems, **given), h, steps=400)
+        lost = [both.tape(second.systems, x * h, steps=1, record=("grasp_wrench",)) for x in (20.0, 30.0)]
+        bound = 0.5 * sum(map(force, lost)) if bound is None else bound
+        length = brentq(
+            lambda x: force(both.tape(second.systems, x * h, steps=1, record=("grasp_wrench",))) - bound,
+            1e-3,
+            60.0,
+            xtol=1e-15,
+            rtol=1e-15,
+        )
+        third = both.tape(second.systems, length * h, steps=1, record=("grasp_wrench",))
+        fourth = alone.tape(alone.take_over(third.systems, **given), h, steps=597)
+        value = sum((x * getattr(fourth.systems, name)).sum() for name, x in bar.items())
+        return value, bound, (first, second, third, fourth)
+
+    _, bound, tapes = run(0.5, 0.0)
+    by, states = ("q", "qd", "object_pose", "object_twist", "memory", "gain"), slice(0, 5)
+    names, gains = by[states], 0.0
+    back = tapes[3].vjp(bar, by=by)
+    gains += back.gain
+    of_state = {name: back[name] for name in names}
+    after = tapes[2].vjp(of_state, by=(*by, "step"))
+    unit = np.zeros((1, 1, len(chain.arms), 6))
+    unit[0, 0, row, 3:] = 1.0
+    margin = tapes[2].vjp(along={"grasp_wrench": unit}, by=(*by, "step"))
+    share = after.step[0] / margin.step[0]
+    of_state = {name: after[name] - share * margin[name] for name in by}
+    gains += of_state.pop("gain")
+    for tape in tapes[1::-1]:
+        back = tape.vjp(of_state, by=by)
+        of_state, gains = {name: back[name] for name in names}, gains + back.gain
+    far = 3e-4
+    for slope, ends in (
+        (gains.sum(), [run(0.5 + k * far, 0.0, bound)[0] for k in (1, -1, 2, -2)]),
+        (of_state["qd"][0] @ ((np.arange(n) >= 5) * 0.1 * turn), [run(0.5, k * far, bound)[0] for k in (1, -1, 2, -2)]),
+    ):
+        expected = (8 * (ends[0] - ends[1]) - (ends[2] - ends[3])) / (12 * far)
+        print(f"\n{abs(slope - expected) / abs(expected):.1e}")
+        assert abs(slope - expected) < BAR * abs(expected)

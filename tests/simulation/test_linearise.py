@@ -1,0 +1,101 @@
+"""A time step made linear: the tangent is carried to the tangent, and runs nearby go where it says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import holdfast as hf
+from holdfast.simulation.rollout.varied_step import state_arrays
+from holdfast.spatial import rotation
+from tests.longer import mostly_long
+from tests.systems import random_system
+from tests.systems.as_chain import as_chain
+
+STEP = 1e-2
+GRASPS = ("rigid hinge", "softfinger rigid", "ball rigid")
+
+
+def held(kinds):
+    """Return a chain that moves, on bases that stand."""
+    return as_chain(random_system(5, arms=2, joints=[5, 5], grasps=kinds.split(), moving_base=False))
+
+
+def changed(state: hf.State, x: np.ndarray) -> hf.State:
+    """Return the state moved by a row of a basis."""
+    n = len(state.q)
+    pose = hf.Pose(rotation.exp(x[n : n + 3]) @ state.object_frame.R, state.object_frame.p + x[n + 3 : n + 6])
+    return hf.State(state.q + x[:n], state.qd + x[n + 6 : 2 * n + 6], pose, state.object_twist + x[2 * n + 6 :])
+
+
+def difference(a: hf.State, b: hf.State) -> np.ndarray:
+    """Return the small change that leads from b to a."""
+    turn = rotation.log(a.object_frame.R @ b.object_frame.R.T)
+    return np.concatenate(
+        [a.q - b.q, turn, a.object_frame.p - b.object_frame.p, a.qd - b.qd, a.object_twist - b.object_twist]
+    )
+
+
+@pytest.mark.parametrize("kinds", mostly_long(GRASPS, (GRASPS[0],)))
+def test_runs_nearby(kinds):
+    """z' = A z but for the square of z; each step goes on with the basis that the one before ended with."""
+    p = held(kinds)
+    first = hf.linearise(p.chain, p.state, p.tau, inputs=p.inputs, step=STEP)
+    second = hf.linearise(p.chain, first.end, p.tau, inputs=p.inputs, basis=first.end_basis, step=STEP)
+    assert np.abs(second.basis - first.end_basis).max() < 1e-12
+    here, basis, A = second.end, second.end_basis, second.A @ first.A
+    z, off = np.random.default_rng(0).normal(size=A.shape[1]), []
+    for size in (1e-3, 5e-4):
+        begin = hf.project(p.chain, changed(p.state, size * first.basis @ z))[0]
+        run = hf.simulate(p.chain, begin, lambda t, state, memory: (p.tau, memory), 2 * STEP, STEP, inputs=p.inputs)
+        before = np.linalg.lstsq(first.basis, difference(begin, p.state), rcond=None)[0]
+        off.append(np.linalg.norm(np.linalg.pinv(basis) @ difference(run.state(-1), here) - A @ before))
+    print(f"\n{off[0]:.1e} {off[1]:.1e}")
+    assert off[1] < 0.27 * off[0]
+
+
+def test_limit():
+    """A short step is the exponential of the dynamics; B its integral. Bases are close, not the same."""
+    p = held(GRASPS[0])
+    n, h = p.chain.joint_count, 1e-5
+    still = replace(p.state, qd=np.zeros(n), object_twist=np.zeros(6))
+    tau = hf.holding_torques(p.chain, still)
+    whole = hf.linearise(p.chain, still, tau)
+    model = hf.linearise(p.chain, still, tau, step=h)
+    assert np.abs(model.A - expm(h * whole.A)).max() < 1e-6
+    assert np.abs(model.B / h - whole.B).max() < 1e-3 * np.abs(whole.B).max()
+    assert np.abs(difference(model.end, still)).max() < 1e-12
+    assert set(state_arrays(p.chain, model.end)) == {"q", "qd", "object_pose", "object_twist"}
+
+
+def test_torques():
+    """B by five-point differences of the step that `simulate` takes."""
+    p, random = held(GRASPS[0]), np.random.default_rng(1)
+    model, d = (
+        hf.linearise(p.chain, p.state, p.tau, inputs=p.inputs, step=STEP),
+        random.normal(size=p.chain.joint_count),
+    )
+
+    def end(far):
+        run = hf.simulate(p.chain, p.state, lambda *_: (p.tau + far * d, None), STEP, STEP, inputs=p.inputs)
+        return difference(run.state(-1), model.end)
+
+    h = 0.1
+    slope = (8 * (end(h) - end(-h)) - (end(2 * h) - end(-2 * h))) / (12 * h)
+    assert np.abs(model.end_basis @ model.B @ d - slope).max() < 1e-9 * np.abs(slope).max()
+
+
+def test_refusals():
+    """Steps that cannot be made linear say why."""
+    p = held(GRASPS[0])
+    with pytest.raises(hf.ModelError, match="scheme"):
+        hf.linearise(p.chain, p.state, p.tau, step=STEP, scheme="euler")
+    with pytest.raises(hf.HoldfastError, match="step"):
+        hf.linearise(p.chain, p.state, p.tau, step=-1.0)
+    with pytest.raises(hf.MethodNotApplicable, match="base_twists"):
+        hf.linearise(p.chain, p.state, p.tau, step=STEP, check=False, inputs=hf.Inputs(base_twists=np.ones((2, 6))))
+    with pytest.raises(hf.StateError, match="basis"):
+        hf.linearise(p.chain, p.state, p.tau, inputs=p.inputs, step=STEP, basis=np.eye(3))
