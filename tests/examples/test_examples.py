@@ -32,8 +32,8 @@ def run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Any:
 
 
 def test_the_ladder():
-    """Twelve of them, none longer than a hundred lines, each in the table of the folder's README."""
-    assert [script.name[:2] for script in SCRIPTS] == [f"{k:02}" for k in range(1, 13)]
+    """Thirteen of them, none longer than a hundred lines, each in the table of the folder's README."""
+    assert [script.name[:2] for script in SCRIPTS] == [f"{k:02}" for k in range(1, 14)]
     table = (EXAMPLES / "README.md").read_text()
     for script in SCRIPTS:
         assert len(script.read_text().splitlines()) <= 100, script.name
@@ -163,3 +163,12 @@ def test_identify(run):
     sizes = [found["turned"].deviations[f"inertia {axes}"] for axes in ("xx", "yy", "zz")]
     assert (np.abs(off) < 4 * np.array(sizes)).all() and max(sizes) < 0.01
     assert "the model's" in printed
+
+
+def test_learn_gains(run):
+    """Gains that were learnt hold the box ten times as well, judged by what was asked for."""
+    found, printed = run("13")
+    assert min(found["costs"]) < 0.1 * found["costs"][0]
+    assert found["off"]["learnt"].max() < 0.5 * found["off"]["first"].max()
+    assert (found["gains"] > 0).all()
+    assert "gradients of 16 runs" in printed

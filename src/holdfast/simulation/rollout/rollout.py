@@ -230,6 +230,17 @@ class Rollout:
         if systems.keep_inputs(new, self.law, self.inputs):  # slopes were found under other torques
             inputs |= step_inputs(systems, NO_STOPS)
             self.kernel.run(systems.arrays, inputs, parameters, 1, threads, slopes_only=True)
+        return self.advance(systems, steps, least, limit, threads)
+
+    def advance(
+        self,
+        systems: RolloutSystems,
+        steps: int,
+        least: StopMargins,
+        limit: float | None = None,
+        threads: int = 1,
+    ) -> RolloutSystems:
+        """Take steps in place of the lengths and under the arguments that the systems have; see `step`."""
         going = systems.running
         if limit is None:
             self._advance(systems, systems.step_length, steps, least, threads)

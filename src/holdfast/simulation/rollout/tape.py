@@ -26,6 +26,7 @@ from holdfast.simulation.rollout.arguments import (
     fitting,
     kernel_arguments,
     step_lengths,
+    stop_margins,
     whole_number,
 )
 from holdfast.simulation.rollout.starting import located
@@ -232,7 +233,11 @@ class Tape:
         counts = {"last.count": at.arrays["count"].copy(), "begin": at.begin, "step": at.step_length}
         before = {f"last.{name}": at.arrays[name].copy() for name in self._shapes}
         given = {name.removeprefix(CONTROL): x[k] for name, x in self._schedule.items()}
-        rollout.step(at, self._step, steps=1, **self._options, **given, **(self._given if k == 0 else {}))
+        if given or k == 0:
+            rollout.step(at, self._step, steps=1, **self._options, **given, **(self._given if k == 0 else {}))
+        else:  # nothing is new
+            least = stop_margins(self._options["least_margin"], self._options["stop_at_limits"])
+            rollout.advance(at, 1, least, threads=self._options["threads"])
         if given or k == 0 or self._acting is None:
             self._acting = kernel_arguments(rollout.kernel, at.call_inputs)
         inputs, parameters = self._acting
