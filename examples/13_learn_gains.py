@@ -47,8 +47,7 @@ def pushed(rollout: Rollout, state: hf.State, gains: np.ndarray) -> RolloutSyste
     """Return boxes that were pushed, each another way; the arms take their share at once."""
     twists = np.random.default_rng(0).normal(size=(SYSTEMS, 6)) * [0.3, 0.3, 0.3, 0.1, 0.1, 0.1]
     stiffness, damping = np.exp(gains).reshape(2, 14)
-    at = state.q, state.qd, state.object_pose, twists
-    return rollout.start(*at, stiffness=stiffness, damping=damping)
+    return rollout.start(state.q, state.qd, state.object_pose, twists, stiffness=stiffness, damping=damping)
 
 
 def main(out: Path = OUT) -> dict[str, Any]:
@@ -63,18 +62,16 @@ def main(out: Path = OUT) -> dict[str, Any]:
             return np.inf, np.zeros(len(gains))  # stiffer than the steps can follow
         off, effort = 1e3 * (tape.records["q"] - state.q), tape.records["tau"] - hf.holding_torques(chain, state)
         share = STEP / SYSTEMS
-        found = tape.vjp(
-            along={"q": 2e3 * share * off, "tau": 2 * share * EFFORT * effort}, by=("stiffness", "damping")
-        )
+        along = {"q": 2e3 * share * off, "tau": 2 * share * EFFORT * effort}
+        found = tape.vjp(along=along, by=("stiffness", "damping"))
         value = share * float((off**2).sum() + EFFORT * (effort**2).sum())
         slope = np.concatenate([found.stiffness.sum(axis=0), found.damping.sum(axis=0)]) * np.exp(gains)
         costs.append(value)
         return value, slope
 
     best = minimize(cost, FIRST, jac=True, method="L-BFGS-B", options={"maxiter": 25})
-    ways = {"first": FIRST, "learnt": best.x}
     records = {}
-    for name, gains in ways.items():
+    for name, gains in {"first": FIRST, "learnt": best.x}.items():
         record = rollout.run(pushed(rollout, state, gains), STEPS * STEP, STEP, record=("q",))
         records[name] = record.t, np.sqrt(((record["q"] - state.q) ** 2).mean(axis=(1, 2)))
     print(f"cost {costs[0]:.3g} -> {best.fun:.3g} in {len(costs)} gradients of {SYSTEMS} runs")
