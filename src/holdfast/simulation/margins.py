@@ -17,7 +17,7 @@ import numpy as np
 from holdfast.dynamics.result import Status
 from holdfast.errors import ModelError
 from holdfast.forces.margin_interval import margin_range
-from holdfast.forces.margins import conditions, grasp_margins, joint_limits, joint_margins
+from holdfast.forces.margins import JointLimits, conditions, grasp_margins, joint_limits, margins_of_joints
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
@@ -71,10 +71,21 @@ class Signals:
         Where the grasp forces are not unique, one is a violation only if no internal force holds every
         grasp: negative then, in place of what the smallest forces give (`margin_range`, a tenth of a second).
         """
+        joints = margins_of_joints(self._joint_limits, *at.joints)
+        if not self._grasps_limited:
+            return np.concatenate([np.full(len(self.chain.arms), np.inf), *joints])
         given = grasp_margins(at.chain, at.state, at.result.grasp_wrench)
         if at.result.status is Status.INDETERMINATE_FORCES and (given < 0).any():
             given = np.where(given < 0, margin_range(at.chain, at.state, at.result).together, given)
-        return np.concatenate([by_arm(self.chain, given), *joint_margins(at.chain, at.state, at.tau)])
+        return np.concatenate([by_arm(self.chain, given), *joints])
+
+    @cached_property
+    def _joint_limits(self) -> JointLimits:
+        return joint_limits(self.chain)
+
+    @cached_property
+    def _grasps_limited(self) -> bool:
+        return any(conditions(grasp) for grasp in self.chain.grasps.values())
 
     def description(self, at: Instant, signal: int) -> str:
         """Return what happens where a margin reaches zero."""

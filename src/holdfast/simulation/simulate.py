@@ -30,6 +30,7 @@ from holdfast.simulation.segment import MakeStepper, RunSettings
 from holdfast.simulation.setting import Setting, recorded_base
 from holdfast.simulation.stops import ALIKE, MOST_STEPS, step_times, stops
 from holdfast.simulation.trajectory import Trajectory, array_names, stacked
+from holdfast.simulation.zero_order_hold import zero_order_hold
 from holdfast.state import Inputs, State
 
 
@@ -45,6 +46,8 @@ def simulate(
     inputs: GivenInputs | None = None,
     events: Sequence[Event] = (),
     breakpoints: Iterable[float] = (),
+    sample_time: float | None = None,
+    delay: float = 0.0,
     on_slip: OnSlip = "stop",
     on_limit: OnLimit = "record",
     on_singular: OnSingular = "stop",
@@ -81,6 +84,9 @@ def simulate(
             alone. It is asked at every stage for the time and state there, and may give wrenches only.
         events: `Attach` and `Release` at given times.
         breakpoints: times at which torques or inputs jump or change their course; steps end there.
+        sample_time: of a digital controller [s]: it is asked once a sample, with the state of that moment, and its
+            torques are held until the next (zero-order hold); steps end at samples. None: asked at every stage.
+        delay: from a sample to when its torques act [s]; until then those before, at first those of the first sample.
         on_slip: what is done about a grasp that cannot hold: "stop", "record" (and go on as if it held), or
             "release" (it opens; velocities go on).
         on_limit: what is done about a joint beyond a limit: "record" or "stop"; "clip": torques beyond an effort limit
@@ -102,7 +108,7 @@ def simulate(
 
     Raises:
         ModelError: a duration or step that is not positive, too many steps, an unknown policy or scheme, an
-            impossible event, or a controller that is no function.
+            impossible event, a sample time or delay that no run can have, or a controller that is no function.
         StateError: the initial state breaks a grasp, the controller returns no torques and memory that fit, or it is a
             law that takes parameters.
         SingularChainError: the initial configuration is singular.
@@ -117,15 +123,19 @@ def simulate(
     grid = step_times(duration, step)
     state.fits(chain)
     ordered = in_order(events, chain, float(grid[-1]))
-    jumps = [*breakpoints, *getattr(controller, "breakpoints", ())]
-    ends = stops(grid, jumps, [one.t for one in ordered], ALIKE * step)
+    jumps, happening = [*breakpoints], [one.t for one in ordered]
+    hold = zero_order_hold(sample_time, delay, float(grid[-1]), [*jumps, *happening])
+    if hold is None:
+        ends = stops(grid, [*jumps, *getattr(controller, "breakpoints", ())], happening, ALIKE * step)
+    else:
+        ends = stops(grid, [*jumps, *hold.jumps], happening, ALIKE * step, hold.asked.tolist())
     environment = Environment(chain, {} if base_motion is None else base_motion, Inputs() if inputs is None else inputs)
     policy, tolerance = Policy(on_slip, on_limit, on_singular), Tolerance(rtol, atol)
-    make = make_stepper or partial(stepper_for, steps=len(grid) - 1)
+    make = make_stepper or partial(stepper_for, steps=int((~ends.jumps).sum()))
     limit = None if largest_drift is None else checks.number(largest_drift, "simulation: largest_drift", above=0.0)
     if policy.on_limit == "clip":
         controller = clipped(controller, chain)
-    settings = RunSettings(environment, controller, make, named, tolerance, limit, policy, ordered, ends)
+    settings = RunSettings(environment, controller, hold, make, named, tolerance, limit, policy, ordered, ends)
 
     samples: list[Trajectory] = []
     at = start_of_run(settings, state) if start is None else resumed_run(settings, start)
@@ -167,6 +177,7 @@ def simulate(
     asked = {"scheme": scheme, "on_slip": on_slip, "on_limit": on_limit, "on_singular": on_singular, "rtol": rtol}
     called = getattr(controller, "__qualname__", type(controller).__qualname__)
     asked |= {"atol": atol, "largest_drift": limit, "controller": called}
+    asked |= {} if hold is None else {"sample_time": hold.sample_time, "delay": hold.delay}
     return replace(run, setting=Setting(chain, moved, name, float(duration), float(step), asked))
 
 

@@ -24,12 +24,13 @@ from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.external_inputs import MOVING_BASES, GivenInputs
-from holdfast.simulation.increment import body_parts, no_turns, twists
+from holdfast.simulation.increment import body_parts, twists
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.linearly_implicit import Implicit
 from holdfast.simulation.margins import Signals
+from holdfast.simulation.rollout.fused_stepper import FusedStepper, hold_rows
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
-from holdfast.simulation.rollout.rows import Moment, failure, gaps_of, instant_of, refuse, state_of, state_rows
+from holdfast.simulation.rollout.rows import Moment, gaps_of, instant_of, refuse, state_of, state_rows
 from holdfast.simulation.rollout.user_functions import law_program
 from holdfast.simulation.runge_kutta import EULER, Tableau, rotation_vector_rate
 from holdfast.simulation.step import Closing, Gaps, Question, Stage, answered_together, course_of, rows_held_near
@@ -39,77 +40,6 @@ from holdfast.state import Inputs, State
 
 WORTH_COMPILING = 45  # steps: fewer are taken by the reference in the time that compiling takes
 LOOKED_AT = 16  # steps that the looks inside one come to, where something is limited
-
-
-@dataclass(frozen=True, eq=False)
-class FusedStepper:
-    """Steps of a chain under a control law, base motions traceable, external wrenches constant; see `Stepper`.
-
-    Attributes:
-        environment: the chain and what acts on it.
-        kernel: its step.
-        scheme: the Runge-Kutta scheme of its steps; it estimates no errors.
-        generic_rank: rank of the constraint away from singular configurations.
-    """
-
-    environment: Environment
-    kernel: StepKernel
-    scheme: Tableau
-    generic_rank: int
-
-    @classmethod
-    def of(cls, environment: Environment, law: ControlLaw, scheme: Tableau, generic_rank: int) -> FusedStepper:
-        """Return the stepper of a law."""
-        kernel = StepKernel(environment.chain, law, scheme, generic_rank, motions=environment.base_motion, quick=True)
-        return cls(environment, kernel, scheme, generic_rank)
-
-    def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
-        """Return the chain at a given state, projected onto the grasps; see `Stepper`."""
-        return self._at(t, state, memory, held=False)
-
-    def evaluate(self, t: float, state: State, memory: Any) -> Instant:
-        """Return the chain at a given state, taken as it is."""
-        return self._at(t, state, memory, held=True)[0]
-
-    def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
-        """Return where one step leads; see `Stepper`."""
-        systems = self.kernel.systems(state_rows([now.state] * len(ends)), now.memory)
-        systems["slope"][...] = now.rates(no_turns(now.state))
-        hold_rows(systems, now.result.held)
-        self._run(systems, now.t, np.array(ends) - now.t, held=False)
-        return [self._advance(systems, row, end, now.memory) for row, end in enumerate(ends)]
-
-    def _advance(self, systems: Systems, row: int, end: float, memory: Any) -> Advance:
-        fault = failure(systems["code"][row])
-        if fault is not None:
-            return Advance(end, None, NO_GAPS, np.zeros(4), failure=fault)
-        instant = self._instant(systems, row, end, memory)
-        return Advance(end, instant, gaps_of(systems, row), systems["work"][row].copy())
-
-    def _at(self, t: float, state: State, memory: Any, held: bool) -> tuple[Instant, Gaps]:
-        systems = self.kernel.systems(state_rows([state]), memory)
-        hold_rows(systems, None if held else rows_held_near(self.environment, t, state, self.generic_rank))
-        self._run(systems, t, np.zeros(1), held)
-        refuse(systems)
-        return self._instant(systems, 0, t, memory), gaps_of(systems, 0)
-
-    def _run(self, systems: Systems, begin: float, steps: Array, held: bool) -> None:
-        acting = self.environment.inputs
-        assert isinstance(acting, Inputs)
-        wrench = acting.shaped(self.environment.chain).object_wrench
-        assert wrench is not None
-        inputs = {
-            "begin": np.array(begin),
-            "step": steps,
-            "held": np.array(float(held)),
-            "object_wrench": wrench,
-            "search": np.array(0.0),  # `simulate` does, and finds when
-        }
-        self.kernel.run(systems, inputs, {})
-
-    def _instant(self, systems: Systems, row: int, t: float, memory: Any) -> Instant:
-        chain, inputs = self.environment.at(t, state_of(systems, row))
-        return instant_of(systems, row, Moment(t, chain, inputs.shaped(chain), None, memory))
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,12 +211,6 @@ class StagewiseStepper:
         self.kernel.run(systems, inputs, parameters)
         refuse(systems)
         return systems
-
-
-def hold_rows(systems: Systems, held: Array | None) -> None:
-    """Let systems whose steps hold chosen rows hold these; None: leave them as they are."""
-    if held is not None:
-        systems["held_rows"][...] = held
 
 
 def _on_links(chain: ClosedChain, acting: Sequence[Inputs]) -> dict[str, Array]:
