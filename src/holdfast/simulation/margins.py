@@ -7,7 +7,7 @@ Where nothing limits, a margin is infinite; a negative margin is a violation.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, Self, get_args
@@ -66,18 +66,27 @@ class Signals:
         return np.flatnonzero(np.array([*grasps, *joint_limits(chain).limited.flat]))
 
     def of(self, at: Instant) -> Array:
-        """Return all margins at an instant, (arms + 3 n,).
+        """Return all margins at an instant, (arms + 3 n,); see `of_each`."""
+        return self.of_each([at])[0]
+
+    def of_each(self, instants: Sequence[Instant]) -> Array:
+        """Return all margins at some instants, (instants, arms + 3 n).
 
         Where the grasp forces are not unique, one is a violation only if no internal force holds every
         grasp: negative then, in place of what the smallest forces give (`margin_range`, a tenth of a second).
         """
-        joints = margins_of_joints(self._joint_limits, *at.joints)
-        if not self._grasps_limited:
-            return np.concatenate([np.full(len(self.chain.arms), np.inf), *joints])
+        q, qd, tau = (np.array(of_joints) for of_joints in zip(*(at.joints for at in instants), strict=True))
+        grasps = np.full((len(instants), len(self.chain.arms)), np.inf)
+        if self._grasps_limited:
+            grasps = np.array([self._of_grasps(at) for at in instants])
+        return np.concatenate([grasps, *margins_of_joints(self._joint_limits, q, qd, tau)], axis=1)
+
+    def _of_grasps(self, at: Instant) -> Array:
+        """Return the margins of the grasps by arm, (arms,)."""
         given = grasp_margins(at.chain, at.state, at.result.grasp_wrench)
         if at.result.status is Status.INDETERMINATE_FORCES and (given < 0).any():
             given = np.where(given < 0, margin_range(at.chain, at.state, at.result).together, given)
-        return np.concatenate([by_arm(self.chain, given), *joints])
+        return by_arm(self.chain, given)
 
     @cached_property
     def _joint_limits(self) -> JointLimits:
@@ -183,6 +192,8 @@ class ViolationTracker:
             signals: of the chain then.
             now: the instant.
         """
+        if not (margins < 0.0).any() and np.isinf(self.since).all():
+            return replace(self, lowest=np.minimum(self.lowest, margins)), []
         here = np.array([t]), margins[None]
         return self._followed([(i, *here) for i in signals.limited], signals, lambda _, i: signals.description(now, i))
 

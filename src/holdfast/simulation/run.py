@@ -91,7 +91,7 @@ def next_state(at: RunState) -> RunState | str | None:
         stop += 1
     if stop == len(times):
         return None
-    at = replace(at, checkpoint=replace(saved, stop=stop))
+    at = at if stop == saved.stop else replace(at, checkpoint=replace(saved, stop=stop))
     return _jumped(at) if jumps[stop] else stepped(_asked(at))
 
 

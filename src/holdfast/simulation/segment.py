@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -154,8 +154,14 @@ class Segment:
         return sampled(hold, self.law, t, state, held, acting)
 
     def margins(self, at: Instant) -> Array:
-        """Return all margins at an instant; nothing is computed where nothing limits."""
-        return self.signals.of(at) if len(self.signals.limited) else np.full(len(self.signals), np.inf)
+        """Return all margins at an instant, (signals,)."""
+        return self.margins_of([at])[0]
+
+    def margins_of(self, instants: Sequence[Instant]) -> Array:
+        """Return all margins at some instants, (instants, signals); nothing is computed where nothing limits."""
+        if len(self.signals.limited):
+            return self.signals.of_each(instants)
+        return np.full((len(instants), len(self.signals)), np.inf)
 
 
 def first_segment(settings: RunSettings, start: Origin) -> Segment:

@@ -25,7 +25,7 @@ from holdfast.simulation.rollout.compiled_steppers import stepper_for
 from holdfast.simulation.run import next_state, resumed_run, start_of_run
 from holdfast.simulation.run_state import RunState
 from holdfast.simulation.runge_kutta import scheme as scheme_named
-from holdfast.simulation.sample import sample
+from holdfast.simulation.sample import Recorder
 from holdfast.simulation.segment import MakeStepper, RunSettings
 from holdfast.simulation.setting import Setting, recorded_base
 from holdfast.simulation.stops import ALIKE, MOST_STEPS, step_times, stops
@@ -137,14 +137,14 @@ def simulate(
         controller = clipped(controller, chain)
     settings = RunSettings(environment, controller, hold, make, named, tolerance, limit, policy, ordered, ends)
 
-    samples: list[Trajectory] = []
+    samples, recorder = list[Trajectory](), Recorder(0 if environment.base_motion else len(ends.times))
     at = start_of_run(settings, state) if start is None else resumed_run(settings, start)
     first = reported = 0 if start is None else len(start.occurrences)
 
     def keep(at: RunState) -> None:
         nonlocal reported
         happened = at.checkpoint.occurrences
-        samples.append(sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins, happened[reported:]))
+        samples.append(recorder.sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins, happened[reported:]))
         reported = len(happened)
         if on_sample is not None:
             on_sample(samples[-1])
@@ -169,7 +169,7 @@ def simulate(
                 progress(later.now.t)
         at = later
     if not samples:  # a run that went on from its end
-        none = stacked([sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins)], later)
+        none = stacked([recorder.sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins)], later)
         run = replace(none, **{name: getattr(none, name)[:0] for name in array_names()})
     else:
         run = replace(stacked(samples, later), occurrences=at.checkpoint.occurrences[first:])
