@@ -91,21 +91,75 @@ class ControlLaw(Frozen):
         Raises:
             StateError: the law has parameters, which a controller is not given.
         """
-        self.require_no_parameters()
-        tau, kept = self.torque(t, state, self.memory if memory is None else memory, {})
-        return np.asarray(tau), kept
+        return self.given({})(t, state, memory)
 
-    def require_no_parameters(self) -> None:
-        """Refuse to be a controller, which has no parameters.
+    def given(self, values: Mapping[str, ArrayLike]) -> GivenLaw:
+        """Return the law under values of its parameters: a controller, which needs no more.
+
+        Args:
+            values: of every parameter, by name.
 
         Raises:
-            StateError: the law has parameters.
+            StateError: one is missing, unknown, of another shape or not finite.
         """
-        if self.parameters:
+        for name in values:
+            if name not in self.parameters:
+                raise StateError(
+                    f"control law: no parameter '{name}'.{checks.did_you_mean(str(name), self.parameters)}"
+                )
+        if missing := [name for name in self.parameters if name not in values]:
             raise StateError(
-                f"controller: the law takes {', '.join(self.parameters)}, which only a rollout can give; try"
-                " holdfast.compile_rollout"
+                f"controller: the law takes {', '.join(missing)}, got no value; try"
+                f" parameters={{'{missing[0]}': ...}}, or holdfast.compile_rollout for many values at once"
             )
+        found = {
+            name: checks.numbers(values[name], shape, f"control law: parameter '{name}'", StateError)
+            for name, shape in self.parameters.items()
+        }
+        return GivenLaw(self, found)
+
+
+@dataclass(frozen=True, eq=False)
+class GivenLaw(Frozen):
+    """A control law under values of its parameters; `ControlLaw.given` makes it.
+
+    Attributes:
+        law: the law.
+        values: of all its parameters, by name.
+    """
+
+    law: ControlLaw
+    values: Mapping[str, Array]
+
+    def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
+        """Return the torques on floats, as any controller does."""
+        tau, kept = self.law.torque(t, state, self.law.memory if memory is None else memory, self.values)
+        return np.asarray(tau), kept
+
+
+def given_law(controller: Any, parameters: Mapping[str, ArrayLike] | None) -> Any:
+    """Return a control law under its parameters; any other controller, which takes none, as it is.
+
+    Args:
+        controller: any.
+        parameters: values by name; None: none are given.
+
+    Raises:
+        ModelError: parameters that are no mapping.
+        StateError: they do not fit the law, or the controller takes none.
+    """
+    values = {} if parameters is None else parameters
+    if not isinstance(values, Mapping):
+        got = type(values).__name__
+        raise ModelError(f"simulation: parameters: expected a mapping from a name to a value, got {got}")
+    if isinstance(controller, ControlLaw):
+        return controller.given(values)
+    if values:
+        raise StateError(
+            f"simulation: parameters: expected none, got {', '.join(map(str, values))}: only a ControlLaw takes them;"
+            " try ControlLaw(torque, parameters={name: shape}), or a function that knows their values"
+        )
+    return controller
 
 
 def _shape(name: str, shape: Sequence[int]) -> Shape:

@@ -7,9 +7,10 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from holdfast.control.clipped import clipped
-from holdfast.control.controller import ControlLaw, Controller, require_controller
+from holdfast.control.controller import ControlLaw, Controller, given_law, require_controller
 from holdfast.dynamics.near_singular import NEAR, nearly_lost
 from holdfast.errors import HoldfastError, StateError
 from holdfast.model import checks
@@ -46,6 +47,7 @@ def simulate(
     inputs: GivenInputs | None = None,
     events: Sequence[Event] = (),
     breakpoints: Iterable[float] = (),
+    parameters: Mapping[str, ArrayLike] | None = None,
     sample_time: float | None = None,
     delay: float = 0.0,
     on_slip: OnSlip = "stop",
@@ -84,6 +86,7 @@ def simulate(
             alone. It is asked at every stage for the time and state there, and may give wrenches only.
         events: `Attach` and `Release` at given times.
         breakpoints: times at which torques or inputs jump or change their course; steps end there.
+        parameters: values of a `ControlLaw`'s parameters, by name; others take none.
         sample_time: of a digital controller [s]: it is asked once a sample, with the state of that moment, and its
             torques are held until the next (zero-order hold); steps end at samples. None: asked at every stage.
         delay: from a sample to when its torques act [s]; until then those before, at first those of the first sample.
@@ -109,16 +112,14 @@ def simulate(
     Raises:
         ModelError: a duration or step that is not positive, too many steps, an unknown policy or scheme, an
             impossible event, a sample time or delay that no run can have, or a controller that is no function.
-        StateError: the initial state breaks a grasp, the controller returns no torques and memory that fit, or it is a
-            law that takes parameters.
+        StateError: the initial state breaks a grasp, the controller returns no torques and memory that fit, or the
+            parameters are not those of its law.
         SingularChainError: the initial configuration is singular.
     """
     checks.instance(chain, ClosedChain, "simulation: chain")
     checks.instance(state, State, "simulation: state", StateError)
     require_controller(controller)
     checks.instance(name, str, "simulation: name")
-    if isinstance(controller, ControlLaw):
-        controller.require_no_parameters()
     named = scheme_named(scheme)
     grid = step_times(duration, step)
     state.fits(chain)
@@ -135,7 +136,8 @@ def simulate(
     limit = None if largest_drift is None else checks.number(largest_drift, "simulation: largest_drift", above=0.0)
     if policy.on_limit == "clip":
         controller = clipped(controller, chain)
-    settings = RunSettings(environment, controller, hold, make, named, tolerance, limit, policy, ordered, ends)
+    acting = given_law(controller, parameters)
+    settings = RunSettings(environment, acting, hold, make, named, tolerance, limit, policy, ordered, ends)
 
     samples, recorder = list[Trajectory](), Recorder(0 if environment.base_motion else len(ends.times))
     at = start_of_run(settings, state) if start is None else resumed_run(settings, start)
@@ -177,6 +179,7 @@ def simulate(
     asked = {"scheme": scheme, "on_slip": on_slip, "on_limit": on_limit, "on_singular": on_singular, "rtol": rtol}
     called = getattr(controller, "__qualname__", type(controller).__qualname__)
     asked |= {"atol": atol, "largest_drift": limit, "controller": called}
+    asked |= {} if not parameters else {"parameters": {name: x.tolist() for name, x in acting.values.items()}}
     asked |= {} if hold is None else {"sample_time": hold.sample_time, "delay": hold.delay}
     return replace(run, setting=Setting(chain, moved, name, float(duration), float(step), asked))
 

@@ -7,8 +7,8 @@ environment or the controller is asked from Python at every stage (`StagewiseSte
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, cast
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from holdfast.compiled.structure import Options
 from holdfast.compiler.errors import CompileError
-from holdfast.control.controller import ControlLaw, Controller, held_torques, torques_and_memory
+from holdfast.control.controller import ControlLaw, Controller, GivenLaw, held_torques, torques_and_memory
 from holdfast.errors import HoldfastError, MethodNotApplicable, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
@@ -28,7 +28,7 @@ from holdfast.simulation.increment import body_parts, twists
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.linearly_implicit import Implicit
 from holdfast.simulation.margins import Signals
-from holdfast.simulation.rollout.fused_stepper import FusedStepper, hold_rows
+from holdfast.simulation.rollout.fused_stepper import FusedStepper, by_name, hold_rows
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.rows import Moment, gaps_of, instant_of, refuse, state_of, state_rows
 from holdfast.simulation.rollout.user_functions import law_program
@@ -53,6 +53,7 @@ class StagewiseStepper:
         generic_rank: rank of the constraint away from singular configurations.
         scheme: the Runge-Kutta scheme.
         tolerance: what `Advance.error` compares the scheme's estimates with.
+        values: of the law's parameters, by the kernel's names.
     """
 
     environment: Environment
@@ -61,6 +62,7 @@ class StagewiseStepper:
     generic_rank: int
     scheme: Tableau
     tolerance: Tolerance
+    values: Mapping[str, Array] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -78,7 +80,9 @@ class StagewiseStepper:
             base_motion=bases_move(environment), implicit=scheme.implicit, link_wrenches=environment.of_state
         )
         kernel = StepKernel(environment.chain, ours, EULER, generic_rank, options=options, quick=True)
-        return cls(environment, controller if law is None else None, kernel, generic_rank, scheme, tolerance)
+        values = controller.values if isinstance(controller, GivenLaw) else {}
+        asked = controller if law is None else None
+        return cls(environment, asked, kernel, generic_rank, scheme, tolerance, by_name(values))
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
         """Return the chain at a given state, projected onto the grasps; see `Stepper`."""
@@ -191,6 +195,7 @@ class StagewiseStepper:
             "held": np.array(float(held)),
             "object_wrench": np.array([m.inputs.object_wrench for m in moments]),
             "keep_rows": np.array(float(rows is not None)),
+            **self.values,
         }
         if self.environment.of_state:
             inputs |= _on_links(self.environment.chain, [m.inputs for m in moments])
@@ -273,14 +278,14 @@ def stepper_for(
     on_links = any(x is not None for x in (acting.link_wrenches, acting.trunk_link_wrenches))
     if (few and not scheme.adaptive) or on_links:
         return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)
-    law = law_of(controller, environment.chain)
+    law, values = law_of(controller, environment.chain), getattr(controller, "values", {})
     motions = environment.base_motion.values()
     traceable = not unsteady(environment.inputs) and all(getattr(motion, "traceable", False) for motion in motions)
     if law is None or scheme.adaptive or not traceable:
         if _moves_trunk_base(environment, acting):  # which stagewise steps have no place for
             return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)
         return StagewiseStepper.of(environment, controller, generic_rank, scheme, tolerance, law)
-    return FusedStepper.of(environment, law, scheme, generic_rank)
+    return FusedStepper.of(environment, law, scheme, generic_rank, values)
 
 
 def _acting_at_first(environment: Environment) -> Inputs:
@@ -303,9 +308,8 @@ def law_of(controller: Controller | ControlLaw, chain: ClosedChain) -> ControlLa
     Raises:
         StateError: a law that takes parameters.
     """
-    if isinstance(controller, ControlLaw):
-        controller.require_no_parameters()
-        return controller
+    if isinstance(controller, ControlLaw | GivenLaw):
+        return controller.given({}).law if isinstance(controller, ControlLaw) else controller.law
     if not getattr(controller, "traceable", False):
         return None
     key = exact_fingerprint(controller)

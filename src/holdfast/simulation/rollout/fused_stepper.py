@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -31,18 +31,27 @@ class FusedStepper:
         kernel: its step.
         scheme: the Runge-Kutta scheme of its steps; it estimates no errors.
         generic_rank: rank of the constraint away from singular configurations.
+        values: of the law's parameters, by the kernel's names.
     """
 
     environment: Environment
     kernel: StepKernel
     scheme: Tableau
     generic_rank: int
+    values: Mapping[str, Array] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, environment: Environment, law: ControlLaw, scheme: Tableau, generic_rank: int) -> FusedStepper:
-        """Return the stepper of a law."""
+    def of(
+        cls,
+        environment: Environment,
+        law: ControlLaw,
+        scheme: Tableau,
+        generic_rank: int,
+        values: Mapping[str, Array] | None = None,
+    ) -> FusedStepper:
+        """Return the stepper of a law, under values of its parameters."""
         kernel = StepKernel(environment.chain, law, scheme, generic_rank, motions=environment.base_motion, quick=True)
-        return cls(environment, kernel, scheme, generic_rank)
+        return cls(environment, kernel, scheme, generic_rank, by_name(values or {}))
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
         """Return the chain at a given state, projected onto the grasps; see `Stepper`."""
@@ -83,6 +92,7 @@ class FusedStepper:
             "held": np.array(float(held)),
             "object_wrench": wrench,
             "search": np.array(0.0),  # `simulate` does, and finds when
+            **self.values,
         }
         self.kernel.run(systems, inputs, {})
 
@@ -103,6 +113,11 @@ class FusedStepper:
         acting = self.environment.inputs
         assert isinstance(acting, Inputs)
         return acting.shaped(self.environment.chain)
+
+
+def by_name(values: Mapping[str, Array]) -> dict[str, Array]:
+    """Return values of a law's parameters by the kernel's names."""
+    return {f"control.{name}": x for name, x in values.items()}
 
 
 def hold_rows(systems: Systems, held: Array | None) -> None:
