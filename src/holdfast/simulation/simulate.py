@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 
@@ -10,11 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.control.clipped import clipped
-from holdfast.control.controller import ControlLaw, Controller, given_law, require_controller
+from holdfast.control.compiled_law import CompiledLaws
+from holdfast.control.controller import ControlLaw, Controller, given_law, machine_code, require_controller
 from holdfast.dynamics.near_singular import NEAR, nearly_lost
 from holdfast.errors import HoldfastError, StateError
+from holdfast.forces.margins import joint_limits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.accounts import WORTH_COMPILING
 from holdfast.simulation.adaptive import RTOL, Tolerance
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.environment import BaseMotion, Environment
@@ -31,6 +35,7 @@ from holdfast.simulation.segment import MakeStepper, RunSettings
 from holdfast.simulation.setting import Setting, recorded_base
 from holdfast.simulation.stops import ALIKE, MOST_STEPS, step_times, stops
 from holdfast.simulation.trajectory import Trajectory, array_names, stacked
+from holdfast.simulation.verification import LOOKS
 from holdfast.simulation.zero_order_hold import zero_order_hold
 from holdfast.state import Inputs, State
 
@@ -139,37 +144,41 @@ def simulate(
     acting = given_law(controller, parameters)
     settings = RunSettings(environment, acting, hold, make, named, tolerance, limit, policy, ordered, ends)
 
+    calls = len(ends.times) * (1 if hold else len(named.c) * (LOOKS if joint_limits(chain).limited.any() else 1))
     samples, recorder = list[Trajectory](), Recorder(0 if environment.base_motion else len(ends.times))
-    at = start_of_run(settings, state) if start is None else resumed_run(settings, start)
-    first = reported = 0 if start is None else len(start.occurrences)
+    with laws_by_machine_code(chain, calls):
+        at = start_of_run(settings, state) if start is None else resumed_run(settings, start)
+        first = reported = 0 if start is None else len(start.occurrences)
 
-    def keep(at: RunState) -> None:
-        nonlocal reported
-        happened = at.checkpoint.occurrences
-        samples.append(recorder.sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins, happened[reported:]))
-        reported = len(happened)
-        if on_sample is not None:
-            on_sample(samples[-1])
-        if on_checkpoint is not None:
-            on_checkpoint(at.checkpoint)
+        def keep(at: RunState) -> None:
+            nonlocal reported
+            happened = at.checkpoint.occurrences
+            samples.append(
+                recorder.sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins, happened[reported:])
+            )
+            reported = len(happened)
+            if on_sample is not None:
+                on_sample(samples[-1])
+            if on_checkpoint is not None:
+                on_checkpoint(at.checkpoint)
 
-    if start is None:
-        keep(at)
-    while True:
-        try:
-            later = next_state(at)
-        except HoldfastError as cause:
-            later = f"stopped after t = {at.now.t:.6g} s: {reason(cause, at.now)}"
-        if not isinstance(later, RunState):
-            break
-        if len(samples) > MOST_STEPS + len(ends.times):  # of its own an adaptive scheme would go on for ever
-            later = f"stopped after t = {at.now.t:.6g} s: more than {MOST_STEPS} steps; try a larger rtol"
-            break
-        if later.now.t > at.now.t:
-            keep(later)
-            if progress is not None:
-                progress(later.now.t)
-        at = later
+        if start is None:
+            keep(at)
+        while True:
+            try:
+                later = next_state(at)
+            except HoldfastError as cause:
+                later = f"stopped after t = {at.now.t:.6g} s: {reason(cause, at.now)}"
+            if not isinstance(later, RunState):
+                break
+            if len(samples) > MOST_STEPS + len(ends.times):  # of its own an adaptive scheme would go on for ever
+                later = f"stopped after t = {at.now.t:.6g} s: more than {MOST_STEPS} steps; try a larger rtol"
+                break
+            if later.now.t > at.now.t:
+                keep(later)
+                if progress is not None:
+                    progress(later.now.t)
+            at = later
     if not samples:  # a run that went on from its end
         none = stacked([recorder.sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins)], later)
         run = replace(none, **{name: getattr(none, name)[:0] for name in array_names()})
@@ -182,6 +191,21 @@ def simulate(
     asked |= {} if not parameters else {"parameters": {name: x.tolist() for name, x in acting.values.items()}}
     asked |= {} if hold is None else {"sample_time": hold.sample_time, "delay": hold.delay}
     return replace(run, setting=Setting(chain, moved, name, float(duration), float(step), asked))
+
+
+@contextmanager
+def laws_by_machine_code(chain: ClosedChain, calls: int) -> Iterator[None]:
+    """Let ready-made controllers and control laws that are called on floats be machine code, where it is worth while.
+
+    Args:
+        chain: whose joints they drive.
+        calls: how many there will be, about.
+    """
+    token = machine_code.set(CompiledLaws(chain) if calls >= WORTH_COMPILING else None)
+    try:
+        yield
+    finally:
+        machine_code.reset(token)
 
 
 SINGULAR = (

@@ -15,12 +15,11 @@ from typing import Any, cast
 import numpy as np
 
 from holdfast.compiled.structure import Options
-from holdfast.compiler.errors import CompileError
 from holdfast.control.controller import ControlLaw, Controller, GivenLaw, held_torques, torques_and_memory
+from holdfast.control.traced_law import law_of
 from holdfast.errors import HoldfastError, MethodNotApplicable, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
-from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.external_inputs import MOVING_BASES, GivenInputs
@@ -31,7 +30,6 @@ from holdfast.simulation.margins import Signals
 from holdfast.simulation.rollout.fused_stepper import FusedStepper, by_name, hold_rows
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
 from holdfast.simulation.rollout.rows import Moment, gaps_of, instant_of, refuse, state_of, state_rows
-from holdfast.simulation.rollout.user_functions import law_program
 from holdfast.simulation.runge_kutta import EULER, Tableau, rotation_vector_rate
 from holdfast.simulation.step import Closing, Gaps, Question, Stage, answered_together, course_of, rows_held_near
 from holdfast.simulation.stepper import NO_GAPS, Advance, ReferenceStepper, Stepper
@@ -300,23 +298,3 @@ def _moves_trunk_base(environment: Environment, acting: Inputs) -> bool:
     """Return whether the base of a trunk in the world moves."""
     given = (acting.trunk_base_twist, acting.trunk_base_acceleration)
     return TRUNK in environment.base_motion or any(x is not None for x in given)
-
-
-def law_of(controller: Controller | ControlLaw, chain: ClosedChain) -> ControlLaw | None:
-    """Return the law of a controller that can be traced, or None.
-
-    Raises:
-        StateError: a law that takes parameters.
-    """
-    if isinstance(controller, ControlLaw | GivenLaw):
-        return controller.given({}).law if isinstance(controller, ControlLaw) else controller.law
-    if not getattr(controller, "traceable", False):
-        return None
-    key = exact_fingerprint(controller)
-    law = ControlLaw(lambda t, state, memory, given: (controller(t, state, None)[0], memory), key=key or "")
-    if key is None:  # a part of it is the user's own, such as a path
-        try:
-            law_program(law, chain)
-        except CompileError:
-            return None
-    return law
