@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
 
 from holdfast.compiled.externals import shapes, state_fields
 from holdfast.compiler.errors import CompileError
@@ -11,6 +14,7 @@ from holdfast.compiler.trace import trace
 from holdfast.control.controller import ControlLaw, Controller, GivenLaw
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint
+from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, Scalar, array
 from holdfast.state import State
 
@@ -26,13 +30,28 @@ def law_of(controller: Controller | ControlLaw, chain: ClosedChain) -> ControlLa
     if not getattr(controller, "traceable", False):
         return None
     key = exact_fingerprint(controller)
-    law = ControlLaw(lambda t, state, memory, given: (controller(t, state, None)[0], memory), key=key or "")
+    law = ControlLaw(OwnTorque(controller), key=key or "")
     if key is None:  # a part of it is the user's own, such as a path
         try:
             law_program(law, chain)
         except CompileError:
             return None
     return law
+
+
+@dataclass(frozen=True, eq=False)
+class OwnTorque(Frozen):
+    """The torques of a controller that remembers nothing, as those of a law.
+
+    Attributes:
+        controller: the controller.
+    """
+
+    controller: Controller
+
+    def __call__(self, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
+        """Return the torques (n,) and the memory."""
+        return np.asarray(self.controller(t, state, None)[0]), memory
 
 
 def law_outputs(
