@@ -14,7 +14,6 @@ from . import robots as robots
 from . import simulation as simulation
 from .assembly.assemble import assemble as assemble
 from .compiled.chain import compile as compile
-from .control.compiled_law import compile_law as compile_law
 from .control.controller import ControlLaw as ControlLaw
 from .control.holding_torques import holding_torques as holding_torques
 from .dynamics.closing import close as close

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import ControlLaw, MethodNotApplicable, ModelError, StateError, compile_law
+from holdfast import ControlLaw, MethodNotApplicable, ModelError, StateError
 from holdfast.compiler.errors import CompileError
 from holdfast.control.clipped import clipped
+from holdfast.control.compiled_law import compile_law
 from holdfast.control.controller import machine_code
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.control.object_tracking import ObjectTracking

@@ -73,6 +73,8 @@ def require_shown(window: Window, found: StepMargins, tracker: ViolationTracker)
     Raises:
         StepTooLongError: shorter steps disagree.
     """
+    if not (found.margins < 0.0).any():
+        return
     signals = window.segment.signals
     fresh = np.flatnonzero(np.isinf(tracker.since) & (found.margins.min(axis=0) < 0.0)).tolist()
     for k, together in _by_time(found, fresh):

@@ -10,7 +10,7 @@ from holdfast.dynamics.contact_places import tip_frames
 from holdfast.dynamics.result import Status
 from holdfast.forces.force_split import Splitter
 from holdfast.forces.margin_interval import margin_range
-from holdfast.forces.margins import grasp_margins
+from holdfast.forces.margins import conditions, grasp_margins
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.accounts import WORTH_COMPILING, Accounts, CompiledAccounts, accounts_of
 from holdfast.simulation.balance import Sums
@@ -33,7 +33,7 @@ class Recorder:
     def __init__(self, samples: int = 1) -> None:
         """Take how many samples there will be, about."""
         self.worth_compiling = samples >= WORTH_COMPILING
-        self._splitter: tuple[object, Splitter] | None = None
+        self._of_grasps: OfGrasps | None = None
         self._compiled: CompiledAccounts | None = None
 
     def sample(
@@ -56,11 +56,8 @@ class Recorder:
             occurrences: what happened since the sample before.
         """
         chain, state, found, books = at.chain, at.state, at.result, self._accounts(at)
-        parts = self._splitting(chain)(state, found.grasp_wrench)
-        allowed = margin_range(chain, state, found)
-        unique = found.status is not Status.INDETERMINATE_FORCES
-        margin = allowed.best if unique else grasp_margins(chain, state, found.grasp_wrench)
-        now, best, worst = (by_arm(chain, m) for m in (margin, allowed.best, allowed.worst))
+        same = self._same(chain)
+        parts, (now, best, worst) = same.split(state, found.grasp_wrench), same.margins(at)
         lowest, when = _lowest(times, margins)
         l = len(chain.arms)
         joint, joint_lowest, joint_when = _lowest_joints(lowest[l:], when[l:])
@@ -78,8 +75,8 @@ class Recorder:
             load_share=np.zeros(l) if parts.load_share is None else parts.load_share,
             wrist_wrench=books.wrist,
             base_wrench=found.base_wrench,
-            holding=np.array([name in chain.grasps for name in chain.names]),
-            spin=spins(chain, state),
+            holding=same.holding,
+            spin=spins(chain, state) if same.soft else np.zeros(l),
             margin=now,
             best_margin=best,
             worst_margin=worst,
@@ -113,11 +110,41 @@ class Recorder:
             self._compiled = CompiledAccounts(at.chain)
         return self._compiled.of(at)
 
-    def _splitting(self, chain: ClosedChain) -> Splitter:
-        """Return the splitter of these grasps; wherever bases are, it is the same."""
-        if self._splitter is None or self._splitter[0] is not chain.grasps:
-            self._splitter = chain.grasps, Splitter(chain)
-        return self._splitter[1]
+    def _same(self, chain: ClosedChain) -> OfGrasps:
+        """Return what follows from these grasps; wherever bases are, it is the same."""
+        if self._of_grasps is None or self._of_grasps.grasps is not chain.grasps:
+            self._of_grasps = OfGrasps(chain)
+        return self._of_grasps
+
+
+class OfGrasps:
+    """What stays the same as long as the grasps do.
+
+    Attributes:
+        grasps: of the chain.
+        split: of their wrenches.
+        holding: (arms,) whether each arm has one.
+        soft: whether the contact of one may spin.
+        limited: whether something limits one.
+    """
+
+    def __init__(self, chain: ClosedChain) -> None:
+        self.grasps, self.split = chain.grasps, Splitter(chain)
+        self.holding = np.array([name in chain.grasps for name in chain.names])
+        self.soft = any(grasp.of_kind.rate_rows for grasp in chain.grasps.values())
+        self.limited = any(conditions(grasp) for grasp in chain.grasps.values())
+
+    def margins(self, at: Instant) -> tuple[Array, Array, Array]:
+        """Return the margins now, the best and the worst that internal forces allow, by arm (arms,) each."""
+        chain, state, found = at.chain, at.state, at.result
+        unique = found.status is not Status.INDETERMINATE_FORCES
+        if unique and not self.limited:
+            none = np.full(len(self.holding), np.inf)
+            return none, none, none
+        allowed = margin_range(chain, state, found)
+        margin = allowed.best if unique else grasp_margins(chain, state, found.grasp_wrench)
+        now, best, worst = (by_arm(chain, m) for m in (margin, allowed.best, allowed.worst))
+        return now, best, worst
 
 
 def spins(chain: ClosedChain, state: State) -> Array:
