@@ -104,6 +104,14 @@ def exact_state(parts: Mapping[str, Array]) -> State:
     return state
 
 
+def found_state(parts: Mapping[str, Array]) -> State:
+    """Return a state of arrays that machine code has found good, and that nobody else holds; see `exact_state`."""
+    state = object.__new__(State)
+    vars(state).update({"base_pose": None, "base_twist": None})
+    vars(state).update({name: checks.read_only(x) for name, x in parts.items()})
+    return state
+
+
 def _pose(given: Any, what: str) -> Array:
     """Return a pose as checked unit quaternion and position, (7,)."""
     pose = given.wxyz_xyz if isinstance(given, Pose) else given

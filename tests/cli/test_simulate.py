@@ -5,6 +5,7 @@ import re
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import holdfast.cli.simulate as command
@@ -55,6 +56,27 @@ def test_refused(scene, capsys, old, new, code, message):
     assert all(line.startswith("simulating") for line in begun)
     assert said.out == ""
     assert not Path("results").exists()
+
+
+def test_sampled(scene, capsys):
+    """Sample time and delay by an option or in the scene: the same run, both kept with it; bad ones are refused."""
+    scene.write_text(TEXT.replace("duration = 2.0", "duration = 0.012").replace("begin = 0.2", "begin = 0.0"))
+    options = ["--sample-time", "4e-3", "--delay", "1e-3", "--no-plots"]
+    assert main(["simulate", str(scene), "--out", "by_option", *options]) == 0
+    scene.write_text(scene.read_text().replace("step = 0.002", "step = 0.002\nsample_time = 4e-3\ndelay = 1e-3"))
+    assert main(["simulate", str(scene), "--out", "by_scene", "--no-plots"]) == 0
+    runs = [load_result(folder) for folder in ("by_option", "by_scene")]
+    same_bits(*(one.trajectory for one in runs))
+    assert [one.meta.options for one in runs] == [{"sample_time": 4e-3, "delay": 1e-3}] * 2
+    assert len(np.unique(runs[0].trajectory.tau, axis=0)) >= 3
+    capsys.readouterr()
+    for bad, message in ((["--sample-time", "0"], "expected > 0"), (["--delay", "2"], "less than the duration")):
+        assert main(["simulate", str(scene), "--out", "bad", *bad]) == 2
+        assert message in capsys.readouterr().err
+    assert not Path("bad").exists()
+    scene.write_text(scene.read_text().replace("sample_time = 4e-3", "sample_time = -4e-3"))
+    assert main(["simulate", str(scene), "--out", "bad"]) == 2
+    assert "$.simulation.sample_time: expected > 0, got -0.004" in capsys.readouterr().err
 
 
 def test_step_too_long(scene, capsys):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holdfast import ControlLaw, HoldfastError, ModelError, StateError, simulate
+from holdfast import ControlLaw, HoldfastError, Inputs, ModelError, StateError, compile_rollout, simulate
 from holdfast.control import TorqueSchedule
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.simulation.rollout.compiled_steppers import WORTH_COMPILING
@@ -40,7 +40,7 @@ def run(controller, steps: int, **options):
         (
             ControlLaw(lambda t, x, m, given: (-given["gain"] * x.qd, m), parameters={"gain": ()}),
             StateError,
-            "controller: the law takes gain, which only a rollout can give; try holdfast.compile_rollout",
+            "controller: the law takes gain, got no value; try parameters={'gain': ...}, or holdfast.compile_rollout",
         ),
     ],
 )
@@ -82,3 +82,65 @@ def test_surroundings(options, message):
     options = {key: {chain.names[0]: of["arm0"]} if isinstance(of, dict) else of for key, of in options.items()}
     with pytest.raises(HoldfastError, match=message.replace("arm0", chain.names[0])):
         run(GravityCompensation(chain), 2, **options)
+
+
+GIVEN = {"gain": 0.7, "target": np.linspace(-1.0, 1.0, N)}
+PULLED = ControlLaw(
+    lambda t, x, m, given: (given["gain"] * (given["target"] - x.q) - x.qd + m, 0.5 * m),
+    memory=np.full(N, 0.1),
+    parameters={"gain": (), "target": (N,)},
+)
+
+
+@pytest.mark.parametrize(
+    ("options", "steps"),
+    [
+        ({"on_limit": "clip"}, STEPS["few"]),
+        ({"sample_time": 2e-4}, STEPS["few"]),
+        ({}, WORTH_COMPILING),
+        ({"inputs": lambda t: Inputs()}, WORTH_COMPILING),
+        pytest.param({"on_limit": "clip", "sample_time": 2e-4}, STEPS["many"], marks=pytest.mark.long),
+    ],
+)
+def test_parameters_of_a_law(options, steps):
+    """By the reference or machine code, whole or stagewise, sampled or not: as a function that knows the values."""
+
+    def known(t, x, memory):
+        memory = np.full(N, 0.1) if memory is None else memory
+        return 0.7 * (np.linspace(-1.0, 1.0, N) - x.q) - x.qd + memory, 0.5 * memory
+
+    mine, theirs = run(PULLED, steps, parameters=GIVEN, **options), run(known, steps, **options)
+    for name in ("q", "qd", "tau", "work"):
+        np.testing.assert_allclose(getattr(mine, name), getattr(theirs, name), rtol=0.0, atol=1e-12)
+    kept = mine.setting.options["parameters"]
+    assert kept["gain"] == 0.7
+    assert list(kept["target"]) == GIVEN["target"].tolist()
+    assert "parameters" not in theirs.setting.options
+
+
+def test_parameters_as_in_a_rollout():
+    """The same law under the same values: the two go the same way."""
+    chain, state = problem("one")
+    rollout = compile_rollout(chain, law=PULLED)
+    systems = rollout.start(state.q, state.qd, state.object_pose, state.object_twist, **GIVEN)
+    rollout.step(systems, 1e-4, steps=STEPS["few"])
+    found = run(PULLED, STEPS["few"], parameters=GIVEN)
+    np.testing.assert_allclose(systems.q[0], found.q[-1], atol=1e-13)
+    np.testing.assert_allclose(systems.tau[0], found.tau[-1], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("controller", "parameters", "error", "message"),
+    [
+        (PULLED, {"gain": 1.0}, StateError, "the law takes target, got no value"),
+        (PULLED, GIVEN | {"gian": 1.0}, StateError, "no parameter 'gian'. Did you mean 'gain'?"),
+        (PULLED, GIVEN | {"gain": np.ones(2)}, StateError, r"parameter 'gain': expected shape \(\), got shape \(2,\)"),
+        (PULLED, GIVEN | {"gain": np.nan}, StateError, "parameter 'gain': expected finite numbers"),
+        (PULLED, [1.0], ModelError, "parameters: expected a mapping from a name to a value, got list"),
+        (lambda t, x, m: (np.zeros(N), m), GIVEN, StateError, "parameters: expected none, got gain, target: only a"),
+    ],
+)
+def test_parameters_that_do_not_fit(controller, parameters, error, message):
+    """Each is named, before anything moves."""
+    with pytest.raises(error, match=message):
+        run(controller, 2, parameters=parameters)

@@ -27,13 +27,13 @@ def course_of(*margins, known=(0.0,), broken=np.inf):
             for t in times
         ]
 
-    def of(at):
-        return np.array([margin(at.t) for margin in margins])
+    def of(instants):
+        return np.array([[margin(at.t) for margin in margins] for at in instants])
 
     asked = []
     start = SimpleNamespace(t=0.0)
     here = Advance(0.0, start, NO_GAPS, np.zeros(4))
-    return MarginCurves(reach, of, {t: of(SimpleNamespace(t=t)) for t in known}, {0.0: here}), asked
+    return MarginCurves(reach, of, {t: of([SimpleNamespace(t=t)])[0] for t in known}, {0.0: here}), asked
 
 
 def step(curves, acting=(), signals=1, lowest=np.inf, nodes=(0.0, 0.5, 0.5, 1.0)):

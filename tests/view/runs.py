@@ -11,7 +11,7 @@ from holdfast import ClosedChain, Friction, Grasp, State, close
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
-from holdfast.simulation.sample import Sums, sample
+from holdfast.simulation.sample import Recorder, Sums
 from holdfast.simulation.stepper import NO_GAPS
 from holdfast.simulation.trajectory import Trajectory, stacked
 from tests.control.two_pandas import two_pandas
@@ -37,5 +37,5 @@ def lifted(left: str = "softfinger", right: str = "ball", samples: int = 6) -> t
         here = close(chain, State(state.q, np.zeros(14), pose), hold_object=True)
         now = evaluate(Environment(chain), GravityCompensation(chain, 40.0 - 30.0 * t), float(t), here, None)
         margins = np.full((1, 2 + 3 * 14), np.inf)
-        found.append(sample(now, NO_GAPS, Sums(np.zeros(4), 0.0, np.zeros(6)), np.array([t]), margins))
+        found.append(Recorder().sample(now, NO_GAPS, Sums(np.zeros(4), 0.0, np.zeros(6)), np.array([t]), margins))
     return chain, stacked(found)

@@ -24,6 +24,7 @@ Name = Annotated[str, tyro.conf.arg(metavar="NAME")]
 ResultFolder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RESULT")]
 Target = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RESULT|SCENE")]
 OutFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+Seconds = Annotated[float | None, tyro.conf.arg(metavar="SECONDS")]
 OptionalName = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
 Format = Literal["table", "json"]
 TableFormat = Literal["csv", "parquet", "mcap"]
@@ -64,6 +65,8 @@ def simulate(
     overwrite: bool = False,
     resume: Switch = False,
     plots: bool = True,
+    sample_time: Seconds = None,
+    delay: Seconds = None,
     trust_xacro: Switch = False,
 ) -> int:
     """Simulate a scene and write a result folder.
@@ -74,11 +77,13 @@ def simulate(
         overwrite: replace an existing result folder.
         resume: go on with a run that was interrupted or killed, to the same bits.
         plots: draw the plots too (needs matplotlib); `holdfast plot` draws them later.
+        sample_time: ask the controller once every so many seconds and hold its torques; the scene's without it.
+        delay: seconds from a sample to when its torques act; the scene's without it.
         trust_xacro: expand xacro files that the scene names; that runs the Python in them.
     """
     from holdfast.cli import simulate as command
 
-    return command.simulate(scene, out, overwrite, plots, resume, trust_xacro)
+    return command.simulate(scene, out, overwrite, plots, resume, trust_xacro, sample_time, delay)
 
 
 def export(

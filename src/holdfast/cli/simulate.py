@@ -35,6 +35,8 @@ def simulate(
     with_plots: bool = True,
     resume: bool = False,
     trust_xacro: bool = False,
+    sample_time: float | None = None,
+    delay: float | None = None,
 ) -> int:
     """Simulate a scene: progress on stderr, summary on stdout, everything in the result folder.
 
@@ -45,6 +47,8 @@ def simulate(
         with_plots: write the plots too.
         resume: go on with an interrupted run of the same scene there.
         trust_xacro: expand xacro files that the scene names.
+        sample_time: of the controller [s]; the scene's if None.
+        delay: from a sample to when its torques act [s]; the scene's if None.
 
     Returns:
         0; 3 if the run was stopped by physics; 130 if the user interrupted it. What was
@@ -59,11 +63,15 @@ def simulate(
         raise ResultError("--resume goes on with a result, --overwrite replaces it; try one of them")
     folder = Path("results") / scene.stem if out is None else out
     scenario = opened_scene(scene, trust_xacro)
+    asked = {name: x for name, x in (("sample_time", sample_time), ("delay", delay)) if x is not None}
+    scenario = replace(scenario, options=scenario.options | asked)
     if with_plots:
         _require_plots()
     robots = scenario.sources
     home = str(scene.parent.resolve()) if robots else ""
-    meta = run_meta(scenario.chain, scenario.name, scenario.duration, scenario.step, scene_folder=home)
+    sampled = scenario.options["sample_time"] is not None
+    hold = {name: scenario.options[name] for name in ("sample_time", "delay")} if sampled else {}
+    meta = run_meta(scenario.chain, scenario.name, scenario.duration, scenario.step, scene_folder=home, **hold)
     if resume:
         writer = ResultWriter.resume(folder, meta, scenario.text, robots=robots)
         if writer.start is None:

@@ -28,7 +28,13 @@ from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.consistency import tip_from_contact
-from holdfast.dynamics.energy import centre_of_mass, total_kinetic_energy, total_momentum, total_potential_energy
+from holdfast.dynamics.energy import (
+    centre_of_mass,
+    total_kinetic_energy,
+    total_mass_moment,
+    total_momentum,
+    total_potential_energy,
+)
 from holdfast.dynamics.inverse import torques
 from holdfast.dynamics.kinematics import link_frames
 from holdfast.dynamics.object_level import object_mobility
@@ -173,6 +179,17 @@ def _centre_of_mass(chain: ClosedChain, x: Given) -> Found:
     return {"centre_of_mass": centre_of_mass(chain, traced_state(chain, x))}
 
 
+def _accounts(chain: ClosedChain, x: Given) -> Found:
+    state, inputs = traced_state(chain, x), traced_inputs(chain, x)
+    return {
+        "kinetic": total_kinetic_energy(chain, state, inputs),
+        "potential": total_potential_energy(chain, state),
+        "momentum": total_momentum(chain, state, inputs, np.zeros(3)),
+        "mass_moment": total_mass_moment(chain, state),
+        "tip_R": _by_arm(lambda arm, q: posture(arm, q).tip.R.ravel(), chain, x),
+    }
+
+
 def _object_mobility(chain: ClosedChain, x: Given) -> Found:
     return {"object_mobility": object_mobility(chain, traced_state(chain, x))}
 
@@ -260,3 +277,12 @@ COMPUTATIONS: dict[str, Computation] = {
         by_grasp=True,
     ),
 }
+
+ACCOUNTS = Computation(  # what a run's books say of a state, in one call
+    STATE,
+    ("gravity", *_OBJECT, "base_R", "base_p", "base_twist"),
+    _accounts,
+    {"tip_R": lambda *_: 9},
+    {"kinetic": (), "potential": (), "momentum": (6,), "mass_moment": (4,)},
+    elastic=True,
+)

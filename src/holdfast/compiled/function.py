@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.compiled import arrays
-from holdfast.compiled.arm_functions import COMPUTATIONS
+from holdfast.compiled.arm_functions import COMPUTATIONS, Computation
 from holdfast.compiled.faults import fault, faulty, largest_positions
 from holdfast.compiled.kernels import kernel
 from holdfast.compiled.parameters import parameters_of, parse_parameters, require_floating
@@ -29,15 +29,16 @@ class CompiledFunction:
         parts: per result, by arm name, where its part lies in the last axis.
     """
 
-    def __init__(self, name: str, chain: ClosedChain, options: Options) -> None:
+    def __init__(self, name: str, chain: ClosedChain, options: Options, computation: Computation | None = None) -> None:
         """Compile, or find what is compiled already.
 
         Args:
-            name: of the computation, one of `COMPUTATIONS`.
+            name: of the computation, one of `COMPUTATIONS` unless it is given.
             chain: the chain.
             options: the user's choices.
+            computation: the computation, of this room: its text decides the key on disk.
         """
-        self._chain, computation = chain, COMPUTATIONS[name]
+        self._chain, computation = chain, computation or COMPUTATIONS[name]
         structure = computation.structure(chain, options)
         self.externals = computation.externals(structure)
         self._kernel = kernel(name, structure, self.externals, lambda: computation.schedule(structure))

@@ -1,6 +1,7 @@
 """Controllers: functions (t, state, memory) -> (torques, memory)."""
 
 from .clipped import clipped as clipped
+from .compiled_law import compile_law as compile_law
 from .gravity_compensation import GravityCompensation as GravityCompensation
 from .object_tracking import ObjectTracking as ObjectTracking
 from .paths import RestToRest as RestToRest

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,6 +22,19 @@ from holdfast.state import State
 Controller = Callable[[float, State, Any], tuple[ArrayLike, Any]]
 # (t, state, memory, parameters) -> (torques (n,), memory), traced
 Torque = Callable[[Scalar, State, Array, Mapping[str, Array]], tuple[ArrayLike, ArrayLike]]
+
+
+# what finds the machine code of a controller that is called on floats, if there is any; set while runs are long
+machine_code: ContextVar[Callable[[Any], Controller | None] | None] = ContextVar("machine_code", default=None)
+
+
+def by_machine_code(controller: Any, t: float, state: State, memory: Any) -> tuple[Array, Any] | None:
+    """Return what a controller's machine code returns; None where it has none, or numbers are traced."""
+    find = machine_code.get()
+    if find is None or state.q.dtype == object:
+        return None
+    fast = find(controller)
+    return None if fast is None else fast(t, state, memory)  # type: ignore[return-value]
 
 
 def require_controller(controller: Any) -> None:
@@ -91,21 +105,81 @@ class ControlLaw(Frozen):
         Raises:
             StateError: the law has parameters, which a controller is not given.
         """
-        self.require_no_parameters()
-        tau, kept = self.torque(t, state, self.memory if memory is None else memory, {})
-        return np.asarray(tau), kept
+        found = by_machine_code(self, t, state, memory)
+        return self.given({}).on_floats(t, state, memory) if found is None else found
 
-    def require_no_parameters(self) -> None:
-        """Refuse to be a controller, which has no parameters.
+    def given(self, values: Mapping[str, ArrayLike]) -> GivenLaw:
+        """Return the law under values of its parameters: a controller, which needs no more.
+
+        Args:
+            values: of every parameter, by name.
 
         Raises:
-            StateError: the law has parameters.
+            StateError: one is missing, unknown, of another shape or not finite.
         """
-        if self.parameters:
+        for name in values:
+            if name not in self.parameters:
+                raise StateError(
+                    f"control law: no parameter '{name}'.{checks.did_you_mean(str(name), self.parameters)}"
+                )
+        if missing := [name for name in self.parameters if name not in values]:
             raise StateError(
-                f"controller: the law takes {', '.join(self.parameters)}, which only a rollout can give; try"
-                " holdfast.compile_rollout"
+                f"controller: the law takes {', '.join(missing)}, got no value; try"
+                f" parameters={{'{missing[0]}': ...}}, or holdfast.compile_rollout for many values at once"
             )
+        found = {
+            name: checks.numbers(values[name], shape, f"control law: parameter '{name}'", StateError)
+            for name, shape in self.parameters.items()
+        }
+        return GivenLaw(self, found)
+
+
+@dataclass(frozen=True, eq=False)
+class GivenLaw(Frozen):
+    """A control law under values of its parameters; `ControlLaw.given` makes it.
+
+    Attributes:
+        law: the law.
+        values: of all its parameters, by name.
+    """
+
+    law: ControlLaw
+    values: Mapping[str, Array]
+
+    def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
+        """Return torques (n,) and memory, as any controller does."""
+        found = by_machine_code(self, t, state, memory)
+        return self.on_floats(t, state, memory) if found is None else found
+
+    def on_floats(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
+        """Return the same by the law's own text."""
+        tau, kept = self.law.torque(t, state, self.law.memory if memory is None else memory, self.values)
+        return np.asarray(tau), kept
+
+
+def given_law(controller: Any, parameters: Mapping[str, ArrayLike] | None) -> Any:
+    """Return a control law under its parameters; any other controller, which takes none, as it is.
+
+    Args:
+        controller: any.
+        parameters: values by name; None: none are given.
+
+    Raises:
+        ModelError: parameters that are no mapping.
+        StateError: they do not fit the law, or the controller takes none.
+    """
+    values = {} if parameters is None else parameters
+    if not isinstance(values, Mapping):
+        got = type(values).__name__
+        raise ModelError(f"simulation: parameters: expected a mapping from a name to a value, got {got}")
+    if isinstance(controller, ControlLaw):
+        return controller.given(values)
+    if values:
+        raise StateError(
+            f"simulation: parameters: expected none, got {', '.join(map(str, values))}: only a ControlLaw takes them;"
+            " try ControlLaw(torque, parameters={name: shape}), or a function that knows their values"
+        )
+    return controller
 
 
 def _shape(name: str, shape: Sequence[int]) -> Shape:

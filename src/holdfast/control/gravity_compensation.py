@@ -7,6 +7,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from holdfast.control.controller import by_machine_code
 from holdfast.control.grasp_forces import commanded_wrenches
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.inverse import torques
@@ -52,6 +53,9 @@ class GravityCompensation(Frozen):
 
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
         """Return the torques (n,) [N m or N]; the memory is not used."""
+        found = by_machine_code(self, t, state, memory)
+        if found is not None:
+            return found
         none, posture = np.zeros(self.chain.joint_count), state.at_rest()
         wrenches = commanded_wrenches(self.chain, posture, np.zeros(6), self.squeeze)
         motion = chain_motion(self.chain, posture, none, Inputs().shaped(self.chain))

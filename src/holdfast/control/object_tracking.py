@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 from holdfast.control.computed_torque import computed_torque
+from holdfast.control.controller import by_machine_code
 from holdfast.control.grasp_forces import commanded_wrenches
 from holdfast.control.paths import Target
 from holdfast.errors import ModelError
@@ -58,6 +59,9 @@ class ObjectTracking(Frozen):
 
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
         """Return the torques (n,) [N m or N]; the memory is not used."""
+        found = by_machine_code(self, t, state, memory)
+        if found is not None:
+            return found
         chain = self.chain
         acceleration = self.commanded_acceleration(t, state)
         wrenches = commanded_wrenches(chain, state, acceleration, self.squeeze)

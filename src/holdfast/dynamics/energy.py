@@ -190,11 +190,16 @@ def centre_of_mass(chain: ClosedChain, state: State) -> Array:
         StateError: a state of the wrong shape for the chain.
     """
     state.fits(chain)
+    sums = total_mass_moment(chain, state)
+    return sums[1:] / sums[0]
+
+
+def total_mass_moment(chain: ClosedChain, state: State) -> Array:
+    """Return the mass [kg] of trunk, links and object and its first moment from the world's origin [kg m], (4,)."""
     at, parts = standing(chain, state, Inputs().shaped(chain)), [state.q[part] for part in chain.arm_joints]
     held = held_body(chain.held_object, state.object_frame, np.zeros(6))
     sums = sum(each(arm_mass_moment, at.arms, parts)) + held.mass_moment
-    sums = sum((body.mass_moment for body in trunk_bodies(chain, at)), start=sums)
-    return sums[1:] / sums[0]
+    return sum((body.mass_moment for body in trunk_bodies(chain, at)), start=sums)
 
 
 def arm_mass_moment(arm: Arm, q: Array) -> Array:

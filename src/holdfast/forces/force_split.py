@@ -67,6 +67,37 @@ def split(chain: ClosedChain, state: State, grasp_wrench: ArrayLike, length: flo
     return Split(motion, internal, _load_share(motion[:, 3:]), L)
 
 
+class Splitter:
+    """`split` of one chain's wrenches, again and again.
+
+    Where no grasp's axes or point follow its tip, the motion part is a linear map of the net wrench that is the same
+    in object axes wherever the object is, found once.
+    """
+
+    def __init__(self, chain: ClosedChain) -> None:
+        """Take the chain, grasps as they are."""
+        self._chain, self._by_net, self._length = chain, None, 1.0
+        grasps = chain.grasps.values()
+        if chain.grasps and not any(grasp.of_kind.follows_tip for grasp in grasps):
+            places = [_firm(ContactPlace(grasp, grasp.frame.R, grasp.frame.p)) for grasp in grasps]
+            self._length = length_scale([place.offset for place in places])
+            parts = [motion_wrenches(places, unit, self._length) for unit in np.eye(6)]
+            self._by_net = np.array(parts).reshape(6, -1).T
+        self._rows = [chain.names.index(name) for name in chain.grasps]
+        self._offsets = [grasp.frame.p for grasp in grasps]
+
+    def __call__(self, state: State, grasp_wrench: Array) -> Split:
+        """Return the parts of wrenches (arms, 6); see `split`."""
+        if self._by_net is None:
+            return split(self._chain, state, grasp_wrench)
+        R, motion, internal = state.object_frame.R, np.zeros_like(grasp_wrench), np.zeros_like(grasp_wrench)
+        in_object = (grasp_wrench[self._rows].reshape(-1, 3) @ R).reshape(-1, 6)
+        net = sum((shift_wrench(o, f) for o, f in zip(self._offsets, in_object, strict=True)), start=np.zeros(6))
+        motion[self._rows] = ((self._by_net @ net).reshape(-1, 3) @ R.T).reshape(-1, 6)
+        internal[self._rows] = grasp_wrench[self._rows] - motion[self._rows]
+        return Split(motion, internal, _load_share(motion[:, 3:]), self._length)
+
+
 def _firm(place: ContactPlace) -> ContactPlace:
     """Return a bushing's place as a rigid grasp's; any other as it is."""
     compliant = place.grasp.of_kind.compliant

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from holdfast.dynamics.arm.free_dynamics import tip_acceleration
-from holdfast.dynamics.closed.chain_motion import chain_at_rest, chain_motion
+from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.contact_places import tip_frames
 from holdfast.dynamics.result import ForwardResult, require_result_of
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import StateError
@@ -32,8 +33,8 @@ def wrist_wrenches(chain: ClosedChain, state: State, result: ForwardResult) -> A
     """
     state.fits(chain)
     wrenches = checks.numbers(result.grasp_wrench, (len(chain.arms), 6), "result: grasp_wrench", StateError)
-    arms = chain_at_rest(chain, state).arms.values()
-    return np.array([unrotate(arm.at.tip.R, f) for arm, f in zip(arms, wrenches, strict=True)])
+    tips = tip_frames(chain, state, chain.names)
+    return np.array([unrotate(tips[name].R, f) for name, f in zip(chain.names, wrenches, strict=True)])
 
 
 def last_joint_wrenches(chain: ClosedChain, state: State, result: ForwardResult, inputs: Inputs | None = None) -> Array:

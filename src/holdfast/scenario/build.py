@@ -35,13 +35,15 @@ from holdfast.scenario.trunks import SceneTrunk, scene_trunk
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.events import Attach, Event, Release, holding_after
 from holdfast.simulation.stops import step_times
+from holdfast.simulation.zero_order_hold import zero_order_hold
 from holdfast.state import Inputs, State
 
 LARGEST = 1e9
 LARGEST_FILE = 2 * 2**20  # [bytes]; seconds of reading
 DEEPEST = 20  # levels; a scene needs seven
 MOST_ARMS, MOST_JOINTS = 64, 1000
-OPTIONS = ("on_slip", "on_limit", "on_singular", "scheme", "rtol", "atol", "largest_drift")  # passed on to `simulate`
+# passed on to `simulate`
+OPTIONS = ("on_slip", "on_limit", "on_singular", "scheme", "rtol", "atol", "largest_drift", "sample_time", "delay")
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,6 +280,7 @@ def build_options(data: SceneData, chain: ClosedChain, at: Location) -> dict[str
         Tolerance(how.rtol, how.atol)
         if how.largest_drift is not None:
             checks.number(how.largest_drift, "simulation: largest_drift", above=0.0)
+        zero_order_hold(how.sample_time, how.delay, how.duration, [])
     return {
         "events": build_events(data, chain, at / "events"),
         "base_motion": swaying,

@@ -274,7 +274,8 @@ class SimulationData(_Strict):
     """How long, in which steps, and what is done about slipping grasps and passed limits.
 
     At `breakpoints` steps end; knots of a schedule, events and ends of wrenches are such times anyway. `rtol` and
-    `atol` are for an adaptive scheme, `largest_drift` for the others: see `simulate`.
+    `atol` are for an adaptive scheme, `largest_drift` for the others: see `simulate`. With a `sample_time` the
+    controller is asked once a sample, and `delay` after that its torques act.
     """
 
     duration: float
@@ -283,6 +284,8 @@ class SimulationData(_Strict):
     rtol: float = RTOL
     atol: float | None = None
     largest_drift: float | None = None
+    sample_time: float | None = None
+    delay: float = 0.0
     on_slip: OnSlip = "stop"
     on_limit: OnLimit = "record"
     on_singular: OnSingular = "stop"

@@ -41,6 +41,7 @@ from holdfast.simulation.adaptive import Proposal
 from holdfast.simulation.balance import Sums
 from holdfast.simulation.margins import ViolationTracker
 from holdfast.simulation.trajectory import Occurrence
+from holdfast.simulation.zero_order_hold import HeldTorques
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State, exact_state
@@ -82,6 +83,7 @@ class Checkpoint:
         occurrences: what has happened so far.
         proposal: what the step size control goes on with; None for steps of fixed size.
         tracker: margins so far.
+        held: where a sampled controller is; None where it is asked all along.
     """
 
     now: Origin
@@ -97,6 +99,7 @@ class Checkpoint:
     occurrences: tuple[Occurrence, ...]
     proposal: Proposal | None
     tracker: ViolationTracker = field(repr=False)
+    held: HeldTorques | None = None
 
     def to_data(self) -> tuple[dict[str, Array], dict[str, Any]]:
         """Return arrays by name, and plain data that JSON can hold.
@@ -119,6 +122,7 @@ class Checkpoint:
             "occurrences": [asdict(one) for one in self.occurrences],
             "grasps": [_grasp_data(name, grasp, arrays) for name, grasp in self.grasps.items()],
             "now": _origin_data("now", self.now, arrays),
+            "held": None if self.held is None else packed(vars(self.held), "held", arrays),
             "previous": None if self.previous is None else _origin_data("previous", self.previous, arrays),
         }
         return arrays, data
@@ -145,6 +149,7 @@ class Checkpoint:
                 sums=Sums(np.array(arrays["work"]), float(arrays["impact"]), np.array(arrays["base_impulse"])),
                 occurrences=msgspec.convert(data["occurrences"], tuple[Occurrence, ...]),
                 proposal=Proposal(*arrays["proposal"].tolist()) if len(arrays["proposal"]) else None,
+                held=_held(data.get("held"), arrays),
                 tracker=ViolationTracker(*(np.array(arrays[f"{TRACKER}.{f.name}"]) for f in fields(ViolationTracker))),
             )
         except (KeyError, TypeError, ValueError, AttributeError, msgspec.ValidationError) as cause:
@@ -164,6 +169,10 @@ def _origin_data(name: str, origin: Origin, arrays: dict[str, Array]) -> Any:
 def _origin(name: str, memory: Any, arrays: Mapping[str, Array]) -> Origin:
     saved = {part: np.array(arrays[at]) for part in _STATE if (at := f"{name}.{part}") in arrays}
     return Origin(float(arrays[f"{name}.t"]), exact_state(saved), unpacked(memory, arrays))
+
+
+def _held(data: Any, arrays: Mapping[str, Array]) -> HeldTorques | None:
+    return None if data is None else HeldTorques(**unpacked(data, arrays))
 
 
 _OF_GRASP = ("motion", "stiffness", "damping")  # the arrays that some kinds have

@@ -73,8 +73,10 @@ def require_shown(window: Window, found: StepMargins, tracker: ViolationTracker)
     Raises:
         StepTooLongError: shorter steps disagree.
     """
+    if not (found.margins < 0.0).any():
+        return
     signals = window.segment.signals
-    fresh = [int(i) for i in signals.limited if np.isinf(tracker.since[i]) and found.margins[:, i].min() < 0.0]
+    fresh = np.flatnonzero(np.isinf(tracker.since) & (found.margins.min(axis=0) < 0.0)).tolist()
     for k, together in _by_time(found, fresh):
         t, margins = float(found.times[k]), found.margins[: k + 1, together]
         if t <= window.begin.t:  # nothing leads there: it is so where a stretch begins

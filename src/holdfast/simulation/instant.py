@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -78,6 +78,11 @@ class Instant:
     power: Array
 
     @property
+    def joints(self) -> tuple[Array, Array, Array]:
+        """Joint positions, joint rates, and torques, (n,) each."""
+        return self.state.q, self.state.qd, self.tau
+
+    @property
     def velocities(self) -> Array:
         """(n + 6,) joint rates, and the object's twist; six more of a floating base."""
         return velocities(self.state)
@@ -97,6 +102,38 @@ class Instant:
         found = self.result
         accelerations = (found.object_acceleration, found.base_acceleration)
         return increment_rate(self.state, found.qdd, accelerations, self.power, turns)
+
+
+class LateInstant(Instant):
+    """An instant that is put together when it is first asked for more than its time and its joints.
+
+    Most instants inside a step are looked at for the margins of their joints alone.
+    """
+
+    def __getattr__(self, name: str) -> Any:
+        """Return an attribute that is not there yet."""
+        if name not in Instant.__dataclass_fields__:
+            raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
+        vars(self).update(vars(self._whole()))
+        return vars(self)[name]
+
+    @property
+    def joints(self) -> tuple[Array, Array, Array]:
+        """Joint positions, joint rates, and torques, (n,) each."""
+        return self._joints
+
+
+def late_instant(t: float, joints: tuple[Array, Array, Array], whole: Callable[[], Instant]) -> Instant:
+    """Return an instant that `whole` puts together when need be.
+
+    Args:
+        t: time [s].
+        joints: positions, rates and torques, (n,) each.
+        whole: returns the instant.
+    """
+    made = object.__new__(LateInstant)
+    vars(made).update({"t": t, "_joints": joints, "_whole": whole})
+    return made
 
 
 def velocities(state: State) -> Array:

@@ -7,7 +7,7 @@ Where nothing limits, a margin is infinite; a negative margin is a violation.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, Self, get_args
@@ -17,7 +17,7 @@ import numpy as np
 from holdfast.dynamics.result import Status
 from holdfast.errors import ModelError
 from holdfast.forces.margin_interval import margin_range
-from holdfast.forces.margins import conditions, grasp_margins, joint_limits, joint_margins
+from holdfast.forces.margins import JointLimits, conditions, grasp_margins, joint_limits, margins_of_joints
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
@@ -66,15 +66,35 @@ class Signals:
         return np.flatnonzero(np.array([*grasps, *joint_limits(chain).limited.flat]))
 
     def of(self, at: Instant) -> Array:
-        """Return all margins at an instant, (arms + 3 n,).
+        """Return all margins at an instant, (arms + 3 n,); see `of_each`."""
+        return self.of_each([at])[0]
+
+    def of_each(self, instants: Sequence[Instant]) -> Array:
+        """Return all margins at some instants, (instants, arms + 3 n).
 
         Where the grasp forces are not unique, one is a violation only if no internal force holds every
         grasp: negative then, in place of what the smallest forces give (`margin_range`, a tenth of a second).
         """
+        q, qd, tau = (np.array(of_joints) for of_joints in zip(*(at.joints for at in instants), strict=True))
+        grasps = np.full((len(instants), len(self.chain.arms)), np.inf)
+        if self._grasps_limited:
+            grasps = np.array([self._of_grasps(at) for at in instants])
+        return np.concatenate([grasps, *margins_of_joints(self._joint_limits, q, qd, tau)], axis=1)
+
+    def _of_grasps(self, at: Instant) -> Array:
+        """Return the margins of the grasps by arm, (arms,)."""
         given = grasp_margins(at.chain, at.state, at.result.grasp_wrench)
         if at.result.status is Status.INDETERMINATE_FORCES and (given < 0).any():
             given = np.where(given < 0, margin_range(at.chain, at.state, at.result).together, given)
-        return np.concatenate([by_arm(self.chain, given), *joint_margins(at.chain, at.state, at.tau)])
+        return by_arm(self.chain, given)
+
+    @cached_property
+    def _joint_limits(self) -> JointLimits:
+        return joint_limits(self.chain)
+
+    @cached_property
+    def _grasps_limited(self) -> bool:
+        return any(conditions(grasp) for grasp in self.chain.grasps.values())
 
     def description(self, at: Instant, signal: int) -> str:
         """Return what happens where a margin reaches zero."""
@@ -172,6 +192,8 @@ class ViolationTracker:
             signals: of the chain then.
             now: the instant.
         """
+        if not (margins < 0.0).any() and np.isinf(self.since).all():
+            return replace(self, lowest=np.minimum(self.lowest, margins)), []
         here = np.array([t]), margins[None]
         return self._followed([(i, *here) for i in signals.limited], signals, lambda _, i: signals.description(now, i))
 

@@ -21,6 +21,7 @@ from holdfast.simulation.step import Gaps
 from holdfast.simulation.stepper import NO_GAPS
 from holdfast.simulation.stops import just_after
 from holdfast.simulation.trajectory import Occurrence
+from holdfast.simulation.zero_order_hold import begun, require_same
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.state import State
 
@@ -34,8 +35,11 @@ def start_of_run(settings: RunSettings, state: State) -> RunState:
     """
     segment, news = suited(first_segment(settings, Origin(0.0, state, None)), 0.0, state)
     now, gaps = segment.stepper.start(0.0, state, None)
+    held, memory = segment.sampled(0.0, now.state, begun(settings.hold), None)
+    origin = Origin(0.0, now.state, memory)
+    now = now if held is None else segment.at(origin)
     blank = Checkpoint(
-        now=Origin(0.0, now.state, None),
+        now=origin,
         previous=None,
         tail_time=0.0,
         tail=np.zeros(0),
@@ -48,12 +52,18 @@ def start_of_run(settings: RunSettings, state: State) -> RunState:
         occurrences=(),
         proposal=None,
         tracker=ViolationTracker.blank(len(segment.signals)),
+        held=held,
     )
     return _stretch_begins(segment, blank, now, gaps, news)
 
 
 def resumed_run(settings: RunSettings, at: Checkpoint) -> RunState:
-    """Return a run at a checkpoint."""
+    """Return a run at a checkpoint.
+
+    Raises:
+        StateError: its controller was sampled otherwise.
+    """
+    require_same(settings.hold, at.held)
     segment = resumed_segment(settings, at.grasps, at.generic_rank, at.implicit)
     now = segment.at(at.now)
     previous = None if at.previous is None else segment.at(at.previous)
@@ -81,8 +91,15 @@ def next_state(at: RunState) -> RunState | str | None:
         stop += 1
     if stop == len(times):
         return None
-    at = replace(at, checkpoint=replace(saved, stop=stop))
-    return _jumped(at) if jumps[stop] else stepped(at)
+    at = at if stop == saved.stop else replace(at, checkpoint=replace(saved, stop=stop))
+    return _jumped(at) if jumps[stop] else stepped(_asked(at))
+
+
+def _asked(at: RunState) -> RunState:
+    """Return the run after its sampled controller was asked, if that is due where no torques jump."""
+    saved, now = at.checkpoint, at.now
+    held, _ = at.segment.sampled(now.t, now.state, saved.held, now.memory)
+    return at if held is saved.held else replace(at, checkpoint=replace(saved, held=held))
 
 
 def _jumped(at: RunState) -> RunState:
@@ -111,13 +128,15 @@ def _jumped(at: RunState) -> RunState:
         segment, stiff = suited(segment_with(segment, chain.grasps, origin), t, state)
         news += stiff
     if any(isinstance(event, Attach) for event in happening):
-        now, gaps = segment.stepper.start(t, state, origin.memory)
-        origin = replace(origin, state=now.state)
-    else:
-        now = segment.at(origin)
+        started, gaps = segment.stepper.start(t, state, origin.memory)
+        origin = replace(origin, state=started.state)
+    held, memory = segment.sampled(t, origin.state, saved.held, origin.memory)
+    origin = replace(origin, memory=memory)
+    now = segment.at(origin)
     for name in set(before.grasps) - set(chain.grasps):
         tracker = tracker.without(chain.names.index(name))
     known = {"stop": saved.stop + 1, "event": saved.event + len(happening), "sums": sums, "tracker": tracker}
+    known |= {"held": held}
     return _stretch_begins(segment, replace(saved, now=origin, **known), now, gaps, news)
 
 

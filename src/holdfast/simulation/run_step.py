@@ -239,4 +239,4 @@ def _margin_curves(at: RunState, stepper: Stepper) -> MarginCurves:
     if at.previous is not None:
         known[at.checkpoint.tail_time] = at.checkpoint.tail
     here = Advance(now.t, now, at.gaps, np.zeros(4))
-    return MarginCurves(reach, at.segment.margins, known, {now.t: here})
+    return MarginCurves(reach, at.segment.margins_of, known, {now.t: here})

@@ -6,15 +6,13 @@ import math
 
 import numpy as np
 
-from holdfast.dynamics.closed.spring_wrenches import with_springs
 from holdfast.dynamics.contact_places import tip_frames
-from holdfast.dynamics.energy import bodies, elastic_energy, rotor_energy
-from holdfast.dynamics.momentum_balance import rate_of
-from holdfast.forces.force_split import split
+from holdfast.dynamics.result import Status
+from holdfast.forces.force_split import Splitter
 from holdfast.forces.margin_interval import margin_range
-from holdfast.forces.margins import grasp_margins
-from holdfast.forces.wrist import wrist_wrenches
+from holdfast.forces.margins import conditions, grasp_margins
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.accounts import WORTH_COMPILING, Accounts, CompiledAccounts, accounts_of
 from holdfast.simulation.balance import Sums
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import JOINT_QUANTITIES, by_arm
@@ -25,73 +23,128 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
 
-def sample(
-    at: Instant,
-    gaps: Gaps,
-    sums: Sums,
-    times: Array,
-    margins: Array,
-    occurrences: tuple[Occurrence, ...] = (),
-) -> Trajectory:
-    """Return one sample: the fields of a trajectory without the sample axis.
+class Recorder:
+    """Makes samples of instants: what stays the same from one to the next is found once.
 
-    Args:
-        at: the instant.
-        gaps: what projection found and left.
-        sums: since the run's start.
-        times: (looks,) at which margins were looked at since the sample before, this one's last.
-        margins: (looks, signals) then, see `margins.Signals`.
-        occurrences: what happened since the sample before.
+    Attributes:
+        worth_compiling: whether there will be so many that machine code keeps the books.
     """
-    chain, state, found = at.chain, at.state, at.result
-    parts = split(chain, state, found.grasp_wrench)
-    allowed = margin_range(chain, state, found)
-    margin = grasp_margins(chain, state, found.grasp_wrench)
-    now, best, worst = (by_arm(chain, m) for m in (margin, allowed.best, allowed.worst))
-    lowest, when = _lowest(times, margins)
-    given, every = with_springs(chain, state, at.inputs.shaped(chain)), list(bodies(chain, state, at.inputs))
-    l = len(chain.arms)
-    joint, joint_lowest, joint_when = _lowest_joints(lowest[l:], when[l:])
-    return Trajectory(
-        t=np.array(at.t),
-        q=state.q,
-        qd=state.qd,
-        qdd=found.qdd,
-        tau=at.tau,
-        object_pose=state.object_pose,
-        object_twist=state.object_twist,
-        object_acceleration=found.object_acceleration,
-        grasp_wrench=found.grasp_wrench,
-        internal_wrench=parts.internal,
-        load_share=np.zeros(l) if parts.load_share is None else parts.load_share,
-        wrist_wrench=wrist_wrenches(chain, state, found),
-        base_wrench=found.base_wrench,
-        holding=np.array([name in chain.grasps for name in chain.names]),
-        spin=spins(chain, state),
-        margin=now,
-        best_margin=best,
-        worst_margin=worst,
-        lowest_margin=lowest[:l],
-        lowest_margin_time=when[:l],
-        lowest_joint_margin=joint_lowest,
-        lowest_joint_margin_time=joint_when,
-        lowest_joint=joint,
-        position_gap=gaps.position,
-        velocity_gap=gaps.velocity,
-        kinetic=np.array(sum(body.kinetic_energy for body in every) + rotor_energy(chain, state)),
-        potential=np.array(sum(body.potential_energy(chain.gravity) for body in every) + elastic_energy(chain, state)),
-        work=sums.work,
-        impact=np.array(sums.impact),
-        momentum=np.sum([body.momentum(np.zeros(3)) for body in every], axis=0),
-        momentum_rate=rate_of(chain, found, given, every, np.zeros(3)),
-        base_impulse=sums.base_impulse,
-        condition=np.array(found.condition),
-        base_pose=_or_none(state.base_pose),
-        base_twist=_or_none(state.base_twist),
-        base_acceleration=_or_none(found.base_acceleration),
-        trunk_base_wrench=_or_none(found.trunk_base_wrench),
-        occurrences=occurrences,
-    )
+
+    def __init__(self, samples: int = 1) -> None:
+        """Take how many samples there will be, about."""
+        self.worth_compiling = samples >= WORTH_COMPILING
+        self._of_grasps: OfGrasps | None = None
+        self._compiled: CompiledAccounts | None = None
+
+    def sample(
+        self,
+        at: Instant,
+        gaps: Gaps,
+        sums: Sums,
+        times: Array,
+        margins: Array,
+        occurrences: tuple[Occurrence, ...] = (),
+    ) -> Trajectory:
+        """Return one sample: the fields of a trajectory without the sample axis.
+
+        Args:
+            at: the instant.
+            gaps: what projection found and left.
+            sums: since the run's start.
+            times: (looks,) at which margins were looked at since the sample before, this one's last.
+            margins: (looks, signals) then, see `margins.Signals`.
+            occurrences: what happened since the sample before.
+        """
+        chain, state, found, books = at.chain, at.state, at.result, self._accounts(at)
+        same = self._same(chain)
+        parts, (now, best, worst) = same.split(state, found.grasp_wrench), same.margins(at)
+        lowest, when = _lowest(times, margins)
+        l = len(chain.arms)
+        joint, joint_lowest, joint_when = _lowest_joints(lowest[l:], when[l:])
+        return Trajectory(
+            t=np.array(at.t),
+            q=state.q,
+            qd=state.qd,
+            qdd=found.qdd,
+            tau=at.tau,
+            object_pose=state.object_pose,
+            object_twist=state.object_twist,
+            object_acceleration=found.object_acceleration,
+            grasp_wrench=found.grasp_wrench,
+            internal_wrench=parts.internal,
+            load_share=np.zeros(l) if parts.load_share is None else parts.load_share,
+            wrist_wrench=books.wrist,
+            base_wrench=found.base_wrench,
+            holding=same.holding,
+            spin=spins(chain, state) if same.soft else np.zeros(l),
+            margin=now,
+            best_margin=best,
+            worst_margin=worst,
+            lowest_margin=lowest[:l],
+            lowest_margin_time=when[:l],
+            lowest_joint_margin=joint_lowest,
+            lowest_joint_margin_time=joint_when,
+            lowest_joint=joint,
+            position_gap=gaps.position,
+            velocity_gap=gaps.velocity,
+            kinetic=np.array(books.kinetic),
+            potential=np.array(books.potential),
+            work=sums.work,
+            impact=np.array(sums.impact),
+            momentum=books.momentum,
+            momentum_rate=books.rate,
+            base_impulse=sums.base_impulse,
+            condition=np.array(found.condition),
+            base_pose=_or_none(state.base_pose),
+            base_twist=_or_none(state.base_twist),
+            base_acceleration=_or_none(found.base_acceleration),
+            trunk_base_wrench=_or_none(found.trunk_base_wrench),
+            occurrences=occurrences,
+        )
+
+    def _accounts(self, at: Instant) -> Accounts:
+        """Return what the books say, by machine code where it suits and is worth while."""
+        if not self.worth_compiling or not CompiledAccounts.suit(at.chain, at.inputs):
+            return accounts_of(at)
+        if self._compiled is None or self._compiled.chain is not at.chain:
+            self._compiled = CompiledAccounts(at.chain)
+        return self._compiled.of(at)
+
+    def _same(self, chain: ClosedChain) -> OfGrasps:
+        """Return what follows from these grasps; wherever bases are, it is the same."""
+        if self._of_grasps is None or self._of_grasps.grasps is not chain.grasps:
+            self._of_grasps = OfGrasps(chain)
+        return self._of_grasps
+
+
+class OfGrasps:
+    """What stays the same as long as the grasps do.
+
+    Attributes:
+        grasps: of the chain.
+        split: of their wrenches.
+        holding: (arms,) whether each arm has one.
+        soft: whether the contact of one may spin.
+        limited: whether something limits one.
+    """
+
+    def __init__(self, chain: ClosedChain) -> None:
+        self.grasps, self.split = chain.grasps, Splitter(chain)
+        self.holding = np.array([name in chain.grasps for name in chain.names])
+        self.soft = any(grasp.of_kind.rate_rows for grasp in chain.grasps.values())
+        self.limited = any(conditions(grasp) for grasp in chain.grasps.values())
+
+    def margins(self, at: Instant) -> tuple[Array, Array, Array]:
+        """Return the margins now, the best and the worst that internal forces allow, by arm (arms,) each."""
+        chain, state, found = at.chain, at.state, at.result
+        unique = found.status is not Status.INDETERMINATE_FORCES
+        if unique and not self.limited:
+            none = np.full(len(self.holding), np.inf)
+            return none, none, none
+        allowed = margin_range(chain, state, found)
+        margin = allowed.best if unique else grasp_margins(chain, state, found.grasp_wrench)
+        now, best, worst = (by_arm(chain, m) for m in (margin, allowed.best, allowed.worst))
+        return now, best, worst
 
 
 def spins(chain: ClosedChain, state: State) -> Array:

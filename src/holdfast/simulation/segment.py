@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from holdfast.simulation.stability import too_fast
 from holdfast.simulation.stepper import Stepper, SubdividingStepper
 from holdfast.simulation.stops import Stops
 from holdfast.simulation.trajectory import Occurrence
+from holdfast.simulation.zero_order_hold import HeldTorques, ZeroOrderHold, held_torques_law, sampled
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
@@ -39,6 +41,7 @@ class RunSettings:
     Attributes:
         environment: the chain as it is at the start, and what acts on it.
         controller: torques, as it is at the start.
+        hold: when it is asked, if it is not at every stage.
         make_stepper: (environment, controller, generic rank, scheme, tolerance) -> what takes the steps.
         scheme: Runge-Kutta scheme.
         tolerance: of a scheme that estimates its error.
@@ -50,6 +53,7 @@ class RunSettings:
 
     environment: Environment
     controller: Controller
+    hold: ZeroOrderHold | None
     make_stepper: MakeStepper
     scheme: Tableau
     tolerance: Tolerance
@@ -77,16 +81,22 @@ class Segment:
     Attributes:
         settings: of the run.
         environment: the chain with its grasps now, and what acts on it.
-        controller: torques.
+        law: the controller.
         generic_rank: of the constraint away from singular configurations.
         implicit: whether steps are linearly implicit in damping and springs, which explicit ones cannot follow.
     """
 
     settings: RunSettings
     environment: Environment
-    controller: Controller
+    law: Controller
     generic_rank: int
     implicit: bool = False
+
+    @cached_property
+    def controller(self) -> Controller:
+        """What steps ask for torques: the law, or what holds those of a sampled one."""
+        hold = self.settings.hold
+        return self.law if hold is None else held_torques_law(self.environment.chain.joint_count)
 
     @property
     def scheme(self) -> Tableau:
@@ -126,9 +136,32 @@ class Segment:
         """Return the instant that an accepted time, state and memory make; nothing is projected."""
         return self.stepper.evaluate(origin.t, origin.state, origin.memory)
 
+    def sampled(self, t: float, state: State, held: HeldTorques | None, acting: Any) -> tuple[HeldTorques | None, Any]:
+        """Return where a sampled controller is at a time, and the memory of the steps; both as they are without a hold.
+
+        Args:
+            t: time [s].
+            state: positions and velocities then.
+            held: where it was before.
+            acting: the memory of the steps before: the torques that act, if they are held.
+
+        Raises:
+            StateError: it returns no torques and memory that fit.
+        """
+        hold = self.settings.hold
+        if hold is None or held is None:
+            return held, acting
+        return sampled(hold, self.law, t, state, held, acting)
+
     def margins(self, at: Instant) -> Array:
-        """Return all margins at an instant; nothing is computed where nothing limits."""
-        return self.signals.of(at) if len(self.signals.limited) else np.full(len(self.signals), np.inf)
+        """Return all margins at an instant, (signals,)."""
+        return self.margins_of([at])[0]
+
+    def margins_of(self, instants: Sequence[Instant]) -> Array:
+        """Return all margins at some instants, (instants, signals); nothing is computed where nothing limits."""
+        if len(self.signals.limited):
+            return self.signals.of_each(instants)
+        return np.full((len(instants), len(self.signals)), np.inf)
 
 
 def first_segment(settings: RunSettings, start: Origin) -> Segment:
@@ -143,7 +176,8 @@ def first_segment(settings: RunSettings, start: Origin) -> Segment:
     chain, inputs = environment.at(start.t, start.state)
     tau = np.zeros(chain.joint_count)
     require_closed(chain_motion(chain, start.state, tau, inputs.shaped(chain)), start.state)
-    return Segment(settings, environment, settings.controller, _rank_near(environment, settings.controller, start))
+    segment = Segment(settings, environment, settings.controller, -1)
+    return replace(segment, generic_rank=_rank_near(environment, segment.controller, start))
 
 
 def segment_with(before: Segment, grasps: Mapping[str, Grasp], start: Origin) -> Segment:
@@ -191,5 +225,5 @@ def resumed_segment(settings: RunSettings, grasps: Mapping[str, Grasp], generic_
     """
     chain = replace(settings.environment.chain, grasps=grasps)
     for_chain = getattr(settings.controller, "for_chain", None)
-    controller = settings.controller if for_chain is None else for_chain(chain)
-    return Segment(settings, replace(settings.environment, chain=chain), controller, generic_rank, implicit)
+    law = settings.controller if for_chain is None else for_chain(chain)
+    return Segment(settings, replace(settings.environment, chain=chain), law, generic_rank, implicit)

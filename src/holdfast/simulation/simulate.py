@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from holdfast.control.clipped import clipped
-from holdfast.control.controller import ControlLaw, Controller, require_controller
+from holdfast.control.compiled_law import CompiledLaws
+from holdfast.control.controller import ControlLaw, Controller, given_law, machine_code, require_controller
 from holdfast.dynamics.near_singular import NEAR, nearly_lost
 from holdfast.errors import HoldfastError, StateError
+from holdfast.forces.margins import joint_limits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.accounts import WORTH_COMPILING
 from holdfast.simulation.adaptive import RTOL, Tolerance
 from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.environment import BaseMotion, Environment
@@ -25,11 +30,13 @@ from holdfast.simulation.rollout.compiled_steppers import stepper_for
 from holdfast.simulation.run import next_state, resumed_run, start_of_run
 from holdfast.simulation.run_state import RunState
 from holdfast.simulation.runge_kutta import scheme as scheme_named
-from holdfast.simulation.sample import sample
+from holdfast.simulation.sample import Recorder
 from holdfast.simulation.segment import MakeStepper, RunSettings
 from holdfast.simulation.setting import Setting, recorded_base
 from holdfast.simulation.stops import ALIKE, MOST_STEPS, step_times, stops
 from holdfast.simulation.trajectory import Trajectory, array_names, stacked
+from holdfast.simulation.verification import LOOKS
+from holdfast.simulation.zero_order_hold import zero_order_hold
 from holdfast.state import Inputs, State
 
 
@@ -45,6 +52,9 @@ def simulate(
     inputs: GivenInputs | None = None,
     events: Sequence[Event] = (),
     breakpoints: Iterable[float] = (),
+    parameters: Mapping[str, ArrayLike] | None = None,
+    sample_time: float | None = None,
+    delay: float = 0.0,
     on_slip: OnSlip = "stop",
     on_limit: OnLimit = "record",
     on_singular: OnSingular = "stop",
@@ -81,6 +91,10 @@ def simulate(
             alone. It is asked at every stage for the time and state there, and may give wrenches only.
         events: `Attach` and `Release` at given times.
         breakpoints: times at which torques or inputs jump or change their course; steps end there.
+        parameters: values of a `ControlLaw`'s parameters, by name; others take none.
+        sample_time: of a digital controller [s]: it is asked once a sample, with the state of that moment, and its
+            torques are held until the next (zero-order hold); steps end at samples. None: asked at every stage.
+        delay: from a sample to when its torques act [s]; until then those before, at first those of the first sample.
         on_slip: what is done about a grasp that cannot hold: "stop", "record" (and go on as if it held), or
             "release" (it opens; velocities go on).
         on_limit: what is done about a joint beyond a limit: "record" or "stop"; "clip": torques beyond an effort limit
@@ -102,64 +116,71 @@ def simulate(
 
     Raises:
         ModelError: a duration or step that is not positive, too many steps, an unknown policy or scheme, an
-            impossible event, or a controller that is no function.
-        StateError: the initial state breaks a grasp, the controller returns no torques and memory that fit, or it is a
-            law that takes parameters.
+            impossible event, a sample time or delay that no run can have, or a controller that is no function.
+        StateError: the initial state breaks a grasp, the controller returns no torques and memory that fit, or the
+            parameters are not those of its law.
         SingularChainError: the initial configuration is singular.
     """
     checks.instance(chain, ClosedChain, "simulation: chain")
     checks.instance(state, State, "simulation: state", StateError)
     require_controller(controller)
     checks.instance(name, str, "simulation: name")
-    if isinstance(controller, ControlLaw):
-        controller.require_no_parameters()
     named = scheme_named(scheme)
     grid = step_times(duration, step)
     state.fits(chain)
     ordered = in_order(events, chain, float(grid[-1]))
-    jumps = [*breakpoints, *getattr(controller, "breakpoints", ())]
-    ends = stops(grid, jumps, [one.t for one in ordered], ALIKE * step)
+    jumps, happening = [*breakpoints], [one.t for one in ordered]
+    hold = zero_order_hold(sample_time, delay, float(grid[-1]), [*jumps, *happening])
+    if hold is None:
+        ends = stops(grid, [*jumps, *getattr(controller, "breakpoints", ())], happening, ALIKE * step)
+    else:
+        ends = stops(grid, [*jumps, *hold.jumps], happening, ALIKE * step, hold.asked.tolist())
     environment = Environment(chain, {} if base_motion is None else base_motion, Inputs() if inputs is None else inputs)
     policy, tolerance = Policy(on_slip, on_limit, on_singular), Tolerance(rtol, atol)
-    make = make_stepper or partial(stepper_for, steps=len(grid) - 1)
+    make = make_stepper or partial(stepper_for, steps=int((~ends.jumps).sum()))
     limit = None if largest_drift is None else checks.number(largest_drift, "simulation: largest_drift", above=0.0)
     if policy.on_limit == "clip":
         controller = clipped(controller, chain)
-    settings = RunSettings(environment, controller, make, named, tolerance, limit, policy, ordered, ends)
+    acting = given_law(controller, parameters)
+    settings = RunSettings(environment, acting, hold, make, named, tolerance, limit, policy, ordered, ends)
 
-    samples: list[Trajectory] = []
-    at = start_of_run(settings, state) if start is None else resumed_run(settings, start)
-    first = reported = 0 if start is None else len(start.occurrences)
+    calls = len(ends.times) * (1 if hold else len(named.c) * (LOOKS if joint_limits(chain).limited.any() else 1))
+    samples, recorder = list[Trajectory](), Recorder(0 if environment.base_motion else len(ends.times))
+    with laws_by_machine_code(chain, calls):
+        at = start_of_run(settings, state) if start is None else resumed_run(settings, start)
+        first = reported = 0 if start is None else len(start.occurrences)
 
-    def keep(at: RunState) -> None:
-        nonlocal reported
-        happened = at.checkpoint.occurrences
-        samples.append(sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins, happened[reported:]))
-        reported = len(happened)
-        if on_sample is not None:
-            on_sample(samples[-1])
-        if on_checkpoint is not None:
-            on_checkpoint(at.checkpoint)
+        def keep(at: RunState) -> None:
+            nonlocal reported
+            happened = at.checkpoint.occurrences
+            samples.append(
+                recorder.sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins, happened[reported:])
+            )
+            reported = len(happened)
+            if on_sample is not None:
+                on_sample(samples[-1])
+            if on_checkpoint is not None:
+                on_checkpoint(at.checkpoint)
 
-    if start is None:
-        keep(at)
-    while True:
-        try:
-            later = next_state(at)
-        except HoldfastError as cause:
-            later = f"stopped after t = {at.now.t:.6g} s: {reason(cause, at.now)}"
-        if not isinstance(later, RunState):
-            break
-        if len(samples) > MOST_STEPS + len(ends.times):  # of its own an adaptive scheme would go on for ever
-            later = f"stopped after t = {at.now.t:.6g} s: more than {MOST_STEPS} steps; try a larger rtol"
-            break
-        if later.now.t > at.now.t:
-            keep(later)
-            if progress is not None:
-                progress(later.now.t)
-        at = later
+        if start is None:
+            keep(at)
+        while True:
+            try:
+                later = next_state(at)
+            except HoldfastError as cause:
+                later = f"stopped after t = {at.now.t:.6g} s: {reason(cause, at.now)}"
+            if not isinstance(later, RunState):
+                break
+            if len(samples) > MOST_STEPS + len(ends.times):  # of its own an adaptive scheme would go on for ever
+                later = f"stopped after t = {at.now.t:.6g} s: more than {MOST_STEPS} steps; try a larger rtol"
+                break
+            if later.now.t > at.now.t:
+                keep(later)
+                if progress is not None:
+                    progress(later.now.t)
+            at = later
     if not samples:  # a run that went on from its end
-        none = stacked([sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins)], later)
+        none = stacked([recorder.sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins)], later)
         run = replace(none, **{name: getattr(none, name)[:0] for name in array_names()})
     else:
         run = replace(stacked(samples, later), occurrences=at.checkpoint.occurrences[first:])
@@ -167,7 +188,24 @@ def simulate(
     asked = {"scheme": scheme, "on_slip": on_slip, "on_limit": on_limit, "on_singular": on_singular, "rtol": rtol}
     called = getattr(controller, "__qualname__", type(controller).__qualname__)
     asked |= {"atol": atol, "largest_drift": limit, "controller": called}
+    asked |= {} if not parameters else {"parameters": {name: x.tolist() for name, x in acting.values.items()}}
+    asked |= {} if hold is None else {"sample_time": hold.sample_time, "delay": hold.delay}
     return replace(run, setting=Setting(chain, moved, name, float(duration), float(step), asked))
+
+
+@contextmanager
+def laws_by_machine_code(chain: ClosedChain, calls: int) -> Iterator[None]:
+    """Let ready-made controllers and control laws that are called on floats be machine code, where it is worth while.
+
+    Args:
+        chain: whose joints they drive.
+        calls: how many there will be, about.
+    """
+    token = machine_code.set(CompiledLaws(chain) if calls >= WORTH_COMPILING else None)
+    try:
+        yield
+    finally:
+        machine_code.reset(token)
 
 
 SINGULAR = (

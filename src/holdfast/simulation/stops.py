@@ -61,24 +61,30 @@ def just_after(t: float) -> float:
     return max(t + MOMENT, float(np.nextafter(t, np.inf)))
 
 
-def stops(grid: Array, breakpoints: Sequence[float], events: Sequence[float], apart: float) -> Stops:
+def stops(
+    grid: Array, breakpoints: Sequence[float], events: Sequence[float], apart: float, ends: Sequence[float] = ()
+) -> Stops:
     """Return the stops of a run from 0 to the grid's last time.
 
     Args:
         grid: (k,) times that steps end at, from 0 on [s].
         breakpoints: times at which something jumps [s]; those outside the run, and its end, do not matter.
         events: times of events, within the run [s].
-        apart: grid times nearer than this to a jump are left out [s].
+        apart: grid times nearer than this to a jump, or to one of `ends`, are left out [s].
+        ends: further times that steps end at, nothing jumping there [s].
 
     Raises:
         ModelError: breakpoints that are not finite.
     """
     given = checks.numbers(list(breakpoints), (len(breakpoints),), "simulation: breakpoints")
     at = np.unique([*given[(given > 0.0) & (given < grid[-1])], *events])
-    steps = grid[1:]
-    if len(at):
-        nearest = np.abs(steps[:, None] - at[np.clip(np.searchsorted(at, steps)[:, None] - [1, 0], 0, len(at) - 1)])
-        steps = steps[(nearest.min(axis=1) > apart) | ((steps == grid[-1]) & (at[-1] != grid[-1]))]
+    own = np.setdiff1d([t for t in ends if 0.0 < t < grid[-1]], at)
+    taken, steps = np.union1d(at, own), grid[1:]
+    if len(taken):
+        places = np.clip(np.searchsorted(taken, steps)[:, None] - [1, 0], 0, len(taken) - 1)
+        nearest = np.abs(steps[:, None] - taken[places]).min(axis=1)
+        steps = steps[(nearest > apart) | ((steps == grid[-1]) & (taken[-1] != grid[-1]))]
+    steps = np.union1d(steps, own)
     times = np.concatenate([steps, np.nextafter(at, -np.inf), at])
     jumps = np.concatenate([np.zeros(len(steps) + len(at), dtype=bool), np.ones(len(at), dtype=bool)])
     order = np.lexsort([jumps, times])

@@ -71,24 +71,26 @@ class MarginCurves:
 
     Attributes:
         reach: single steps to given times.
-        of: all margins at an instant, (signals,).
+        of: all margins at some instants, (instants, signals).
         margins: by time, as far as looked at.
         advances: by time, those of this step.
     """
 
     reach: Reach
-    of: Callable[[Instant], Array]
+    of: Callable[[Sequence[Instant]], Array]
     margins: dict[float, Array]
     advances: dict[float, Advance]
 
     def look(self, times: Sequence[float]) -> HoldfastError | None:
         """Look at several times at once; return why the first of them cannot be reached that cannot."""
-        for reached in self.reach([t for t in times if t not in self.margins]):
-            if reached.instant is None:
-                return reached.failure
-            self.margins[reached.t] = self.of(reached.instant)
-            self.advances[reached.t] = reached
-        return None
+        found = self.reach([t for t in times if t not in self.margins])
+        failed = next((k for k, reached in enumerate(found) if reached.instant is None), len(found))
+        led = found[:failed]
+        self.advances.update((reached.t, reached) for reached in led)
+        instants = [reached.instant for reached in led if reached.instant is not None]
+        if instants:
+            self.margins.update(zip((reached.t for reached in led), self.of(instants), strict=True))
+        return found[failed].failure if failed < len(found) else None
 
     def signal(self, i: int) -> Callable[[float], float]:
         """Return one margin as a function of time; it raises what a step there is refused for."""

@@ -128,14 +128,14 @@ def select(condition: Scalar, a: Array, b: Array) -> Array:
 def maximum(a: Scalar, b: Scalar) -> Scalar:
     """Return the larger of two."""
     if isinstance(a, _ARRAYS) or isinstance(b, _ARRAYS):
-        return _entrywise(maximum, a, b)
+        return _entrywise(maximum, a, b, on_floats=lambda a, b: np.where(a > b, a, b))
     return where(a > b, a, b)
 
 
 def minimum(a: Scalar, b: Scalar) -> Scalar:
     """Return the smaller of two."""
     if isinstance(a, _ARRAYS) or isinstance(b, _ARRAYS):
-        return _entrywise(minimum, a, b)
+        return _entrywise(minimum, a, b, on_floats=lambda a, b: np.where(a < b, a, b))
     return where(a < b, a, b)
 
 
@@ -150,8 +150,16 @@ def concatenate(parts: Any) -> Array:
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
-def _entrywise(word: Callable[..., Scalar], *arguments: Any) -> Any:
-    """Return what a word says of every entry of its arguments, broadcast; of arrays without axes a scalar."""
+def _entrywise(word: Callable[..., Scalar], *arguments: Any, on_floats: Callable[..., Any] | None = None) -> Any:
+    """Return what a word says of every entry of its arguments, broadcast; of arrays without axes a scalar.
+
+    Args:
+        word: says it of scalars.
+        *arguments: arrays, lists or scalars.
+        on_floats: says the same of arrays of floats at once.
+    """
     arrays = np.broadcast_arrays(*arguments)
+    if on_floats is not None and arrays[0].ndim and all(x.dtype == float for x in arrays):
+        return on_floats(*arrays)
     found = [word(*entries) for entries in zip(*(a.flat for a in arrays), strict=True)]
     return np.reshape(found, arrays[0].shape) if arrays[0].ndim else found[0]

@@ -7,30 +7,29 @@ environment or the controller is asked from Python at every stage (`StagewiseSte
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, cast
 
 import numpy as np
 
 from holdfast.compiled.structure import Options
-from holdfast.compiler.errors import CompileError
-from holdfast.control.controller import ControlLaw, Controller, held_torques, torques_and_memory
+from holdfast.control.controller import ControlLaw, Controller, GivenLaw, held_torques, torques_and_memory
+from holdfast.control.traced_law import law_of
 from holdfast.errors import HoldfastError, MethodNotApplicable, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
-from holdfast.model.fingerprint import exact_fingerprint
 from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.external_inputs import MOVING_BASES, GivenInputs
-from holdfast.simulation.increment import body_parts, no_turns, twists
+from holdfast.simulation.increment import body_parts, twists
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.linearly_implicit import Implicit
 from holdfast.simulation.margins import Signals
+from holdfast.simulation.rollout.fused_stepper import FusedStepper, by_name, hold_rows
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
-from holdfast.simulation.rollout.rows import Moment, failure, gaps_of, instant_of, refuse, state_of, state_rows
-from holdfast.simulation.rollout.user_functions import law_program
+from holdfast.simulation.rollout.rows import Moment, gaps_of, instant_of, refuse, state_of, state_rows
 from holdfast.simulation.runge_kutta import EULER, Tableau, rotation_vector_rate
 from holdfast.simulation.step import Closing, Gaps, Question, Stage, answered_together, course_of, rows_held_near
 from holdfast.simulation.stepper import NO_GAPS, Advance, ReferenceStepper, Stepper
@@ -39,77 +38,6 @@ from holdfast.state import Inputs, State
 
 WORTH_COMPILING = 45  # steps: fewer are taken by the reference in the time that compiling takes
 LOOKED_AT = 16  # steps that the looks inside one come to, where something is limited
-
-
-@dataclass(frozen=True, eq=False)
-class FusedStepper:
-    """Steps of a chain under a control law, base motions traceable, external wrenches constant; see `Stepper`.
-
-    Attributes:
-        environment: the chain and what acts on it.
-        kernel: its step.
-        scheme: the Runge-Kutta scheme of its steps; it estimates no errors.
-        generic_rank: rank of the constraint away from singular configurations.
-    """
-
-    environment: Environment
-    kernel: StepKernel
-    scheme: Tableau
-    generic_rank: int
-
-    @classmethod
-    def of(cls, environment: Environment, law: ControlLaw, scheme: Tableau, generic_rank: int) -> FusedStepper:
-        """Return the stepper of a law."""
-        kernel = StepKernel(environment.chain, law, scheme, generic_rank, motions=environment.base_motion, quick=True)
-        return cls(environment, kernel, scheme, generic_rank)
-
-    def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
-        """Return the chain at a given state, projected onto the grasps; see `Stepper`."""
-        return self._at(t, state, memory, held=False)
-
-    def evaluate(self, t: float, state: State, memory: Any) -> Instant:
-        """Return the chain at a given state, taken as it is."""
-        return self._at(t, state, memory, held=True)[0]
-
-    def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
-        """Return where one step leads; see `Stepper`."""
-        systems = self.kernel.systems(state_rows([now.state] * len(ends)), now.memory)
-        systems["slope"][...] = now.rates(no_turns(now.state))
-        hold_rows(systems, now.result.held)
-        self._run(systems, now.t, np.array(ends) - now.t, held=False)
-        return [self._advance(systems, row, end, now.memory) for row, end in enumerate(ends)]
-
-    def _advance(self, systems: Systems, row: int, end: float, memory: Any) -> Advance:
-        fault = failure(systems["code"][row])
-        if fault is not None:
-            return Advance(end, None, NO_GAPS, np.zeros(4), failure=fault)
-        instant = self._instant(systems, row, end, memory)
-        return Advance(end, instant, gaps_of(systems, row), systems["work"][row].copy())
-
-    def _at(self, t: float, state: State, memory: Any, held: bool) -> tuple[Instant, Gaps]:
-        systems = self.kernel.systems(state_rows([state]), memory)
-        hold_rows(systems, None if held else rows_held_near(self.environment, t, state, self.generic_rank))
-        self._run(systems, t, np.zeros(1), held)
-        refuse(systems)
-        return self._instant(systems, 0, t, memory), gaps_of(systems, 0)
-
-    def _run(self, systems: Systems, begin: float, steps: Array, held: bool) -> None:
-        acting = self.environment.inputs
-        assert isinstance(acting, Inputs)
-        wrench = acting.shaped(self.environment.chain).object_wrench
-        assert wrench is not None
-        inputs = {
-            "begin": np.array(begin),
-            "step": steps,
-            "held": np.array(float(held)),
-            "object_wrench": wrench,
-            "search": np.array(0.0),  # `simulate` does, and finds when
-        }
-        self.kernel.run(systems, inputs, {})
-
-    def _instant(self, systems: Systems, row: int, t: float, memory: Any) -> Instant:
-        chain, inputs = self.environment.at(t, state_of(systems, row))
-        return instant_of(systems, row, Moment(t, chain, inputs.shaped(chain), None, memory))
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +51,7 @@ class StagewiseStepper:
         generic_rank: rank of the constraint away from singular configurations.
         scheme: the Runge-Kutta scheme.
         tolerance: what `Advance.error` compares the scheme's estimates with.
+        values: of the law's parameters, by the kernel's names.
     """
 
     environment: Environment
@@ -131,6 +60,7 @@ class StagewiseStepper:
     generic_rank: int
     scheme: Tableau
     tolerance: Tolerance
+    values: Mapping[str, Array] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -148,7 +78,9 @@ class StagewiseStepper:
             base_motion=bases_move(environment), implicit=scheme.implicit, link_wrenches=environment.of_state
         )
         kernel = StepKernel(environment.chain, ours, EULER, generic_rank, options=options, quick=True)
-        return cls(environment, controller if law is None else None, kernel, generic_rank, scheme, tolerance)
+        values = controller.values if isinstance(controller, GivenLaw) else {}
+        asked = controller if law is None else None
+        return cls(environment, asked, kernel, generic_rank, scheme, tolerance, by_name(values))
 
     def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
         """Return the chain at a given state, projected onto the grasps; see `Stepper`."""
@@ -261,6 +193,7 @@ class StagewiseStepper:
             "held": np.array(float(held)),
             "object_wrench": np.array([m.inputs.object_wrench for m in moments]),
             "keep_rows": np.array(float(rows is not None)),
+            **self.values,
         }
         if self.environment.of_state:
             inputs |= _on_links(self.environment.chain, [m.inputs for m in moments])
@@ -281,12 +214,6 @@ class StagewiseStepper:
         self.kernel.run(systems, inputs, parameters)
         refuse(systems)
         return systems
-
-
-def hold_rows(systems: Systems, held: Array | None) -> None:
-    """Let systems whose steps hold chosen rows hold these; None: leave them as they are."""
-    if held is not None:
-        systems["held_rows"][...] = held
 
 
 def _on_links(chain: ClosedChain, acting: Sequence[Inputs]) -> dict[str, Array]:
@@ -349,14 +276,14 @@ def stepper_for(
     on_links = any(x is not None for x in (acting.link_wrenches, acting.trunk_link_wrenches))
     if (few and not scheme.adaptive) or on_links:
         return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)
-    law = law_of(controller, environment.chain)
+    law, values = law_of(controller, environment.chain), getattr(controller, "values", {})
     motions = environment.base_motion.values()
     traceable = not unsteady(environment.inputs) and all(getattr(motion, "traceable", False) for motion in motions)
     if law is None or scheme.adaptive or not traceable:
         if _moves_trunk_base(environment, acting):  # which stagewise steps have no place for
             return ReferenceStepper(environment, controller, generic_rank, scheme, tolerance)
         return StagewiseStepper.of(environment, controller, generic_rank, scheme, tolerance, law)
-    return FusedStepper.of(environment, law, scheme, generic_rank)
+    return FusedStepper.of(environment, law, scheme, generic_rank, values)
 
 
 def _acting_at_first(environment: Environment) -> Inputs:
@@ -371,24 +298,3 @@ def _moves_trunk_base(environment: Environment, acting: Inputs) -> bool:
     """Return whether the base of a trunk in the world moves."""
     given = (acting.trunk_base_twist, acting.trunk_base_acceleration)
     return TRUNK in environment.base_motion or any(x is not None for x in given)
-
-
-def law_of(controller: Controller | ControlLaw, chain: ClosedChain) -> ControlLaw | None:
-    """Return the law of a controller that can be traced, or None.
-
-    Raises:
-        StateError: a law that takes parameters.
-    """
-    if isinstance(controller, ControlLaw):
-        controller.require_no_parameters()
-        return controller
-    if not getattr(controller, "traceable", False):
-        return None
-    key = exact_fingerprint(controller)
-    law = ControlLaw(lambda t, state, memory, given: (controller(t, state, None)[0], memory), key=key or "")
-    if key is None:  # a part of it is the user's own, such as a path
-        try:
-            law_program(law, chain)
-        except CompileError:
-            return None
-    return law

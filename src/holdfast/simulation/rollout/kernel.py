@@ -139,7 +139,9 @@ class StepKernel:
         none = np.array(-np.inf)
         self._defaults: Systems = {"least_margin": none, "least_joint_margin": none}
         self._defaults |= {"keep_rows": np.array(0.0), "search": np.array(1.0)}
-        self._layout = [(name, e.size, len(e.shape)) for name, e in externals.items()]
+        self._layout = {name: (row, e.size, len(e.shape)) for row, (name, e) in enumerate(externals.items())}
+        self._asked = self._layout.keys() - self.parameters.keys() - self._defaults.keys()
+        self._own, self._table = self._tabled(self.parameters | self._defaults, np.zeros((len(externals), 2), np.int64))
 
     def compiled(
         self, externals: Mapping[str, External], of: str, schedule: Callable[[], Schedule], quick: bool = False
@@ -200,13 +202,21 @@ class StepKernel:
             threads: how many share the systems.
             slopes_only: take no step, but find the slopes where the systems are anew, under other inputs.
         """
-        carried = {f"last.{name}": x for name, x in systems.items()}
-        given = {**self.parameters, **self._defaults, **parameters, **inputs, **carried}
-        arrays = [np.asarray(given[name], dtype=float, order="C") for name, _, _ in self._layout]
-        table = np.zeros((len(arrays), 2), dtype=np.int64)
-        for row, x, (_, size, rank) in zip(table, arrays, self._layout, strict=True):
-            row[:] = x.ctypes.data, size if x.ndim > rank else 0
+        given = {**parameters, **inputs, **{f"last.{name}": x for name, x in systems.items()}}
+        assert self._asked <= given.keys(), "machine code would read where nothing is"
+        kept, table = self._tabled(given, self._table.copy())
         (self._slopes if slopes_only else self._step).run_batch(table, len(systems["object_pose"]), threads, repeats)
+        del kept  # not before the machine code has read it
+
+    def _tabled(self, given: Mapping[str, Array], table: Array) -> tuple[list[Array], Array]:
+        """Return arrays as machine code reads them, and the table with their addresses and strides in it."""
+        kept = []
+        for name, x in given.items():
+            if name in self._layout:
+                row, size, rank = self._layout[name]
+                kept.append(np.asarray(x, dtype=float, order="C"))
+                table[row] = kept[-1].ctypes.data, size if kept[-1].ndim > rank else 0
+        return kept, table
 
     def require_own(self, systems: Systems) -> None:
         """Refuse arrays that the machine code would read or write beyond their ends, or not at all.

@@ -20,7 +20,7 @@ from holdfast.simulation.margins import Signals
 from holdfast.simulation.rollout.arguments import kernel_arguments, whole_number
 from holdfast.simulation.rollout.systems import RolloutRecord, RolloutStatus, RolloutSystems
 from holdfast.simulation.rollout.user_functions import with_wrenches
-from holdfast.simulation.sample import sample
+from holdfast.simulation.sample import Recorder
 from holdfast.simulation.setting import Setting, recorded_base
 from holdfast.simulation.step import Gaps
 from holdfast.simulation.trajectory import Trajectory, stacked
@@ -97,4 +97,4 @@ def _sample(world: Environment, rollout: Any, at: RolloutSystems) -> Trajectory:
     )
     gaps = Gaps(*np.column_stack([at.drift[0], at.gap[0]]))
     sums = Sums(np.array(at.work[0]), 0.0, np.zeros(6))
-    return sample(now, gaps, sums, np.array([now.t]), Signals(world.chain).of(now)[None])
+    return Recorder().sample(now, gaps, sums, np.array([now.t]), Signals(world.chain).of(now)[None])

@@ -22,7 +22,7 @@ from holdfast.simulation.rollout.kernel import Systems
 from holdfast.simulation.rollout.traced_step import BROKEN, OPEN, SINGULAR
 from holdfast.simulation.step import Gaps
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State, exact_state
+from holdfast.state import Inputs, State, found_state
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +53,7 @@ def state_rows(states: Sequence[State]) -> dict[str, Array]:
 def state_of(systems: Systems, row: int) -> State:
     """Return one system's state, to the bit."""
     fields = STATE_FIELDS | FLOATING_FIELDS
-    parts = {field: systems[name][row].copy() for name, field in fields.items() if name in systems}
-    return exact_state(parts)
+    return found_state({field: systems[name][row].copy() for name, field in fields.items() if name in systems})
 
 
 def instant_of(systems: Systems, row: int, at: Moment) -> Instant:

@@ -19,6 +19,7 @@ from holdfast.compiled.structure import Structure
 from holdfast.compiled.traced_chain import Given, framed, traced_chain, traced_inputs
 from holdfast.compiler.schedule import FIRST_BAD
 from holdfast.control.controller import ControlLaw
+from holdfast.control.traced_law import law_outputs
 from holdfast.dynamics.closed.chain_solution import ChainSolution
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.energy import power_of
@@ -38,7 +39,7 @@ from holdfast.simulation.external_inputs import GivenInputs
 from holdfast.simulation.increment import increment_rate, no_turns, twists
 from holdfast.simulation.instant import WORST_CONDITION, friction_torque, joint_friction, passive_at
 from holdfast.simulation.linearly_implicit import Implicit, with_armature
-from holdfast.simulation.rollout.user_functions import Motions, checked_motion, law_outputs, with_wrenches
+from holdfast.simulation.rollout.user_functions import Motions, checked_motion, with_wrenches
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import Arrival, Question, Stage, answered, take_step
 from holdfast.spatial.scalar import (

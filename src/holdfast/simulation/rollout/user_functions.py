@@ -16,11 +16,11 @@ import numpy as np
 from holdfast.compiled.externals import shapes, state_fields
 from holdfast.compiled.traced_chain import unit_pose
 from holdfast.compiler.arithmetic import OPERATIONS
-from holdfast.compiler.errors import CompileError
 from holdfast.compiler.node import Node
 from holdfast.compiler.program import Program
 from holdfast.compiler.trace import trace
 from holdfast.control.controller import ControlLaw
+from holdfast.control.traced_law import law_program
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.environment import BaseMotion, motion_of
@@ -32,49 +32,6 @@ from holdfast.state import Inputs, State
 
 Motions = Mapping[str, BaseMotion]  # of the bases that move, by arm name
 WRENCHES = ("object_wrench", "link_wrenches", "trunk_link_wrenches")  # in `Inputs`
-
-
-def law_outputs(
-    law: ControlLaw, chain: ClosedChain, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]
-) -> tuple[Array, Array]:
-    """Return a law's torques (n,) and memory.
-
-    Args:
-        law: the law.
-        chain: whose joints it drives.
-        t: time [s].
-        state: positions and velocities.
-        memory: the law's.
-        given: its parameters, by `control.name`.
-
-    Raises:
-        CompileError: it returns something else.
-    """
-    found = law.torque(t, state, memory, {name: given[f"control.{name}"] for name in law.parameters})
-    if not isinstance(found, tuple) or len(found) != 2:
-        raise CompileError(f"control law: expected torques and memory, got {type(found).__name__}; try `tau, memory`")
-    drive, kept = array(found[0]), array(found[1])
-    for what, x, size in (("torques", drive, chain.joint_count), ("memory", kept, len(law.memory))):
-        if x.shape != (size,):
-            raise CompileError(f"control law: {what}: expected shape ({size},), got {x.shape}")
-    return drive, kept
-
-
-def law_program(law: ControlLaw, chain: ClosedChain) -> Program:
-    """Return a law as a program: t, the state's arrays, memory and parameters to torques and memory.
-
-    Raises:
-        CompileError: it cannot be traced.
-    """
-    names, fields, size = [f"control.{name}" for name in law.parameters], state_fields(chain), shapes(chain)
-
-    def outputs(t: Array, *arrays: Array) -> tuple[Array, Array]:
-        parts, (memory, *given) = arrays[: len(fields)], arrays[len(fields) :]
-        state = State(**dict(zip(fields.values(), parts, strict=True)))
-        return law_outputs(law, chain, t[()], state, memory, dict(zip(names, given, strict=True)))
-
-    of_state = [size[name] for name in fields]
-    return trace(outputs, [(), *of_state, (len(law.memory),), *map(tuple, law.parameters.values())])
 
 
 def checked_motion(name: str, motion: BaseMotion) -> Callable[[Scalar], tuple[Pose, Array, Array]]:

@@ -1,0 +1,99 @@
+"""What a step of `simulate` costs besides its controller: two Pandas with all their limits that hold a box, at 1 kHz.
+
+Run it with HOLDFAST_COMPILE unset, on a quiet machine: `python benchmarks/controllers.py`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import holdfast as hf
+from holdfast.control import ObjectTracking, RestToRest, compile_law
+from holdfast.robots import panda
+
+STEP, STEPS, FEW, ROUNDS = 1e-3, 500, 100, 3
+
+
+class Timed:
+    """A law, and the process time that was spent in it."""
+
+    def __init__(self, law: Callable[..., Any]) -> None:
+        self.law, self.spent, self.calls = law, 0.0, 0
+
+    def __call__(self, t: float, state: hf.State, memory: Any) -> Any:
+        """Return what the law returns."""
+        begin = time.process_time()
+        found = self.law(t, state, memory)
+        self.spent += time.process_time() - begin
+        self.calls += 1
+        return found
+
+
+def least(call: Callable[[], Any], calls: int) -> float:
+    """Return the least process time of a call over several rounds, in microseconds."""
+    call()
+    rounds = []
+    for _ in range(ROUNDS):
+        begin = time.process_time()
+        for _ in range(calls):
+            call()
+        rounds.append((time.process_time() - begin) / calls)
+    return 1e6 * min(rounds)
+
+
+def main() -> None:
+    """Print milliseconds a step, of which the law's, and microseconds of compiled laws."""
+    arms = {
+        "left": panda(hf.Pose.translation(-0.55, 0, 0)),
+        "right": panda(hf.Pose.from_rpy(0, 0, np.pi, [0.55, 0, 0])),
+    }
+    places = {"left": ([-0.15, 0, 0], [1, 0, 0]), "right": ([0.15, 0, 0], [-1, 0, 0])}
+    grasps = {name: hf.Grasp("rigid", hf.contact_frame(at, into=into)) for name, (at, into) in places.items()}
+    box = hf.HeldObject.box(mass=3.0, x=0.3, y=0.2, z=0.2)
+    chain, state = hf.assemble(arms, box, grasps, object_pose=hf.Pose.translation(0, 0, 0.72))
+    hold, limits = hf.holding_torques(chain, state, internal=20.0), [joint.effort_limit for joint in chain.all_joints]
+    gains = np.minimum(200.0, 2.0 * np.array(limits))
+    path = RestToRest(state.object_frame, displacement=[0, 0, 0.2], turn=[0, 0, 0.3], begin=0.0, duration=1.5)
+    track = ObjectTracking(chain, path.at, squeeze=20.0)
+
+    def saturated(t: float, now: hf.State, memory: Any) -> Any:
+        return np.clip(hold - gains * (now.q - state.q) - 0.02 * gains * now.qd, limits_low, limits), memory
+
+    def wrapped(t: float, now: hf.State, memory: Any) -> Any:
+        return track(t, now, memory)
+
+    limits_low = [-x for x in limits]
+    print(f"{'controller':46} {'ms a step':>10} {'in the law':>11} {'our own':>8} {'calls a step':>13}")
+    for name, law, steps, sample_time in (
+        ("Python function, sampled at 1 kHz", saturated, STEPS, STEP),
+        ("ObjectTracking in a function, sampled at 1 kHz", wrapped, STEPS, STEP),
+        ("Python function, asked all along", saturated, FEW, None),
+        ("ObjectTracking in a function, asked all along", wrapped, FEW, None),
+        ("ObjectTracking itself, asked all along", track, STEPS, None),
+    ):
+        best = np.array([np.inf, 0.0, 0.0])
+        for _ in range(ROUNDS):
+            timed = law if law is track else Timed(law)
+            begin = time.process_time()
+            run = hf.simulate(chain, state, timed, steps * STEP, STEP, sample_time=sample_time)
+            spent, calls = getattr(timed, "spent", 0.0), getattr(timed, "calls", 0)
+            assert run.stopped is None
+            best = min(best, np.array([time.process_time() - begin, spent, calls]) / steps, key=lambda one: one[0])
+        whole, inside, calls = best * [1e3, 1e3, 1.0]
+        print(f"{name:46} {whole:10.2f} {inside:11.3f} {whole - inside:8.2f} {calls:13.1f}")
+
+    fast, many = compile_law(track), 4096
+    bound = fast.bind(object_pose=state.object_pose, q=state.q)
+    q = np.repeat(np.array(state.q)[None], many, axis=0)
+    batch = least(lambda: fast.torques(0.3, q, state.qd, state.object_pose, state.object_twist), 5) / many
+    print(f"\nObjectTracking as machine code: {least(lambda: fast(0.3, state, None), 2000):.2f} us called,", end=" ")
+    print(f"{least(bound, 2000):.2f} us bound, {batch:.2f} us in a batch of {many};", end=" ")
+    print(f"{least(lambda: track(0.3, state, None), 20):.0f} us by its text")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,97 @@
+"""Control laws traced: what they compute of time, state, memory and parameters, as a program."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from holdfast.compiled.externals import shapes, state_fields
+from holdfast.compiler.errors import CompileError
+from holdfast.compiler.program import Program
+from holdfast.compiler.trace import trace
+from holdfast.control.controller import ControlLaw, Controller, GivenLaw
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.fingerprint import exact_fingerprint
+from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.scalar import Array, Scalar, array
+from holdfast.state import State
+
+
+def law_of(controller: Controller | ControlLaw, chain: ClosedChain) -> ControlLaw | None:
+    """Return the law of a controller that can be traced, or None.
+
+    Raises:
+        StateError: a law that takes parameters.
+    """
+    if isinstance(controller, ControlLaw | GivenLaw):
+        return controller.given({}).law if isinstance(controller, ControlLaw) else controller.law
+    if not getattr(controller, "traceable", False):
+        return None
+    key = exact_fingerprint(controller)
+    law = ControlLaw(OwnTorque(controller), key=key or "")
+    if key is None:  # a part of it is the user's own, such as a path
+        try:
+            law_program(law, chain)
+        except CompileError:
+            return None
+    return law
+
+
+@dataclass(frozen=True, eq=False)
+class OwnTorque(Frozen):
+    """The torques of a controller that remembers nothing, as those of a law.
+
+    Attributes:
+        controller: the controller.
+    """
+
+    controller: Controller
+
+    def __call__(self, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
+        """Return the torques (n,) and the memory."""
+        return np.asarray(self.controller(t, state, None)[0]), memory
+
+
+def law_outputs(
+    law: ControlLaw, chain: ClosedChain, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]
+) -> tuple[Array, Array]:
+    """Return a law's torques (n,) and memory.
+
+    Args:
+        law: the law.
+        chain: whose joints it drives.
+        t: time [s].
+        state: positions and velocities.
+        memory: the law's.
+        given: its parameters, by `control.name`.
+
+    Raises:
+        CompileError: it returns something else.
+    """
+    found = law.torque(t, state, memory, {name: given[f"control.{name}"] for name in law.parameters})
+    if not isinstance(found, tuple) or len(found) != 2:
+        raise CompileError(f"control law: expected torques and memory, got {type(found).__name__}; try `tau, memory`")
+    drive, kept = array(found[0]), array(found[1])
+    for what, x, size in (("torques", drive, chain.joint_count), ("memory", kept, len(law.memory))):
+        if x.shape != (size,):
+            raise CompileError(f"control law: {what}: expected shape ({size},), got {x.shape}")
+    return drive, kept
+
+
+def law_program(law: ControlLaw, chain: ClosedChain) -> Program:
+    """Return a law as a program: t, the state's arrays, memory and parameters to torques and memory.
+
+    Raises:
+        CompileError: it cannot be traced.
+    """
+    names, fields, size = [f"control.{name}" for name in law.parameters], state_fields(chain), shapes(chain)
+
+    def outputs(t: Array, *arrays: Array) -> tuple[Array, Array]:
+        parts, (memory, *given) = arrays[: len(fields)], arrays[len(fields) :]
+        state = State(**dict(zip(fields.values(), parts, strict=True)))
+        return law_outputs(law, chain, t[()], state, memory, dict(zip(names, given, strict=True)))
+
+    of_state = [size[name] for name in fields]
+    return trace(outputs, [(), *of_state, (len(law.memory),), *map(tuple, law.parameters.values())])

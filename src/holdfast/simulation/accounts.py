@@ -1,0 +1,103 @@
+"""What a run's books say of an instant: energies, momentum and its rate, and what the wrists carry."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.compiled.arm_functions import ACCOUNTS
+from holdfast.compiled.function import CompiledFunction
+from holdfast.compiled.structure import Options
+from holdfast.dynamics.closed.spring_wrenches import with_springs
+from holdfast.dynamics.energy import bodies, elastic_energy, rotor_energy
+from holdfast.dynamics.momentum_balance import rate_of
+from holdfast.errors import StateError
+from holdfast.forces.wrist import wrist_wrenches
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.instant import Instant
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import shift_wrench
+from holdfast.spatial.vector import cross
+from holdfast.state import Inputs
+
+WORTH_COMPILING = 250  # instants: the reference is through with fewer in the time that compiling takes
+
+
+class Accounts(NamedTuple):
+    """What the books say of one instant, world axes about the world's origin.
+
+    Attributes:
+        kinetic: energy [J].
+        potential: energy, of springs too [J].
+        momentum: (6,) [angular; linear] [N m s, N s].
+        rate: (6,) [moment; force] of bases, weights and external wrenches [N m, N].
+        wrist: (arms, 6) see `wrist_wrenches`.
+    """
+
+    kinetic: float
+    potential: float
+    momentum: Array
+    rate: Array
+    wrist: Array
+
+
+def accounts_of(at: Instant) -> Accounts:
+    """Return the accounts of an instant. O(n)."""
+    chain, state = at.chain, at.state
+    given, every = with_springs(chain, state, at.inputs.shaped(chain)), list(bodies(chain, state, at.inputs))
+    return Accounts(
+        sum(body.kinetic_energy for body in every) + rotor_energy(chain, state),
+        sum(body.potential_energy(chain.gravity) for body in every) + elastic_energy(chain, state),
+        np.sum([body.momentum(np.zeros(3)) for body in every], axis=0),
+        rate_of(chain, at.result, given, every, np.zeros(3)),
+        wrist_wrenches(chain, state, at.result),
+    )
+
+
+class CompiledAccounts:
+    """The accounts of one chain by machine code, for bases that stand still and wrenches on the object alone.
+
+    Attributes:
+        chain: the chain.
+    """
+
+    def __init__(self, chain: ClosedChain) -> None:
+        """Take the chain; it is compiled at the first instant."""
+        self.chain = chain
+        self._given: tuple[Array, ...] = (np.zeros(0),) * 4
+        self._found: dict[str, Array] = {}
+
+    @staticmethod
+    def suit(chain: ClosedChain, inputs: Inputs) -> bool:
+        """Return whether nothing else acts on the chain."""
+        plain = chain.trunk is None and not chain.springs and not chain.bushings
+        still = inputs.base_twists is None or not inputs.base_twists.any()
+        return plain and still and inputs.link_wrenches is None
+
+    @cached_property
+    def _function(self) -> CompiledFunction:
+        return CompiledFunction("accounts", self.chain, Options(), ACCOUNTS)
+
+    def _of_state(self, *given: Array) -> dict[str, Array]:
+        """Return what follows from the state alone; the two sides of a jump have the same."""
+        if not all(map(np.array_equal, given, self._given)):
+            self._found, self._given = self._function(given, {}, 1), given
+        return self._found
+
+    def of(self, at: Instant) -> Accounts:
+        """Return the accounts of an instant of the chain."""
+        state, result = at.state, at.result
+        try:
+            x = self._of_state(state.q, state.qd, state.object_pose, state.object_twist)
+        except StateError:  # joints that have turned further than machine code takes
+            return accounts_of(at)
+        mass, moment, gravity = x["mass_moment"][0], x["mass_moment"][1:], self.chain.gravity
+        rate = np.concatenate([cross(moment, gravity), mass * gravity])
+        if at.inputs.object_wrench is not None:
+            rate = rate + shift_wrench(state.object_pose[4:], at.inputs.object_wrench)
+        for arm, f in zip(self.chain.arms.values(), result.base_wrench, strict=True):
+            rate = rate + shift_wrench(arm.base.p, f)
+        wrist = np.einsum("aji,akj->aki", x["tip_R"].reshape(-1, 3, 3), result.grasp_wrench.reshape(-1, 2, 3))
+        return Accounts(float(x["kinetic"]), float(x["potential"]), x["momentum"], rate, wrist.reshape(-1, 6))

@@ -1,0 +1,126 @@
+"""Whole steps as machine code: a law and base motions that can be traced, constant wrenches."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from holdfast.control.controller import ControlLaw
+from holdfast.simulation.environment import Environment
+from holdfast.simulation.increment import no_turns
+from holdfast.simulation.instant import Instant, late_instant
+from holdfast.simulation.rollout.kernel import StepKernel, Systems
+from holdfast.simulation.rollout.rows import Moment, failure, gaps_of, instant_of, refuse, state_of, state_rows
+from holdfast.simulation.runge_kutta import Tableau
+from holdfast.simulation.step import Gaps, rows_held_near
+from holdfast.simulation.stepper import NO_GAPS, Advance
+from holdfast.spatial.scalar import Array
+from holdfast.state import Inputs, State
+
+
+@dataclass(frozen=True, eq=False)
+class FusedStepper:
+    """Steps of a chain under a control law, base motions traceable, external wrenches constant; see `Stepper`.
+
+    Attributes:
+        environment: the chain and what acts on it.
+        kernel: its step.
+        scheme: the Runge-Kutta scheme of its steps; it estimates no errors.
+        generic_rank: rank of the constraint away from singular configurations.
+        values: of the law's parameters, by the kernel's names.
+    """
+
+    environment: Environment
+    kernel: StepKernel
+    scheme: Tableau
+    generic_rank: int
+    values: Mapping[str, Array] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        environment: Environment,
+        law: ControlLaw,
+        scheme: Tableau,
+        generic_rank: int,
+        values: Mapping[str, Array] | None = None,
+    ) -> FusedStepper:
+        """Return the stepper of a law, under values of its parameters."""
+        kernel = StepKernel(environment.chain, law, scheme, generic_rank, motions=environment.base_motion, quick=True)
+        return cls(environment, kernel, scheme, generic_rank, by_name(values or {}))
+
+    def start(self, t: float, state: State, memory: Any) -> tuple[Instant, Gaps]:
+        """Return the chain at a given state, projected onto the grasps; see `Stepper`."""
+        return self._at(t, state, memory, held=False)
+
+    def evaluate(self, t: float, state: State, memory: Any) -> Instant:
+        """Return the chain at a given state, taken as it is."""
+        return self._at(t, state, memory, held=True)[0]
+
+    def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
+        """Return where one step leads; see `Stepper`."""
+        systems = self.kernel.systems(state_rows([now.state] * len(ends)), now.memory)
+        systems["slope"][...] = now.rates(no_turns(now.state))
+        hold_rows(systems, now.result.held)
+        self._run(systems, now.t, np.array(ends) - now.t, held=False)
+        return [self._advance(systems, row, end, now.memory) for row, end in enumerate(ends)]
+
+    def _advance(self, systems: Systems, row: int, end: float, memory: Any) -> Advance:
+        fault = failure(systems["code"][row])
+        if fault is not None:
+            return Advance(end, None, NO_GAPS, np.zeros(4), failure=fault)
+        instant = self._instant(systems, row, end, memory)
+        return Advance(end, instant, gaps_of(systems, row), systems["work"][row].copy())
+
+    def _at(self, t: float, state: State, memory: Any, held: bool) -> tuple[Instant, Gaps]:
+        systems = self.kernel.systems(state_rows([state]), memory)
+        hold_rows(systems, None if held else rows_held_near(self.environment, t, state, self.generic_rank))
+        self._run(systems, t, np.zeros(1), held)
+        refuse(systems)
+        return self._instant(systems, 0, t, memory), gaps_of(systems, 0)
+
+    def _run(self, systems: Systems, begin: float, steps: Array, held: bool) -> None:
+        wrench = self._acting.object_wrench
+        assert wrench is not None
+        inputs = {
+            "begin": np.array(begin),
+            "step": steps,
+            "held": np.array(float(held)),
+            "object_wrench": wrench,
+            "search": np.array(0.0),  # `simulate` does, and finds when
+            **self.values,
+        }
+        self.kernel.run(systems, inputs, {})
+
+    def _instant(self, systems: Systems, row: int, t: float, memory: Any) -> Instant:
+        joints = systems["q"][row], systems["qd"][row], systems["drive"][row]
+        return late_instant(t, joints, lambda: self._whole(systems, row, t, memory))
+
+    def _whole(self, systems: Systems, row: int, t: float, memory: Any) -> Instant:
+        chain, inputs = self.environment.chain, self._acting
+        if self.environment.base_motion:
+            chain, moving = self.environment.at(t, state_of(systems, row))
+            inputs = moving.shaped(chain)
+        return instant_of(systems, row, Moment(t, chain, inputs, None, memory))
+
+    @cached_property
+    def _acting(self) -> Inputs:
+        """What acts on the chain, but for moving bases."""
+        acting = self.environment.inputs
+        assert isinstance(acting, Inputs)
+        return acting.shaped(self.environment.chain)
+
+
+def by_name(values: Mapping[str, Array]) -> dict[str, Array]:
+    """Return values of a law's parameters by the kernel's names."""
+    return {f"control.{name}": x for name, x in values.items()}
+
+
+def hold_rows(systems: Systems, held: Array | None) -> None:
+    """Let systems whose steps hold chosen rows hold these; None: leave them as they are."""
+    if held is not None:
+        systems["held_rows"][...] = held

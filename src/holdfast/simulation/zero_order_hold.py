@@ -1,0 +1,184 @@
+"""A sampled controller: asked once a sample, its torques held until the next ones act (a zero-order hold).
+
+    tau(t) = tau_k for t_k + delay <= t < t_(k+1) + delay,   tau_k = controller(t_k, state(t_k), memory_(k-1))
+
+Between two samples torques are data, not a function: the steps are given them as the memory of
+`held_torques_law`, so that whole steps are machine code whatever the controller is, and no stage, no look inside a step
+and no step taken again asks the controller. Until the delay is over the first torques act, as if the chain had rested
+where it starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from holdfast.control.controller import ControlLaw, Controller, torques_and_memory
+from holdfast.errors import ModelError, StateError
+from holdfast.model import checks
+from holdfast.simulation.stops import ALIKE, MOST_STEPS
+from holdfast.spatial.scalar import Array, Scalar
+from holdfast.state import State
+
+
+@dataclass(frozen=True, eq=False)
+class ZeroOrderHold:
+    """When a sampled controller is asked, and when its torques act.
+
+    Attributes:
+        sample_time: from one question to the next [s].
+        delay: from a question to when its torques act [s].
+        asked: (k,) when the controller is asked, from 0 on [s].
+        acts: (k,) from when on its torques act [s]: the first from 0 on, those after the run's end at infinity.
+    """
+
+    sample_time: float
+    delay: float
+    asked: Array
+    acts: Array
+
+    @property
+    def jumps(self) -> list[float]:
+        """When torques jump [s]."""
+        return [float(t) for t in self.acts if 0.0 < t < np.inf]
+
+
+@dataclass(frozen=True, eq=False)
+class HeldTorques:
+    """Where a sampled controller is.
+
+    Attributes:
+        asked: how often it has been asked.
+        memory: what it carries on.
+        waiting: torques (n,) that do not act yet, the oldest first.
+        sample_time: of the hold [s].
+        delay: of the hold [s].
+    """
+
+    asked: int
+    memory: Any
+    waiting: tuple[Array, ...]
+    sample_time: float
+    delay: float
+
+
+def zero_order_hold(
+    sample_time: float | None, delay: float, duration: float, declared: Sequence[float]
+) -> ZeroOrderHold | None:
+    """Return when a controller is asked and acts in a run; None where it is asked all along.
+
+    Args:
+        sample_time: [s]; None: at every stage of every step.
+        delay: [s].
+        duration: of the run [s].
+        declared: times of events and breakpoints [s]; samples that differ from them by rounding are at these.
+
+    Raises:
+        ModelError: times that no sampled controller can have.
+    """
+    delay = checks.number(delay, "simulation: delay", at_least=0.0)
+    if sample_time is None:
+        if delay > 0.0:
+            raise ModelError(
+                f"simulation: delay: expected a sample_time with it, got {delay:g} s alone; a controller that is asked"
+                " all along has none: try sample_time=1e-3"
+            )
+        return None
+    period = checks.number(sample_time, "simulation: sample_time", above=0.0)
+    if duration / period > MOST_STEPS:
+        raise ModelError(
+            f"simulation: sample_time: expected at most {MOST_STEPS} samples, got {duration / period:.3g}; try a larger"
+            " sample_time"
+        )
+    if delay >= duration:
+        raise ModelError(
+            f"simulation: delay: expected less than the duration {duration:g} s, got {delay:g} s: no torques but the"
+            " first would act"
+        )
+    apart = ALIKE * period
+    count = max(1, int(np.ceil(duration / period * (1.0 - ALIKE))))
+    asked = period * np.arange(count)
+    whole = round(delay / period)
+    steady = abs(delay - whole * period) <= apart
+    acts = period * (np.arange(count) + whole) if steady else asked + delay
+    acts[0] = 0.0
+    acts[acts > duration - apart] = np.inf
+    at = np.unique(checks.numbers(list(declared), (len(declared),), "simulation: breakpoints"))
+    return ZeroOrderHold(period, delay, _brought_to(at, asked, apart), _brought_to(at, acts, apart))
+
+
+def _brought_to(at: Array, times: Array, apart: float) -> Array:
+    """Return times, those that differ from one of `at`, in order, by rounding replaced by that one."""
+    if not len(at):
+        return times
+    right = np.clip(np.searchsorted(at, times), 0, len(at) - 1)
+    left = np.maximum(right - 1, 0)
+    nearest = np.where(np.abs(at[left] - times) < np.abs(at[right] - times), at[left], at[right])
+    return np.where(np.abs(nearest - times) <= apart, nearest, times)
+
+
+def begun(hold: ZeroOrderHold | None) -> HeldTorques | None:
+    """Return a sampled controller that has not been asked yet; None without a hold."""
+    return None if hold is None else HeldTorques(0, None, (), hold.sample_time, hold.delay)
+
+
+def require_same(hold: ZeroOrderHold | None, saved: HeldTorques | None) -> None:
+    """Refuse to go on with a run under another sample time or delay than it began with.
+
+    Raises:
+        StateError: naming both.
+    """
+    ours, theirs = (None if one is None else (one.sample_time, one.delay) for one in (hold, saved))
+    if ours != theirs:
+        raise StateError(
+            f"simulation: start: expected {_in_words(theirs)}, as the run began with, got {_in_words(ours)}; try the"
+            " same again, or a new run"
+        )
+
+
+def _in_words(given: tuple[float, float] | None) -> str:
+    return "no sample_time" if given is None else f"sample_time={given[0]:g} and delay={given[1]:g}"
+
+
+def due(hold: ZeroOrderHold, held: HeldTorques, t: float) -> bool:
+    """Return whether the controller is to be asked at a time [s]."""
+    return held.asked < len(hold.asked) and bool(hold.asked[held.asked] <= t)
+
+
+def sampled(
+    hold: ZeroOrderHold, controller: Controller, t: float, state: State, held: HeldTorques, acting: Array
+) -> tuple[HeldTorques, Array]:
+    """Return where the controller is at a time, asked if that is due, and the torques that act from then on, (n,).
+
+    Args:
+        hold: when it is asked and acts.
+        controller: what is asked.
+        t: time [s].
+        state: positions and velocities then.
+        held: where it was before.
+        acting: (n,) the torques that act before [N m or N].
+
+    Raises:
+        StateError: it returns no torques and memory that fit.
+    """
+    asked, memory, waiting = held.asked, held.memory, held.waiting
+    if due(hold, held, t):
+        tau, memory = torques_and_memory(controller(float(hold.asked[asked]), state, memory))
+        given = checks.numbers(tau, (len(state.q),), "controller: torques", StateError)
+        asked, waiting = asked + 1, (*waiting, given)
+    while waiting and hold.acts[asked - len(waiting)] <= t:
+        acting, *others = waiting
+        waiting = tuple(others)
+    return HeldTorques(asked, memory, waiting, held.sample_time, held.delay), acting
+
+
+def held_torques_law(joint_count: int) -> ControlLaw:
+    """Return the law whose memory is the torques that act."""
+    return ControlLaw(_remembered, memory=np.zeros(joint_count), key="held in memory")
+
+
+def _remembered(t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
+    return memory, memory
