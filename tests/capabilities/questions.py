@@ -113,15 +113,20 @@ def gradients_by_machine_code(c: Case) -> Any:
     return compiled(c).forward_dynamics_vjp(*as_batch(c), qdd=bar, by=BY, **parameters(c)).q
 
 
-def rollout(c: Case) -> Any:
-    """Return joint positions of two systems after three steps."""
+def begun(c: Case) -> tuple[Any, Any]:
+    """Return a rollout, and two systems at the state."""
     law = hf.ControlLaw(lambda t, state, memory, given: (given["tau"], memory), parameters={"tau": c.tau.shape})
     made = hf.compile_rollout(c.chain, law, inputs=c.wrenches, base_motion=c.base_motion)
     q, qd, _, pose, twist = as_batch(c)
     floating = {} if c.state.base_pose is None else {
         "floating_pose": np.tile(c.state.base_pose, (2, 1)), "floating_twist": np.tile(c.state.base_twist, (2, 1))
     }  # fmt: skip
-    systems = made.start(q, qd, pose, twist, tau=c.tau, **floating)
+    return made, made.start(q, qd, pose, twist, tau=c.tau, **floating)
+
+
+def rollout(c: Case) -> Any:
+    """Return joint positions of two systems after three steps."""
+    made, systems = begun(c)
     made.step(systems, STEP, steps=3)
     assert set(systems.status) == {hf.simulation.RolloutStatus.RUNNING}, systems.status
     return systems.q
@@ -134,6 +139,14 @@ def gradients(c: Case) -> Any:
     rates = hf.forward_dynamics_jvp(c.chain, c.state, c.tau, inputs=c.inputs, along={"qd": bar})
     matrix = hf.forward_dynamics_jacobian(c.chain, c.state, c.tau, inputs=c.inputs, by=("tau",))
     return [back.q, rates.qdd, matrix["qdd", "tau"]]
+
+
+def through_steps(c: Case) -> Any:
+    """Return gradients of joint positions after two steps by what they were and by torques."""
+    made, systems = begun(c)
+    tape = made.tape(systems, STEP, steps=2)
+    found = tape.vjp({"q": np.ones_like(systems.q)}, by=("q", "tau"))
+    return [found.q, found.tau]
 
 
 def of_texts(c: Case) -> Any:
@@ -213,6 +226,8 @@ DERIVATIVES = [
     Question("`linearise`", lambda c: hf.linearise(c.chain, c.state, c.tau, inputs=c.inputs).A, quick=False),
     Question("derivatives as machine code", gradients_by_machine_code, quick=False),
     Question("of inverse dynamics and energies", of_texts, quick=False),
+    Question("a time step", lambda c: hf.linearise(c.chain, c.state, c.tau, inputs=c.inputs, step=STEP).A, quick=False),
+    Question("through rollouts", through_steps, quick=False),
     Question("`regressor`", parameters_rows, quick=False),
 ]
 TABLES = {

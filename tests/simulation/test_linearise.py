@@ -57,6 +57,7 @@ def test_runs_nearby(kinds):
     assert off[1] < 0.27 * off[0]
 
 
+@pytest.mark.long
 def test_limit():
     """A short step is the exponential of the dynamics; B its integral. Bases are close, not the same."""
     p = held(GRASPS[0])

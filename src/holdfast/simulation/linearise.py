@@ -126,6 +126,8 @@ def linearise(
     found = forward_dynamics(chain, state, tau, inputs=inputs, check=check, generic_rank=generic_rank)
     shaped = _held(chain, inputs)
     torques = checks.numbers(tau, (chain.joint_count,), "tau", StateError)
+    T = basis_at(chain, state, shaped)
+    T = T if basis is None else turned_towards(T, basis)
     environment = Environment(chain, {}, shaped)
     stepper = ReferenceStepper(environment, lambda t, state, memory: (torques, memory), found.rank, tableau)
     now = stepper.evaluate(0.0, state, None)
@@ -138,8 +140,7 @@ def linearise(
         Structure(chain, Options()), held_torques(chain.joint_count), {}, None, tableau, environment, True
     )
     linear = model.linear(_given(chain, state, torques, h, now.result), (*_moving(chain), TORQUES))
-    T, T_end = (basis_at(chain, at, shaped) for at in (state, end))
-    T = T if basis is None else turned_towards(T, basis)
+    T_end = basis_at(chain, end, shaped)
     T_end = turned_towards(T_end, T) if T.shape == T_end.shape else T_end
     inverse = np.linalg.pinv(T_end)
     A = np.array([_rates(chain, linear, column) for column in T.T]).reshape(-1, len(T)) @ inverse.T
