@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from holdfast.spatial.differentiation import gradient, linearised
+from holdfast.spatial.differentiation import bare, by_rule, gradient, linearised
 from holdfast.spatial.scalar import cos, maximum, minimum, sin, sqrt, where
 
 STEP = 1e-6
@@ -129,3 +129,40 @@ def test_branches_are_refused():
     """Python's own `if` on a number that is varied says what to write instead."""
     with pytest.raises(TypeError, match="where"):
         gradient(lambda x: x if x else -x, 1.0)
+
+
+class OfMatrix:
+    """Derivatives of a function that are told: a matrix of a linear one."""
+
+    def __init__(self, matrix: np.ndarray) -> None:
+        self.matrix, self.asked = matrix, 0
+
+    def rates(self, x):
+        self.asked += 1
+        return (self.matrix @ x,)
+
+    def gradient(self, bar):
+        self.asked += 1
+        return (bar @ self.matrix,)
+
+
+def test_rules():
+    """A function whose derivatives a rule tells, between operations; asked only where something depends on it."""
+    random = np.random.default_rng(4)
+    A, x, d, bar = random.normal(size=(2, 3)), random.normal(size=3), random.normal(size=3), random.normal(size=2)
+    rule, unused = OfMatrix(A), OfMatrix(A)
+
+    def told(x):
+        (y,) = by_rule([A @ bare(sin(x))], rule, sin(x))
+        by_rule([A @ bare(x)], unused, x)
+        return (y * y * x[:2],)
+
+    def plain(x):
+        return ((A @ sin(x)) ** 2 * x[:2],)
+
+    found, expected = linearised(told, x), linearised(plain, x)
+    assert np.allclose(found.rates(d), expected.rates(d), rtol=1e-14)
+    assert np.allclose(found.gradient(bar), expected.gradient(bar), rtol=1e-14)
+    assert rule.asked == 2 and unused.asked == 0
+    (y,) = by_rule([A @ x], unused, x)  # of what is not varied
+    assert y.dtype == float
