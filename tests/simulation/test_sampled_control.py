@@ -214,6 +214,22 @@ def test_a_slip_between_samples_and_one_at_a_sample():
         assert run.margin[-2:, 0] == pytest.approx([0.5 * 3.0 * PUSHED, -3.0 * PUSHED])
 
 
+def test_gains_too_high_for_the_sample_time():
+    """Damping that settles as a function of time shakes when it is sampled; what then ends the run says so."""
+    chain, state = pressed(rate_limit=1e3)
+
+    def law(t, x, memory):
+        return [3.0 - 1e4 * (x.qd[0] - 1.0)], memory
+
+    assert simulate(chain, state, law, 0.004, 1e-4, on_slip="record").stopped is None
+    run = simulate(chain, state, law, 0.2, 1e-3, sample_time=1e-3, on_slip="record")
+    rates = np.abs(run.qd[2::2, 0] - 1.0)[:5]
+    # by hand: v - 1 is multiplied by 1 - 1e4 T / 3 kg a sample
+    np.testing.assert_allclose(rates[1:] / rates[:-1], 1e4 * 1e-3 / 3.0 - 1.0, rtol=0.01)
+    assert run.stopped is not None
+    assert "lower gains: they may be too high for a sample time of 0.001 s" in run.stopped
+
+
 def test_events_at_samples_come_first():
     """A grasp that opens at a sample has opened when the controller is asked; rounding keeps no two times apart."""
     chain, state = squeezed(("rigid", "rigid"))
