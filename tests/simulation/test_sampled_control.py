@@ -15,6 +15,7 @@ from holdfast.simulation.trajectory import Trajectory, array_names
 from tests.simulation.gantries import PUSHED, contact_frame, pressed, squeezed
 from tests.simulation.rollout.problems import problem
 from tests.simulation.test_checkpoint import on_disk
+from tests.systems.n_four_bar import n_four_bar, passing_times
 
 N = 6
 PERIOD = 2e-3
@@ -310,3 +311,29 @@ def test_kept_with_the_run(tmp_path):
         }
     chain, state = problem("one")
     assert "sample_time" not in simulate(chain, state, Swinging(), 2e-3, 1e-3).setting.options
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"scheme": "rk4"}, pytest.param({"scheme": "dop853", "rtol": 1e-9}, marks=pytest.mark.long)],
+    ids=str,
+)
+def test_samples_beside_a_singular_posture(options):
+    """The long step that passes a posture ends at a sample too, where nothing jumps: none is late."""
+    chain, state = n_four_bar(2)
+    (passing,) = passing_times(2, 1)
+    period, asked = (passing + 0.002) / 20, []
+
+    def law(t, x, memory):
+        asked.append((t, x))
+        return np.zeros(chain.joint_count), memory
+
+    given = {"sample_time": period, "delay": 0.4 * period, "on_singular": "continue"} | options
+    run = simulate(chain, state, law, passing + 0.03, 1e-2, **given)
+    assert run.stopped is None
+    assert [one.kind for one in run.occurrences] == ["singular"]
+    assert len(asked) == int(np.ceil(run.t[-1] / period))
+    for t, x in asked:
+        k = int(np.searchsorted(run.t, t))
+        assert run.t[k] == t
+        assert np.array_equal(run.q[k], x.q)
