@@ -48,7 +48,7 @@ def sampled(law, samples: float, step: float = PERIOD, name: str = "one", **opti
         {},
         {"step": 0.3 * PERIOD},
         {"step": 2.0 * PERIOD},
-        {"scheme": "dop853"},
+        pytest.param({"scheme": "dop853"}, marks=pytest.mark.long),
         {"scheme": "midpoint", "largest_drift": 1e-9, "step": PERIOD / 4},
         {"delay": 2.0 * PERIOD},
         {"delay": 0.4 * PERIOD},
@@ -149,7 +149,7 @@ def test_between_samples():
     ids=str,
 )
 def test_going_on_changes_no_bit(options):
-    """From any checkpoint, through disk, torques waiting and memory included."""
+    """From a checkpoint through disk, with torques that wait and a memory."""
     chain, state = squeezed(("softfinger", "ball"), (Friction(0.5, torsion_radius=0.02), Friction(0.5)), ("x", ""))
 
     def law(t, x, memory):
@@ -171,11 +171,11 @@ def test_going_on_changes_no_bit(options):
     whole = simulate(*given, **options, on_checkpoint=checkpoints.append)
     assert whole.stopped is None
     assert {one.kind for one in whole.occurrences} >= {"attach", "release"}
-    assert any(one.held.waiting for one in checkpoints)
-    for k in (2, len(whole) // 2):
-        rest = simulate(*given, **options, start=on_disk(checkpoints[k]))
-        for name in array_names():
-            assert getattr(rest, name).tobytes() == getattr(whole, name)[k + 1 :].tobytes(), (k, name)
+    waiting = [k for k, one in enumerate(checkpoints) if one.held.waiting]
+    k = waiting[len(waiting) // 2]
+    rest = simulate(*given, **options, start=on_disk(checkpoints[k]))
+    for name in array_names():
+        assert getattr(rest, name).tobytes() == getattr(whole, name)[k + 1 :].tobytes(), name
     with pytest.raises(
         StateError, match=r"start: expected sample_time=0.002 and delay=.*, as the run began with, got no"
     ):
