@@ -164,7 +164,7 @@ def test_runs_of_wrapped_laws(sample_time):
 
     replaced = Text(chain, joint_damping=0.5)
     kept = []
-    steps = 260 if sample_time else 40
+    steps = 260 if sample_time else 16
     given = state, wrapped, steps * 1e-3, 1e-3
     run = hf.simulate(chain, *given, sample_time=sample_time, on_checkpoint=kept.append)
     other = hf.simulate(chain, state, expected, *given[2:], sample_time=sample_time)

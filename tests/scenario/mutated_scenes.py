@@ -29,9 +29,10 @@ SWAY = (
 FULL = TEXT.replace("step = 0.002", 'step = 0.02\nscheme = "dop853"\nrtol = 1e-6\non_slip = "release"').replace(
     "[object]", SWAY + "\n[object]", 1
 )
+SAMPLED = "duration = 0.004\nlargest_drift = 1e-8\nsample_time = 3e-3\ndelay = 5e-4"
 SEEDS = (
     *(SHORT, FULL + MORE, FULL.replace("rigid", "ball").replace('"dop853"', '"midpoint"')),
-    *(with_schedule().replace("duration = 2.0", "duration = 0.004\nlargest_drift = 1e-8"), scene_of_urdf()),
+    *(with_schedule().replace("duration = 2.0", SAMPLED), scene_of_urdf()),
     scene_of_urdf(urdf=", locked = { lift = 0.1 }", arm="q = [0.3, 1.0, 0.1]\ntip = { rpy = [0, 0, 1] }"),
     *(random_scene(seed) for seed in (0, 1, 4, 6, 8, 9, 12)),
 )

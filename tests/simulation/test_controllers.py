@@ -98,7 +98,7 @@ PULLED = ControlLaw(
         ({"on_limit": "clip"}, STEPS["few"]),
         ({"sample_time": 2e-4}, STEPS["few"]),
         ({}, WORTH_COMPILING),
-        ({"inputs": lambda t: Inputs()}, WORTH_COMPILING),
+        pytest.param({"inputs": lambda t: Inputs()}, WORTH_COMPILING, marks=pytest.mark.long),
         pytest.param({"on_limit": "clip", "sample_time": 2e-4}, STEPS["many"], marks=pytest.mark.long),
     ],
 )

@@ -15,6 +15,7 @@ from holdfast.simulation.trajectory import Trajectory, array_names
 from tests.simulation.gantries import PUSHED, contact_frame, pressed, squeezed
 from tests.simulation.rollout.problems import problem
 from tests.simulation.test_checkpoint import on_disk
+from tests.systems.n_four_bar import n_four_bar, passing_times
 
 N = 6
 PERIOD = 2e-3
@@ -47,7 +48,7 @@ def sampled(law, samples: float, step: float = PERIOD, name: str = "one", **opti
         {},
         {"step": 0.3 * PERIOD},
         {"step": 2.0 * PERIOD},
-        {"scheme": "dop853"},
+        pytest.param({"scheme": "dop853"}, marks=pytest.mark.long),
         {"scheme": "midpoint", "largest_drift": 1e-9, "step": PERIOD / 4},
         {"delay": 2.0 * PERIOD},
         {"delay": 0.4 * PERIOD},
@@ -148,7 +149,7 @@ def test_between_samples():
     ids=str,
 )
 def test_going_on_changes_no_bit(options):
-    """From any checkpoint, through disk, torques waiting and memory included."""
+    """From a checkpoint through disk, with torques that wait and a memory."""
     chain, state = squeezed(("softfinger", "ball"), (Friction(0.5, torsion_radius=0.02), Friction(0.5)), ("x", ""))
 
     def law(t, x, memory):
@@ -170,11 +171,11 @@ def test_going_on_changes_no_bit(options):
     whole = simulate(*given, **options, on_checkpoint=checkpoints.append)
     assert whole.stopped is None
     assert {one.kind for one in whole.occurrences} >= {"attach", "release"}
-    assert any(one.held.waiting for one in checkpoints)
-    for k in (2, len(whole) // 2):
-        rest = simulate(*given, **options, start=on_disk(checkpoints[k]))
-        for name in array_names():
-            assert getattr(rest, name).tobytes() == getattr(whole, name)[k + 1 :].tobytes(), (k, name)
+    waiting = [k for k, one in enumerate(checkpoints) if one.held.waiting]
+    k = waiting[len(waiting) // 2]
+    rest = simulate(*given, **options, start=on_disk(checkpoints[k]))
+    for name in array_names():
+        assert getattr(rest, name).tobytes() == getattr(whole, name)[k + 1 :].tobytes(), name
     with pytest.raises(
         StateError, match=r"start: expected sample_time=0.002 and delay=.*, as the run began with, got no"
     ):
@@ -212,6 +213,22 @@ def test_a_slip_between_samples_and_one_at_a_sample():
         assert run.stopped is not None and "lifts off" in run.stopped
         assert run.t[-1] == pytest.approx(3 * PERIOD + delay, abs=1e-15)
         assert run.margin[-2:, 0] == pytest.approx([0.5 * 3.0 * PUSHED, -3.0 * PUSHED])
+
+
+def test_gains_too_high_for_the_sample_time():
+    """Damping that settles as a function of time shakes when it is sampled; what then ends the run says so."""
+    chain, state = pressed(rate_limit=1e3)
+
+    def law(t, x, memory):
+        return [3.0 - 1e4 * (x.qd[0] - 1.0)], memory
+
+    assert simulate(chain, state, law, 0.004, 1e-4, on_slip="record").stopped is None
+    run = simulate(chain, state, law, 0.2, 1e-3, sample_time=1e-3, on_slip="record")
+    rates = np.abs(run.qd[2::2, 0] - 1.0)[:5]
+    # by hand: v - 1 is multiplied by 1 - 1e4 T / 3 kg a sample
+    np.testing.assert_allclose(rates[1:] / rates[:-1], 1e4 * 1e-3 / 3.0 - 1.0, rtol=0.01)
+    assert run.stopped is not None
+    assert "lower gains: they may be too high for a sample time of 0.001 s" in run.stopped
 
 
 def test_events_at_samples_come_first():
@@ -294,3 +311,29 @@ def test_kept_with_the_run(tmp_path):
         }
     chain, state = problem("one")
     assert "sample_time" not in simulate(chain, state, Swinging(), 2e-3, 1e-3).setting.options
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"scheme": "rk4"}, pytest.param({"scheme": "dop853", "rtol": 1e-9}, marks=pytest.mark.long)],
+    ids=str,
+)
+def test_samples_beside_a_singular_posture(options):
+    """The long step that passes a posture ends at a sample too, where nothing jumps: none is late."""
+    chain, state = n_four_bar(2)
+    (passing,) = passing_times(2, 1)
+    period, asked = (passing + 0.002) / 20, []
+
+    def law(t, x, memory):
+        asked.append((t, x))
+        return np.zeros(chain.joint_count), memory
+
+    given = {"sample_time": period, "delay": 0.4 * period, "on_singular": "continue"} | options
+    run = simulate(chain, state, law, passing + 0.03, 1e-2, **given)
+    assert run.stopped is None
+    assert [one.kind for one in run.occurrences] == ["singular"]
+    assert len(asked) == int(np.ceil(run.t[-1] / period))
+    for t, x in asked:
+        k = int(np.searchsorted(run.t, t))
+        assert run.t[k] == t
+        assert np.array_equal(run.q[k], x.q)

@@ -134,6 +134,10 @@ def too_long(window: Window, until: float, why: str) -> StepTooLongError:
         joint, reason, limit = _most_different(window, until), "which moves otherwise then", 0.5 * step
     fitting = _working(window, until, limit)
     advice = f"a step of {fitting:g} s" if np.isfinite(fitting) else "a much smaller step"
+    if (hold := window.segment.settings.hold) is not None:
+        advice += (
+            f"; where that fails too, lower gains: they may be too high for a sample time of {hold.sample_time:g} s"
+        )
     return StepTooLongError(
         f"the step of {step:g} s is too long for joint '{joint}', {reason}: {why}; try {advice}", joint, fitting
     )

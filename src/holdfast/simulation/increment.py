@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from holdfast.dynamics.projection import Change, displaced_by, quickened
+from holdfast.dynamics.projection import turned_and_shifted
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.runge_kutta import rotation_vector_rate
 from holdfast.spatial import rotation
@@ -97,10 +97,11 @@ def moving_at(state: State, z: Array, slope: Array, turns: Sequence[Array]) -> A
 
 def displaced(state: State, y: Array) -> State:
     """Return the state moved by an increment."""
-    n = len(state.q)
-    moves, jumps = zip(*((y[part][:6], y[part][6:]) for part in body_parts(state)), strict=True)
-    there = displaced_by(state, Change(y[:n], moves[0], moves[1] if len(moves) > 1 else None))
-    return quickened(there, Change(y[n : 2 * n], jumps[0], jumps[1] if len(jumps) > 1 else None))
+    n, bodies = len(state.q), []
+    poses = [pose for pose in (state.object_pose, state.base_pose) if pose is not None]
+    for part, pose, twist in zip(body_parts(state), poses, twists(state), strict=True):
+        bodies += [turned_and_shifted(pose, y[part][:6]), twist + y[part][6:]]
+    return State(state.q + y[:n], state.qd + y[n : 2 * n], *bodies)
 
 
 def _attitudes(state: State) -> list[Array]:

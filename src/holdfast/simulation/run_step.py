@@ -121,10 +121,14 @@ def _towards(at: RunState, left: float, step: float) -> RunState:
 
 
 def _latest(at: RunState) -> float:
-    """Return the time that no step may go beyond: of the next jump, or the run's end [s]."""
+    """Return the time that no step may go beyond: of the next jump or sample, or the run's end [s]."""
     times, jumps = at.segment.settings.stops
     jumping = np.flatnonzero(jumps[at.checkpoint.stop :])
-    return float(times[at.checkpoint.stop + jumping[0] - 1] if len(jumping) else times[-1])
+    latest = float(times[at.checkpoint.stop + jumping[0] - 1] if len(jumping) else times[-1])
+    hold, held = at.segment.settings.hold, at.checkpoint.held
+    if hold is None or held is None or held.asked == len(hold.asked):
+        return latest
+    return min(latest, float(hold.asked[held.asked]))
 
 
 def _passed(at: RunState, later: RunState, postures: Sequence[SingularPosture]) -> RunState:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, cast
 
 import numpy as np
@@ -24,7 +24,7 @@ from holdfast.simulation.adaptive import Tolerance
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.external_inputs import MOVING_BASES, GivenInputs
 from holdfast.simulation.increment import body_parts, twists
-from holdfast.simulation.instant import Instant
+from holdfast.simulation.instant import Instant, late_instant
 from holdfast.simulation.linearly_implicit import Implicit
 from holdfast.simulation.margins import Signals
 from holdfast.simulation.rollout.fused_stepper import FusedStepper, by_name, hold_rows
@@ -102,7 +102,8 @@ class StagewiseStepper:
             if len(ends) == 1:
                 return [Advance(ends[0], None, NO_GAPS, np.zeros(4), failure=cause)]
             return [self.advance(now, [end])[0] for end in ends]  # who fails alone fails alone
-        errors = [self.tolerance.ratio(step.estimates, now.state, step.later.state) for step in steps]
+        adaptive, ratio = self.scheme.adaptive, self.tolerance.ratio
+        errors = [ratio(step.estimates, now.state, step.later.state) if adaptive else 0.0 for step in steps]
         return [
             Advance(end, step.later, step.gaps, step.work, error)
             for end, step, error in zip(ends, steps, errors, strict=True)
@@ -117,7 +118,7 @@ class StagewiseStepper:
         rows = held if isinstance(questions[0], Stage) else None
         found, moments = self._evaluated(times, states, now.memory, rows, implicit)
         return [
-            _slope(found["slope"][row], one) if isinstance(one, Stage) else instant_of(found, row, moments[row])
+            _slope(found["slope"][row], one) if isinstance(one, Stage) else _late(found, row, moments[row])
             for row, one in enumerate(questions)
         ]
 
@@ -145,8 +146,30 @@ class StagewiseStepper:
         Raises:
             MethodNotApplicable: there are wrenches on links that it has no place for; they are not ignored.
         """
+        tau = None if self.controller is None else np.zeros(self.environment.chain.joint_count)
+        if self._still is not None:
+            return Moment(t, self.environment.chain, self._still, tau, None)
         chain, inputs = self.environment.at(t, state)
         shaped = inputs.shaped(chain)
+        self._require_places(t, shaped)
+        return Moment(t, chain, shaped, tau, None)
+
+    @cached_property
+    def _still(self) -> Inputs | None:
+        """What acts on a chain on which the same acts all along; None on any other."""
+        given = self.environment.inputs
+        if self.environment.base_motion or not isinstance(given, Inputs):
+            return None
+        shaped = given.shaped(self.environment.chain)
+        self._require_places(0.0, shaped)
+        return shaped
+
+    def _require_places(self, t: float, shaped: Inputs) -> None:
+        """Refuse inputs that machine code has no place for.
+
+        Raises:
+            MethodNotApplicable: naming them.
+        """
         on_links = () if self.environment.of_state else ("link_wrenches", "trunk_link_wrenches")
         for what in (*on_links, "trunk_base_twist", "trunk_base_acceleration"):
             x = getattr(shaped, what)
@@ -155,8 +178,6 @@ class StagewiseStepper:
                     f"stagewise steps, t = {t:g} s: inputs: {what}: expected none, got some; a run whose inputs give"
                     " them from t = 0 on, zeros at first, is taken by the reference"
                 )
-        tau = None if self.controller is None else np.zeros(chain.joint_count)
-        return Moment(t, chain, shaped, tau, None)
 
     def _driven(self, at: Moment, state: State, memory: Any) -> Moment:
         """Return what the machine code is given, with the controller's torques and what it carries on."""
@@ -226,6 +247,12 @@ def _on_links(chain: ClosedChain, acting: Sequence[Inputs]) -> dict[str, Array]:
             if given is not None:
                 found[name][row] = given
     return found if bodies else {"link_wrench": found["link_wrench"]}
+
+
+def _late(found: Systems, row: int, at: Moment) -> Instant:
+    """Return one system as an instant that is put together when need be."""
+    tau = found["drive"][row] if at.tau is None else at.tau
+    return late_instant(at.t, (found["q"][row], found["qd"][row], tau), lambda: instant_of(found, row, at))
 
 
 def _slope(found: Array, at: Stage) -> Array:
