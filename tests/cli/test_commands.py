@@ -17,7 +17,7 @@ from tests.io.mutations import CASES, small_case
 from tests.systems import two_collinear_stretched_6r
 
 FILE = str(Path(__file__).parents[1] / "data" / "cases.json")
-COMMANDS = ("solve", "diagnose", "simulate", "view", "plot", "export", "bench", "methods", "doctor")
+COMMANDS = ("solve", "diagnose", "simulate", "summary", "view", "plot", "export", "bench", "methods", "doctor")
 
 
 def test_help(capsys):
@@ -48,7 +48,10 @@ def test_version(capsys):
     ("arguments", "problem"),
     [
         (["slove", FILE], "no command 'slove'. Did you mean 'solve'?"),
-        (["fly"], "no command 'fly'. Known: solve, diagnose, simulate, plot, view, export, bench, methods, doctor."),
+        (
+            ["fly"],
+            "no command 'fly'. Known: solve, diagnose, simulate, summary, plot, view, export, bench, methods, doctor.",
+        ),
         (["solve"], "Missing from holdfast solve: FILE"),
         (["--verbose"], "Unrecognized options: --verbose"),
         (["methods", "extra"], "Unrecognized options: extra"),

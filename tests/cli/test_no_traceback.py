@@ -89,6 +89,39 @@ def cases():
     for rate, said in (("nan", ""), ("inf", ""), ("-1", ": expected > 0"), ("0", ": expected > 0"), ("x", "")):
         yield Try(["view", "result", "--rate", rate, "--export", "rate.html"]), f"rate{said}"
     yield Try(["simulate", "short.toml", "--resume", "--overwrite"]), "one of them"
+    for command in ("solve", "diagnose", "simulate", "view"):
+        yield Try([command, "-"]), "stdin" if command == "solve" else ""  # it is empty
+    for command in ("simulate", "plot"):
+        yield Try([command, "short.toml" if command == "simulate" else "result", "--out", "-"]), "single files only"
+    for command in ("plot", "export", "summary"):
+        yield Try([command, "result", "none"]), "none"
+    for command in ("plot", "export"):
+        yield Try([command, "result", "result", "--out", "x"]), "expected one result folder, got 2"
+    yield Try(["export", "result", "--out", "-", "--json"]), "one of them"
+    yield Try(["view", "result", "--export", "-", "--json"]), "one of them"
+    yield Try(["view", "result", "--set", "name=1"]), "expected a scene"
+    yield Try(["diagnose", "cases.json", "--set", "name=1"]), "expected a scene"
+    deep = ".".join("a" * 3000)
+    for change, said in (
+        ("simulation.stp=1", "Did you mean 'step'?"),
+        ("simulaton.step=1", "Did you mean 'simulation'?"),
+        ("arms.lft.q=1", "no 'lft' in arms"),
+        ("arms.7.q=1", "no '7' in arms"),
+        ("arms.\u0661.q=1", "in arms"),
+        ("simulation.step.x=1", "expected a table or a list at simulation.step"),
+        ("simulation.step=x", "expected a TOML value"),
+        ("simulation.step=1\ny = 2", "expected a TOML value"),
+        ("simulation.step=nan", "expected a finite number"),
+        ("simulation.step=1979-01-01", "$.simulation.step"),
+        ("=1", "expected key=value"),
+        ("a..b=1", "expected key=value"),
+        (deep, "expected key=value"),
+        (f"{deep}=1", "levels"),
+        ("name=" + "[" * 5000, "expected a TOML value"),
+        ("\x1b[31m=1", "unknown field"),
+    ):
+        for command in ("simulate", "view"):
+            yield Try([command, "short.toml", "--set", change]), said
     yield Try(["simulate", "short.toml", "--out", "result", "--resume"]), "nothing to resume"
     yield Try(["export", "result", "--format", "parquet"], missing=("pyarrow",)), "holdfast[parquet]"
     yield Try(["export", "result", "--format", "mcap"], missing=("mcap_ros2", "mcap")), "holdfast[ros]"
@@ -113,6 +146,7 @@ def fine():
     yield Try(["simulate", "short.toml", "--out", "again", "--resume", "--no-plots"])  # nothing is there: it begins
     yield Try(["view", "result", "--export", "damaged_mesh.html"])
     yield Try(["export", "result", "--out", "table.csv"])
+    yield Try(["diagnose", "short.toml", "--set", "object.mass=2", "--set", 'name="other"', "--json"])
 
 
 def half_written(folder):

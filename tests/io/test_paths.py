@@ -13,11 +13,18 @@ from holdfast.interop.mcap_writer import write_mcap
 from holdfast.robots.urdf import read_urdf
 from tests.io.recorded import filled
 from tests.robots.two_armed import TWO_ARMED
+from tests.simulation.rollout.problems import elsewhere, problem, swinging
 from tests.surface import PUBLIC
 from tests.view.runs import lifted
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 NO_PATHS = [None, 3, b"bytes", ["a", "b"], "", "a\0b", "x" * 5000]
+
+
+def record():
+    """Return a record of one step of one system."""
+    rollout = swinging("one")
+    return rollout.run(rollout.start(**elsewhere(*problem("one"), 1)), 0.001, 0.001)
 
 
 def readers(folder: Path) -> dict:
@@ -38,6 +45,7 @@ def readers(folder: Path) -> dict:
     torso = {"base": "torso", "lock_others": True}
     return {
         hf.load_result: (folder / "run", {}),
+        hf.io.load_record: (record().save(folder / "record"), {}),
         hf.identification.load_recording: (folder / "run.csv", {"chain": chain}),
         hf.io.load_cases: (EXAMPLES.parent / "tests" / "data" / "cases.json", {}),
         hf.load_scene: (EXAMPLES / "two_pandas.toml", {}),

@@ -21,7 +21,8 @@ Diagnosed = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE|F
 SceneFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
 Folder = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
 Name = Annotated[str, tyro.conf.arg(metavar="NAME")]
-ResultFolder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RESULT")]
+ResultFolders = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RESULT ...")]
+Changes = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(name="set", metavar="KEY=VALUE")]
 Target = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RESULT|SCENE")]
 OutFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 Seconds = Annotated[float | None, tyro.conf.arg(metavar="SECONDS")]
@@ -31,32 +32,48 @@ TableFormat = Literal["csv", "parquet", "mcap"]
 Switch = tyro.conf.FlagCreatePairsOff[bool]
 
 
-def solve(file: CaseFile, case: OptionalName = None, method: Name = "sequential", format: Format = "table") -> int:
+def solve(
+    file: CaseFile,
+    case: OptionalName = None,
+    method: Name = "sequential",
+    format: Format = "table",
+    json: Switch = False,
+) -> int:
     """Solve forward dynamics problems: joint accelerations, grasp forces, object acceleration.
 
     Args:
-        file: problem cases, JSON.
+        file: problem cases, JSON; - for stdin.
         case: solve only this one.
         method: an algorithm (`holdfast methods` lists them), or `all`.
         format: table to read, or json to process.
+        json: the same as --format json.
     """
     from holdfast.cli import solve as command
 
-    return command.solve(file, case, method, format)
+    return command.solve(file, case, method, "json" if json else format)
 
 
-def diagnose(file: Diagnosed, case: OptionalName = None, format: Format = "table", trust_xacro: Switch = False) -> int:
+def diagnose(
+    file: Diagnosed,
+    case: OptionalName = None,
+    format: Format = "table",
+    json: Switch = False,
+    changes: Changes = (),
+    trust_xacro: Switch = False,
+) -> int:
     """Report mobility, rank, lost directions and indeterminate forces of a scene as it begins, or of problem cases.
 
     Args:
-        file: a scene (.toml), or problem cases (JSON).
+        file: a scene (.toml), or problem cases (JSON); - for stdin.
         case: diagnose only this one.
         format: words to read (table), or json to process.
+        json: the same as --format json.
+        changes: set a key of the scene, such as simulation.step=0.001; may be repeated.
         trust_xacro: expand xacro files that the scene names; that runs the Python in them.
     """
     from holdfast.cli import diagnose as command
 
-    return command.diagnose(file, case, format, trust_xacro)
+    return command.diagnose(file, case, "json" if json else format, trust_xacro, changes)
 
 
 def simulate(
@@ -67,57 +84,77 @@ def simulate(
     plots: bool = True,
     sample_time: Seconds = None,
     delay: Seconds = None,
+    changes: Changes = (),
+    json: Switch = False,
     trust_xacro: Switch = False,
 ) -> int:
     """Simulate a scene and write a result folder.
 
     Args:
-        scene: the scene, TOML.
+        scene: the scene, TOML; - for stdin.
         out: the result folder to write.
         overwrite: replace an existing result folder.
         resume: go on with a run that was interrupted or killed, to the same bits.
         plots: draw the plots too (needs matplotlib); `holdfast plot` draws them later.
         sample_time: ask the controller once every so many seconds and hold its torques; the scene's without it.
         delay: seconds from a sample to when its torques act; the scene's without it.
+        changes: set a key of the scene, such as simulation.step=0.001 or arms.left.q="[0, 0.5]"; may be repeated.
+        json: print one JSON document instead of the summary table.
         trust_xacro: expand xacro files that the scene names; that runs the Python in them.
     """
     from holdfast.cli import simulate as command
 
-    return command.simulate(scene, out, overwrite, plots, resume, trust_xacro, sample_time, delay)
+    return command.simulate(scene, out, overwrite, plots, resume, trust_xacro, sample_time, delay, changes, json)
 
 
 def export(
-    result: ResultFolder,
+    results: ResultFolders = (),
     format: TableFormat = "csv",
     out: OutFile = None,
     overwrite: bool = False,
+    json: Switch = False,
     trust_xacro: Switch = False,
 ) -> int:
-    """Write a run as one table, for pandas, Excel, Matlab and others.
+    """Write runs as tables, for pandas, Excel, Matlab and others, or as ROS 2 messages.
 
     Args:
-        result: the result folder.
-        format: csv, or parquet (needs pyarrow).
-        out: the file to write; `trajectory.csv` or `.parquet` in the result folder without it.
-        overwrite: replace an existing file.
+        results: the result folders.
+        format: csv; parquet (pip install 'holdfast[parquet]'); mcap, ROS 2 messages (pip install 'holdfast[ros]').
+        out: the file to write, - for stdout; without it `trajectory` and the format in the result folder.
+        overwrite: replace existing files.
+        json: print one JSON document instead of lines.
         trust_xacro: as for `plot`; only MCAP files need the robot.
     """
-    from holdfast.cli import results
+    from holdfast.cli import results as command
 
-    return results.export(result, format, out, overwrite, trust_xacro)
+    return command.export(results, format, out, overwrite, trust_xacro, json)
 
 
-def plot(result: ResultFolder, out: Folder = None, trust_xacro: Switch = False) -> int:
-    """Draw the figures of a run: wrenches, margins, torques, load share, closure and energy.
+def summary(results: ResultFolders = (), json: Switch = False, trust_xacro: Switch = False) -> int:
+    """Print the summaries of runs: closure, energy, momentum, peak wrenches, margins, what happened.
 
     Args:
-        result: the result folder.
-        out: the folder for the figures; the result folder without it.
+        results: the result folders.
+        json: print one JSON document instead of tables.
+        trust_xacro: as for `plot`.
+    """
+    from holdfast.cli import results as command
+
+    return command.summary(results, trust_xacro, json)
+
+
+def plot(results: ResultFolders = (), out: Folder = None, json: Switch = False, trust_xacro: Switch = False) -> int:
+    """Draw the figures of runs: wrenches, margins, torques, load share, closure and energy.
+
+    Args:
+        results: the result folders.
+        out: the folder for the figures of one run; its result folder without it.
+        json: print one JSON document instead of lines.
         trust_xacro: for a result of holdfast 0.1, which kept no robots: expand its xacro files where they are now.
     """
-    from holdfast.cli import results
+    from holdfast.cli import results as command
 
-    return results.plot(result, out, trust_xacro)
+    return command.plot(results, out, trust_xacro, json)
 
 
 def view(
@@ -126,21 +163,25 @@ def view(
     port: int = 0,
     rate: float = 30.0,
     overwrite: bool = False,
+    changes: Changes = (),
+    json: Switch = False,
     trust_xacro: Switch = False,
 ) -> int:
     """Show a run, or a scene as it begins, in the browser; Ctrl-C ends it.
 
     Args:
-        target: a result folder, or a scene file.
-        export: write one HTML file that opens from disk, instead.
+        target: a result folder, or a scene file; - for a scene on stdin.
+        export: write one HTML file that opens from disk, instead; - for stdout.
         port: to serve at, on this machine only; 0 for any that is free.
         rate: moments a second of the run that are shown.
         overwrite: replace an existing HTML file.
+        changes: set a key of the scene, such as simulation.step=0.001; may be repeated.
+        json: print one JSON document instead of lines.
         trust_xacro: expand xacro files that the scene names; that runs the Python in them.
     """
     from holdfast.cli import view as command
 
-    return command.view(target, export, port, rate, overwrite, trust_xacro)
+    return command.view(target, export, port, rate, overwrite, trust_xacro, changes, json)
 
 
 def bench(json: Switch = False, quick: Switch = False) -> int:
@@ -155,13 +196,21 @@ def bench(json: Switch = False, quick: Switch = False) -> int:
     return command.bench(json, quick)
 
 
-def methods() -> int:
-    """List the forward dynamics algorithms: equation, cost, where they apply."""
+def methods(json: Switch = False) -> int:
+    """List the forward dynamics algorithms: equation, cost, where they apply.
+
+    Args:
+        json: print one JSON document instead of a table.
+    """
     from rich.table import Table
 
-    from holdfast.cli.console import stdout
+    from holdfast.cli.console import print_document, stdout
     from holdfast.dynamics.methods import METHODS
 
+    if json:
+        keys = ("name", "equation", "cost", "applies")
+        print_document([{key: getattr(method, key) for key in keys} for method in METHODS.values()])
+        return 0
     table = Table("method", "equation", "cost", "applies to")
     for method in METHODS.values():
         table.add_row(method.name, method.equation, method.cost, method.applies)
@@ -171,15 +220,20 @@ def methods() -> int:
     return 0
 
 
-def doctor() -> int:
-    """Report versions, processor features and optional packages."""
+def doctor(json: Switch = False) -> int:
+    """Report versions, processor features and optional packages.
+
+    Args:
+        json: print one JSON document instead of a table.
+    """
     from holdfast.cli import doctor as command
 
-    return command.doctor()
+    return command.doctor(json)
 
 
 COMMANDS: dict[str, Callable[..., int]] = {
-    command.__name__: command for command in (solve, diagnose, simulate, plot, view, export, bench, methods, doctor)
+    command.__name__: command
+    for command in (solve, diagnose, simulate, summary, plot, view, export, bench, methods, doctor)
 }
 
 
@@ -215,7 +269,7 @@ def _refuse_repeated(arguments: list[str]) -> None:
     for k, argument in enumerate(arguments):
         if argument == "--":
             break
-        if not argument.startswith("--"):
+        if not argument.startswith("--") or argument.partition("=")[0] == "--set":
             continue
         name, equals, value = argument.partition("=")
         after = arguments[k + 1] if not equals and k + 1 < len(arguments) else ""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Iterator
-from typing import TypeVar
+from typing import Any, TypeVar
 
+import msgspec
 from rich.console import Console
 from rich.progress import track
 
@@ -26,6 +27,11 @@ def stdout() -> Console:
     """Return a console that prints names and messages as they are."""
     width = None if sys.stdout.isatty() else PIPE_WIDTH
     return _Console(width=width, markup=False, emoji=False, highlight=False)
+
+
+def print_document(data: Any) -> None:
+    """Print one JSON document on stdout; numbers that are not finite are null in it."""
+    print(msgspec.json.format(msgspec.json.encode(data), indent=1).decode())
 
 
 def with_progress(items: list[T], doing: str) -> Iterator[T] | Iterable[T]:

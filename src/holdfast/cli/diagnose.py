@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +12,8 @@ import numpy as np
 from holdfast.cli import REFUSED
 from holdfast.cli.console import stdout, with_progress
 from holdfast.cli.results import opened_scene
-from holdfast.cli.solve import chosen_cases, print_json
+from holdfast.cli.solve import chosen_cases, named_cases, print_json
+from holdfast.cli.standard import is_standard, read_stdin
 from holdfast.dynamics import consistency
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.diagnose import Diagnosis
@@ -18,15 +21,18 @@ from holdfast.dynamics.diagnose import diagnose as diagnosis_of
 from holdfast.errors import SceneError, StateError
 from holdfast.io.case_file import Case
 
+BEGINS_JSON = re.compile(rb"\s*(\{|\[\s*[{\]])")  # a TOML file begins with neither: `[` opens a table's name there
 
-def diagnose(file: Path, case: str | None, format: str, trust_xacro: bool) -> int:
+
+def diagnose(file: Path, case: str | None, format: str, trust_xacro: bool, changes: Sequence[str] = ()) -> int:
     """Print the diagnosis of a scene's initial state, or of one or all cases; a singular one is a finding.
 
     Args:
-        file: a scene (.toml), or problem cases.
+        file: a scene (.toml), or problem cases; `-` for either on stdin.
         case: the name of the only case to diagnose.
         format: "table" or "json".
         trust_xacro: expand xacro files that the scene names.
+        changes: `key=value` each, of the scene.
 
     Returns:
         0 if anything was diagnosed, else 3.
@@ -36,13 +42,16 @@ def diagnose(file: Path, case: str | None, format: str, trust_xacro: bool) -> in
         ClosureError: an arm of the scene cannot reach its grasp.
     """
     found: list[tuple[str, Diagnosis | str]]
-    if file.suffix.lower() == ".toml":
+    given = read_stdin() if is_standard(file) else None
+    if file.suffix.lower() == ".toml" or (given is not None and not BEGINS_JSON.match(given)):
         if case is not None:
             raise SceneError(f"{file}: expected no --case for a scene, got '{case}'")
-        scenario = opened_scene(file, trust_xacro)
+        scenario = opened_scene(file, trust_xacro, changes, given)
         found = [(scenario.name, diagnosis_of(scenario.chain, scenario.state))]
     else:
-        cases = chosen_cases(file, case)
+        if changes:
+            raise SceneError(f"--set: expected a scene, whose keys it sets, got the problem cases {file}")
+        cases = chosen_cases(file, case) if given is None else named_cases(given, "stdin", case)
         found = [(problem.name, _diagnosis(problem)) for problem in with_progress(cases, "diagnosing")]
     if format == "json":
         print_json([_as_json(name, outcome) for name, outcome in found])

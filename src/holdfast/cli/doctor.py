@@ -4,37 +4,46 @@ from __future__ import annotations
 
 import platform
 import re
+from collections.abc import Iterator
 from importlib import metadata
 
 from rich.table import Table
 
 from holdfast.bench.machine import processor
-from holdfast.cli.console import stdout
+from holdfast.cli.console import print_document, stdout
 
 # as /proc/cpuinfo and sysctl spell them; asimd is ARM's name for NEON
 FEATURES = {"avx2": "avx2", "avx512": "avx512f", "fma": "fma", "neon": "asimd"}
 
 
-def doctor() -> int:
-    """Print versions, processor and optional packages."""
-    console = stdout()
+def doctor(as_json: bool) -> int:
+    """Print versions, processor and optional packages: a table, or a JSON document of the same lines."""
+    lines = dict(_lines())
+    if as_json:
+        print_document(lines)
+        return 0
     table = Table("what", "found", show_header=False)
-    table.add_row("holdfast", _version("holdfast") or "not installed")
-    table.add_row("python", f"{platform.python_version()} ({platform.system()} {platform.machine()})")
+    for what, found in lines.items():
+        table.add_row(what, found)
+    stdout().print(table)
+    return 0
+
+
+def _lines() -> Iterator[tuple[str, str]]:
+    yield "holdfast", _version("holdfast") or "not installed"
+    yield "python", f"{platform.python_version()} ({platform.system()} {platform.machine()})"
     extras = _requirements()
     for package in extras.pop("", []):
-        table.add_row(package, _version(package) or "missing: pip install holdfast")
+        yield package, _version(package) or "missing: pip install holdfast"
     name, flags = processor()
-    table.add_row("processor", name)
-    table.add_row("features", ", ".join(f"{k} {'yes' if v in flags else 'no'}" for k, v in FEATURES.items()))
-    table.add_row("machine code", _machine_code())
-    table.add_row("its cache", _cache())
+    yield "processor", name
+    yield "features", ", ".join(f"{k} {'yes' if v in flags else 'no'}" for k, v in FEATURES.items())
+    yield "machine code", _machine_code()
+    yield "its cache", _cache()
     for extra, packages in extras.items():
         missing = [package for package in packages if _version(package) is None]
         found = f"missing {', '.join(missing)}: pip install 'holdfast[{extra}]'" if missing else "installed"
-        table.add_row(f"extra '{extra}'", found)
-    console.print(table)
-    return 0
+        yield f"extra '{extra}'", found
 
 
 def _machine_code() -> str:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from holdfast.cli import complain
-from holdfast.cli.console import stdout
+from holdfast.cli.console import print_document, stdout
+from holdfast.cli.standard import is_standard, read_input, refuse_standard, write_stdout
 from holdfast.cli.streams import say
 from holdfast.errors import ResultError, SceneError
 from holdfast.interop.mcap_writer import write_mcap
@@ -26,22 +29,37 @@ from holdfast.model.grasp_kinds import GRASP_KINDS
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
-from holdfast.scenario.build import Scenario, load_scene
+from holdfast.scenario.build import LARGEST_FILE, Scenario, load_scene, parse_scene
+from holdfast.scenario.robots import RobotFiles
 from holdfast.simulation.setting import Setting
+from holdfast.simulation.summary import summarise
 from holdfast.spatial.pose import Pose
 from holdfast.view.plots import save_plots
+from holdfast.view.summary_table import summary_table
 
 
-def opened_scene(path: Path, trust_xacro: bool) -> Scenario:
+def opened_scene(path: Path, trust_xacro: bool, changes: Sequence[str] = (), given: bytes | None = None) -> Scenario:
     """Return a scene's scenario; say on stderr what its robot files state that was read in another way, or not at all.
+
+    Args:
+        path: the file; `-` for stdin, from which names of robot files start where the program was called.
+        trust_xacro: expand xacro files that the scene names.
+        changes: `key=value` each, of the scene's keys.
+        given: what stdin had, if it was read already.
 
     Raises:
         SceneError, ClosureError: as for `load_scene`.
     """
-    scenario = load_scene(path, trust_xacro=trust_xacro)
+    text, source = read_input(path, LARGEST_FILE) if given is None else (given, "stdin")
+    scenario = parse_scene(text, source, scene_name(path), RobotFiles(path.parent, trust_xacro), changes)
     for note in scenario.notes:
         say(f"note: {note}")
     return scenario
+
+
+def scene_name(path: Path) -> str:
+    """Return what a scene without a name is called."""
+    return "stdin" if is_standard(path) else path.stem
 
 
 def recorded(folder: Path, trust_xacro: bool = False) -> tuple[Setting, Result]:
@@ -148,13 +166,14 @@ def _named(meta: ResultMeta) -> ClosedChain:
     return ClosedChain(arms, HeldObject(1.0, np.eye(3)), grasps)
 
 
-def plot(folder: Path, out: Path | None, trust_xacro: bool) -> int:
-    """Draw every figure of a run; say on stderr what is missing of an incomplete run.
+def plot(folders: Sequence[Path], out: Path | None, trust_xacro: bool, as_json: bool = False) -> int:
+    """Draw every figure of runs; say on stderr what is missing of an incomplete run.
 
     Args:
-        folder: the result folder.
-        out: folder for the figures; the result folder if None.
+        folders: the result folders.
+        out: folder for the figures of one run; its result folder if None.
         trust_xacro: expand xacro files of a result that keeps no robots.
+        as_json: print a JSON list instead of lines.
 
     Returns:
         0.
@@ -163,32 +182,36 @@ def plot(folder: Path, out: Path | None, trust_xacro: bool) -> int:
         ResultError: no result, or a folder that cannot be written.
         MissingExtra: matplotlib is not installed.
     """
-    chain, result = chain_for_figures(folder, trust_xacro)
-    place = folder if out is None else out
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-    except OSError as cause:
-        raise ResultError(f"{place}: cannot be written: {cause.strerror or cause}") from cause
-    for name in save_plots(chain, result.trajectory, place):
-        stdout().print(f"look at {place / name}", soft_wrap=True)
+    refuse_standard(out, "--out")
+    _require_one_place(folders, out)
+    documents = []
+    for folder, (chain, result) in [(folder, chain_for_figures(folder, trust_xacro)) for folder in folders]:
+        place = folder if out is None else out
+        try:
+            place.mkdir(parents=True, exist_ok=True)
+        except OSError as cause:
+            raise ResultError(f"{place}: cannot be written: {cause.strerror or cause}") from cause
+        files = [str(place / name) for name in save_plots(chain, result.trajectory, place)]
+        documents.append({"result": str(folder), "files": files})
+        for file in () if as_json else files:
+            stdout().print(f"look at {file}", soft_wrap=True)
+    if as_json:
+        print_document(documents)
     return 0
 
 
-def _export_mcap(result: Result, path: Path, trust_xacro: bool) -> list[Path]:
-    setting = setting_of(result, trust_xacro)
-    write_mcap(setting.chain, result.trajectory, path, setting.base_motion)
-    return [path]
-
-
-def export(folder: Path, format: str, out: Path | None, overwrite: bool, trust_xacro: bool) -> int:
-    """Write a run as tables; say on stderr what is missing of an incomplete run.
+def export(
+    folders: Sequence[Path], format: str, out: Path | None, overwrite: bool, trust_xacro: bool, as_json: bool = False
+) -> int:
+    """Write runs as tables; say on stderr what is missing of an incomplete run.
 
     Args:
-        folder: the result folder.
+        folders: the result folders.
         format: csv, parquet, or mcap (ROS 2 messages).
-        out: the file to write; `trajectory.<format>` in the result folder if None.
-        overwrite: replace an existing file.
+        out: the file to write one run to, `-` for stdout; `trajectory.<format>` in the result folder if None.
+        overwrite: replace existing files.
         trust_xacro: expand xacro files of a result that keeps no robots.
+        as_json: print a JSON list instead of lines.
 
     Returns:
         0.
@@ -197,19 +220,86 @@ def export(folder: Path, format: str, out: Path | None, overwrite: bool, trust_x
         ResultError: no result, or a file in the way.
         MissingExtra: Parquet without pyarrow, MCAP without mcap-ros2-support.
     """
-    result = load_result(folder)
-    path = folder / f"trajectory.{format}" if out is None else out
-    require_file(path)
-    present = [one for one in (path, occurrences_path(path)) if os.path.lexists(one)]
-    if present and not overwrite:
-        raise ResultError(f"{present[0]}: is there already; try --overwrite, or another --out")
-    if format == "mcap":
-        written = _export_mcap(result, path, trust_xacro)
-    else:
-        written = {"csv": export_csv, "parquet": export_parquet}[format](result, path)
+    _require_one_place(folders, out)
+    if is_standard(out):
+        return _export_to_stdout(folders[0], format, trust_xacro, as_json)
+    results = [(load_result(folder), folder / f"trajectory.{format}" if out is None else out) for folder in folders]
+    for _, path in results:
+        require_file(path)
+        present = [one for one in (path, occurrences_path(path)) if os.path.lexists(one)]
+        if present and not overwrite:
+            raise ResultError(f"{present[0]}: is there already; try --overwrite, or another --out")
+    documents = []
+    for result, path in results:
+        written = _write_table(result, format, path, trust_xacro)
+        if result.note:
+            complain(f"{result.folder}: {result.note}")
+        files = [str(one) for one in written]
+        documents.append({"result": str(result.folder), "files": files, "samples": result.samples})
+        if as_json:
+            continue
+        stdout().print(f"{path}: {result.samples} samples", soft_wrap=True)
+        for log in written[1:]:
+            stdout().print(f"{log}: what happened at single instants", soft_wrap=True)
+    if as_json:
+        print_document(documents)
+    return 0
+
+
+def _export_to_stdout(folder: Path, format: str, trust_xacro: bool, as_json: bool) -> int:
+    if as_json:
+        raise ResultError("--out -: stdout takes the table or, with --json, a report; try one of them")
+    result, more = load_result(folder), []
+    write_stdout(lambda path: more.extend(_write_table(result, format, path, trust_xacro)[1:]), f"trajectory.{format}")
     if result.note:
         complain(f"{folder}: {result.note}")
-    stdout().print(f"{path}: {result.samples} samples", soft_wrap=True)
-    for log in written[1:]:
-        stdout().print(f"{log}: what happened at single instants", soft_wrap=True)
+    if more:
+        say("note: what happened at single instants is a second table, which only --out FILE writes")
     return 0
+
+
+def _write_table(result: Result, format: str, path: Path, trust_xacro: bool) -> list[Path]:
+    """Write a run in a format, and return the files written."""
+    if format == "mcap":
+        setting = setting_of(result, trust_xacro)
+        write_mcap(setting.chain, result.trajectory, path, setting.base_motion)
+        return [path]
+    return {"csv": export_csv, "parquet": export_parquet}[format](result, path)
+
+
+def summary(folders: Sequence[Path], trust_xacro: bool, as_json: bool) -> int:
+    """Print the summaries of runs; say on stderr what is missing of an incomplete run.
+
+    Args:
+        folders: the result folders.
+        trust_xacro: expand xacro files of a result that keeps no robots.
+        as_json: print a JSON list instead of tables.
+
+    Returns:
+        0.
+
+    Raises:
+        ResultError, SceneError, ClosureError: as for `setting_of`.
+    """
+    _require_one_place(folders, None)
+    runs = [(folder, *recorded(folder, trust_xacro)) for folder in folders]
+    found = [(f, result.complete, summarise(setting.chain, result.trajectory)) for f, setting, result in runs]
+    if as_json:
+        print_document([{"result": str(f), "complete": whole, "summary": asdict(one)} for f, whole, one in found])
+        return 0
+    for folder, _, one in found:
+        stdout().print(str(folder), soft_wrap=True)
+        stdout().print(summary_table(one))
+    return 0
+
+
+def _require_one_place(folders: Sequence[Path], out: Path | None) -> None:
+    """Refuse no run, and several runs for one place.
+
+    Raises:
+        ResultError: saying which.
+    """
+    if not folders:
+        raise ResultError("Missing: RESULT; expected one result folder or more")
+    if out is not None and len(folders) > 1:
+        raise ResultError(f"--out: expected one result folder, got {len(folders)}; try without it, or one by one")

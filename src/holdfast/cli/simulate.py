@@ -5,21 +5,22 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from holdfast.cli import INTERRUPTED, REFUSED, complain
-from holdfast.cli.console import stdout
-from holdfast.cli.results import opened_scene
+from holdfast.cli.console import print_document, stdout
+from holdfast.cli.results import opened_scene, scene_name
+from holdfast.cli.standard import refuse_standard
 from holdfast.cli.streams import say
 from holdfast.errors import MissingExtra, ResultError, SingularChainError, StateError
 from holdfast.io.result_folder import ResultWriter, run_meta
 from holdfast.io.result_reader import load_result
 from holdfast.scenario.build import Scenario
 from holdfast.simulation.simulate import simulate as run_simulation
-from holdfast.simulation.summary import summarise
+from holdfast.simulation.summary import Summary, summarise
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.view.figure_style import matplotlib
 from holdfast.view.plots import save_plots
@@ -37,11 +38,13 @@ def simulate(
     trust_xacro: bool = False,
     sample_time: float | None = None,
     delay: float | None = None,
+    changes: Sequence[str] = (),
+    as_json: bool = False,
 ) -> int:
     """Simulate a scene: progress on stderr, summary on stdout, everything in the result folder.
 
     Args:
-        scene: the scene file.
+        scene: the scene file; `-` for stdin.
         out: result folder; `results/<scene's name>` if None.
         overwrite: replace an earlier result there.
         with_plots: write the plots too.
@@ -49,6 +52,8 @@ def simulate(
         trust_xacro: expand xacro files that the scene names.
         sample_time: of the controller [s]; the scene's if None.
         delay: from a sample to when its torques act [s]; the scene's if None.
+        changes: `key=value` each, of the scene's keys.
+        as_json: print one JSON document on stdout instead of the summary table.
 
     Returns:
         0; 3 if the run was stopped by physics; 130 if the user interrupted it. What was
@@ -61,8 +66,9 @@ def simulate(
     """
     if resume and overwrite:
         raise ResultError("--resume goes on with a result, --overwrite replaces it; try one of them")
-    folder = Path("results") / scene.stem if out is None else out
-    scenario = opened_scene(scene, trust_xacro)
+    refuse_standard(out, "--out")
+    folder = Path("results") / scene_name(scene) if out is None else out
+    scenario = opened_scene(scene, trust_xacro, changes)
     asked = {name: x for name, x in (("sample_time", sample_time), ("delay", delay)) if x is not None}
     scenario = replace(scenario, options=scenario.options | asked)
     if with_plots:
@@ -83,18 +89,24 @@ def simulate(
     except (SingularChainError, StateError) as cause:
         raise type(cause)(f"{scene}: {cause}") from cause
     if run is None:
-        return _interrupted(scenario, writer)
+        return _interrupted(scenario, writer, as_json)
     happened = run.occurrences
     if writer.start is not None:  # the first part is on disk
         writer.flush()
         run = replace(load_result(folder).trajectory, stopped=run.stopped)
     summary = summarise(scenario.chain, run)
     writer.finish(summary, stopped=run.stopped, occurrences=happened)
-    stdout().print(summary_table(summary))
+    if not as_json:
+        stdout().print(summary_table(summary))
     if run.stopped is not None:
         complain(f"{scene}: {run.stopped}")
-    _point_to(folder, "summary.json")
-    for name in save_plots(scenario.chain, run, folder) if with_plots else []:
+    if not as_json:
+        _point_to(folder, "summary.json")
+    plots = save_plots(scenario.chain, run, folder) if with_plots else []
+    if as_json:
+        files = [str(folder / name) for name in ("summary.json", *plots)]
+        print_document(_document(folder, summary, run.stopped, files))
+    for name in () if as_json else plots:
         _point_to(folder, name)
     return 0 if run.stopped is None else REFUSED
 
@@ -150,14 +162,22 @@ def _progress(scenario: Scenario) -> Iterator[Callable[[float], None]]:
         yield lambda t: bar.update(task, completed=t)
 
 
-def _interrupted(scenario: Scenario, writer: ResultWriter) -> int:
+def _document(folder: Path, summary: Summary, stopped: str | None, files: list[str]) -> dict[str, object]:
+    return {"result": str(folder), "stopped": stopped, "files": files, "summary": asdict(summary)}
+
+
+def _interrupted(scenario: Scenario, writer: ResultWriter, as_json: bool) -> int:
     """Save what there is, say so, and return 130."""
     writer.finish(None, stopped="interrupted")
     if not writer.samples:
         complain("interrupted before the first step; nothing was written")
         return INTERRUPTED
     run = load_result(writer.folder).trajectory
-    stdout().print(summary_table(summarise(scenario.chain, run)))
+    summary = summarise(scenario.chain, run)
+    if as_json:
+        print_document(_document(writer.folder, summary, "interrupted", []))
+    else:
+        stdout().print(summary_table(summary))
     complain(
         f"interrupted after t = {run.t[-1]:.6g} s; what was simulated until then is in {writer.folder}, and --resume"
         " goes on from there"

@@ -14,13 +14,14 @@ from rich.table import Table
 
 from holdfast.cli import REFUSED
 from holdfast.cli.console import stdout, with_progress
+from holdfast.cli.standard import read_input
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.consistency import require_closed, require_rates
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.methods import METHODS
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.errors import MethodNotApplicable, ModelError, SceneError, SingularChainError, StateError
-from holdfast.io.case_file import Case, ExpectedData, load_cases
+from holdfast.io.case_file import Case, ExpectedData, parse_cases
 from holdfast.io.files import one_line
 from holdfast.io.typed import refusal
 from holdfast.model import checks
@@ -155,12 +156,21 @@ def chosen_cases(file: Path, name: str | None) -> list[Case]:
     """
     if file.suffix.lower() == ".toml":
         raise refusal(str(file), "expected problem cases (JSON), got a scene; try holdfast simulate, view or diagnose")
-    cases = load_cases(file)
+    return named_cases(*read_input(file), name)
+
+
+def named_cases(text: bytes, source: str, name: str | None) -> list[Case]:
+    """Return all cases of a text, or the named one.
+
+    Raises:
+        SceneError: the text is invalid, or has no such case.
+    """
+    cases = parse_cases(text, source)
     if name is None:
         return cases
     known = [case.name for case in cases]
     if name not in known:
-        raise refusal(str(file), f"no case '{one_line(name, 60)}'.{checks.did_you_mean(name, known)}")
+        raise refusal(source, f"no case '{one_line(name, 60)}'.{checks.did_you_mean(name, known)}")
     return [cases[known.index(name)]]
 
 

@@ -69,6 +69,12 @@ class WatchedStdout:
         with self._remembering():
             return self._stream.write(text)
 
+    def write_bytes(self, content: bytes) -> None:
+        """Write bytes as they are, after the text so far."""
+        with self._remembering():
+            self._stream.flush()
+            self._stream.buffer.write(content)
+
     def flush(self) -> None:
         """Write out what waits."""
         with self._remembering():

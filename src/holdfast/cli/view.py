@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 
-from holdfast.cli.console import stdout
+from holdfast.cli.console import print_document, stdout
 from holdfast.cli.results import opened_scene, recorded
+from holdfast.cli.standard import is_standard, write_stdout
 from holdfast.cli.streams import say
-from holdfast.errors import ModelError, ResultError, SingularChainError, StateError
+from holdfast.errors import ModelError, ResultError, SceneError, SingularChainError, StateError
 from holdfast.io.typed import refusal
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.scenario.build import Scenario
@@ -23,16 +26,27 @@ from holdfast.view.pieces import pieces_in_files
 LAST_PORT = 65535
 
 
-def view(target: Path, page: Path | None, port: int, rate: float, overwrite: bool, trust_xacro: bool) -> int:
+def view(
+    target: Path,
+    page: Path | None,
+    port: int,
+    rate: float,
+    overwrite: bool,
+    trust_xacro: bool,
+    changes: Sequence[str] = (),
+    as_json: bool = False,
+) -> int:
     """Show a run, or a scene's closed initial state, until the user has seen enough; or write it as a page.
 
     Args:
-        target: a result folder, or a scene file.
-        page: the HTML file to write; None to serve the viewer instead.
+        target: a result folder, or a scene file, `-` for a scene on stdin.
+        page: the HTML file to write, `-` for stdout; None to serve the viewer instead.
         port: to serve at; 0 for any that is free.
         rate: moments a second that are shown.
         overwrite: replace an existing file.
         trust_xacro: expand xacro files that a scene names.
+        changes: `key=value` each, of a scene's keys.
+        as_json: print one JSON document on stdout instead of lines.
 
     Returns:
         0, also after Ctrl-C, which is how a viewer ends.
@@ -42,18 +56,27 @@ def view(target: Path, page: Path | None, port: int, rate: float, overwrite: boo
     """
     if not 0 <= port <= LAST_PORT:
         raise ModelError(f"port: expected 0 (any that is free) to {LAST_PORT}, got {port}")
-    if page is not None and os.path.lexists(page) and not overwrite:
+    if is_standard(page) and as_json:
+        raise ResultError("--export -: stdout takes the page or, with --json, a report; try one of them")
+    if page is not None and not is_standard(page) and os.path.lexists(page) and not overwrite:
         raise ResultError(f"{page}: is there already; try --overwrite, or another --export")
-    film = _film(target, rate, trust_xacro)
+    film = _film(target, rate, trust_xacro, changes)
+    if page is not None and is_standard(page):
+        write_stdout(lambda path: export_page(film, path), "page.html")
+        return 0
     if page is not None:
         export_page(film, page)
+        if as_json:
+            print_document({"file": str(page), "bytes": page.stat().st_size, "moments": len(film)})
+            return 0
         moments = "1 moment" if len(film) == 1 else f"{len(film)} moments"
         stdout().print(f"{page}: {page.stat().st_size / 2**20:.1f} MiB, {moments}", soft_wrap=True)
         return 0
     try:
-        watch(film, _announce, port)
+        watch(film, _announce_json if as_json else _announce, port)
     except KeyboardInterrupt:
-        stdout().print("closed")
+        if not as_json:
+            stdout().print("closed")
     return 0
 
 
@@ -63,11 +86,20 @@ def _announce(address: str) -> None:
     console.file.flush()
 
 
-def _film(target: Path, rate: float, trust_xacro: bool) -> Film:
+def _announce_json(address: str) -> None:
+    print_document({"address": address})
+    sys.stdout.flush()
+
+
+def _film(target: Path, rate: float, trust_xacro: bool, changes: Sequence[str]) -> Film:
+    if is_standard(target):
+        return _film_of_scene(opened_scene(target, trust_xacro, changes), target)
     if not os.path.exists(target):  # Path.exists raises at names that are too long
         raise refusal(str(target), "no such file or folder; expected a result folder or a scene file")
     if not os.path.isdir(target):
-        return _film_of_scene(opened_scene(target, trust_xacro), target)
+        return _film_of_scene(opened_scene(target, trust_xacro, changes), target)
+    if changes:
+        raise SceneError(f"--set: expected a scene, whose keys it sets, got the result folder {target}")
     setting, result = recorded(target, trust_xacro)
     return film_of_run(setting.chain, result.trajectory, setting.name, rate, setting.base_motion, _looks(setting.chain))
 

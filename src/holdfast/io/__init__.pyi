@@ -3,3 +3,4 @@
 from .case_file import load_cases as load_cases
 from .export import export_csv as export_csv
 from .export import export_parquet as export_parquet
+from .record_folder import load_record as load_record

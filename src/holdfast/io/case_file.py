@@ -76,8 +76,20 @@ def load_cases(path: str | PathLike[str]) -> list[Case]:
         SceneError: unreadable or invalid, with the JSON path of the first fault.
     """
     file = file_path(path, "path", SceneError)
-    source = str(file)
-    data = typed.parse_json(typed.read_bytes(file), source)
+    return parse_cases(typed.read_bytes(file), str(file))
+
+
+def parse_cases(text: bytes, source: str) -> list[Case]:
+    """Return the problems in the text of such a file.
+
+    Args:
+        text: JSON.
+        source: where it comes from, for messages.
+
+    Raises:
+        SceneError: invalid, with the JSON path of the first fault.
+    """
+    data = typed.parse_json(text, source)
     if isinstance(data, dict) and ("cases" in data or not data.keys() & {"name", "object", "arms"}):
         items = typed.convert(data, CaseFileData, source).cases
         listed = [(f"$.cases[{i}]", item) for i, item in enumerate(items)]

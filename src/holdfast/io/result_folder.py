@@ -19,6 +19,7 @@ import platform
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from fnmatch import fnmatchcase
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
@@ -346,6 +347,11 @@ def require_free(folder: Path, overwrite: bool, advice: str) -> None:
         raise ResultError(f"{folder}: expected a new or empty folder, or an earlier result; found '{names[0]}' in it")
     if not overwrite:
         raise ResultError(f"{folder}: holds an earlier result; try {advice}")
+
+
+def is_of_a_result(path: Path) -> bool:
+    """Return whether a file's name is one of those in result folders."""
+    return any(fnmatchcase(path.name, pattern) for pattern in (META, *RESULT_FILES))
 
 
 def run_meta(

@@ -11,7 +11,8 @@ import numpy as np
 
 from holdfast.io.files import file_path
 from holdfast.io.model_data import model_data
-from holdfast.io.result_folder import CHUNK, ResultWriter, run_meta
+from holdfast.io.replaced_folder import replaced_folder
+from holdfast.io.result_folder import CHUNK, ResultWriter, is_of_a_result, require_free, run_meta
 from holdfast.io.result_meta import BASES, MODEL, ResultMeta
 from holdfast.simulation.setting import RecordedBase, Setting, recorded_base
 from holdfast.simulation.summary import summarise
@@ -28,21 +29,21 @@ def save_run(run: Trajectory, folder: str | PathLike[str], overwrite: bool = Fal
     Args:
         run: what `simulate` returned.
         folder: where to; made if need be.
-        overwrite: replace an earlier result there.
+        overwrite: replace an earlier result there, which stays until the new one is whole.
 
     Raises:
         StateError: a run that does not know its chain.
         ResultError: the folder is in use or cannot be written.
     """
     place, setting = file_path(folder, "folder"), run.require_setting()
-    writer = ResultWriter(
-        place, meta_of(setting), SCENE, overwrite=overwrite, files=_own_files(run, setting), advice="overwrite=True"
-    )
-    for k, one in enumerate(_singles(run)):
-        writer.add(one)
-        if (k + 1) % CHUNK == 0:
-            writer.flush()
-    writer.finish(summarise(setting.chain, run), stopped=run.stopped, occurrences=run.occurrences)
+    require_free(place, overwrite, "overwrite=True")
+    with replaced_folder(place, is_of_a_result) as new:
+        writer = ResultWriter(new, meta_of(setting), SCENE, files=_own_files(run, setting))
+        for k, one in enumerate(_singles(run)):
+            writer.add(one)
+            if (k + 1) % CHUNK == 0:
+                writer.flush()
+        writer.finish(summarise(setting.chain, run), stopped=run.stopped, occurrences=run.occurrences)
     return place
 
 

@@ -27,6 +27,7 @@ from holdfast.model.trunk import Trunk
 from holdfast.robots.urdf.source import Source
 from holdfast.scenario import parts
 from holdfast.scenario.names import require_names
+from holdfast.scenario.overrides import overridden, toml_text
 from holdfast.scenario.poses import pose
 from holdfast.scenario.robots import Robot, RobotFiles, robot
 from holdfast.scenario.scene import ArmData, ReleaseData, SceneData
@@ -110,14 +111,34 @@ def load_scene(
         MissingExtra: it names a xacro file, and xacrodoc is not installed.
     """
     file = file_path(path, "path", SceneError)
-    source = str(file)
+    home = file.parent if folder is None else file_path(folder, "folder", SceneError)
     text = typed.read_bytes(file, LARGEST_FILE)
+    return parse_scene(text, str(file), file.stem, RobotFiles(home, trust_xacro, robots or {}))
+
+
+def parse_scene(text: bytes, source: str, name: str, files: RobotFiles, changes: Sequence[str] = ()) -> Scenario:
+    """Return the scenario of a scene's text.
+
+    Args:
+        text: TOML.
+        source: where it comes from, for messages.
+        name: of a scene that has none of its own.
+        files: where robot files are looked for.
+        changes: `key=value` each, see `overridden`; the scenario's text has them in it.
+
+    Raises:
+        SceneError: invalid, with the path of the first fault.
+        ClosureError: an arm cannot reach its grasp.
+        MissingExtra: it names a xacro file, and xacrodoc is not installed.
+    """
     raw = typed.parse_toml(text, source)
     require_sensible(raw, Location(source))
+    if changes:
+        raw = overridden(raw, changes)
+        require_sensible(raw, Location(source))
     data = typed.convert(raw, SceneData, source)
-    home = file.parent if folder is None else file_path(folder, "folder", SceneError)
-    name = data.name or one_line(file.stem, LONGEST_NAME)
-    return build_scene(data, source, text.decode("utf-8"), name, RobotFiles(home, trust_xacro, robots or {}))
+    kept = toml_text(raw) if changes else text.decode("utf-8")
+    return build_scene(data, source, kept, data.name or one_line(name, LONGEST_NAME), files)
 
 
 @np.errstate(all="ignore")  # what overflows is refused where it is found

@@ -31,7 +31,10 @@ from holdfast.state import Inputs, State
 def replayed_run(record: RolloutRecord, number: int, every: int | None = None) -> Trajectory:
     """Return one system of a record as a run; see `RolloutRecord.trajectory`."""
     if record.begun is None:
-        raise StateError("record: expected one that `Rollout.run` returned, got one put together from arrays")
+        raise StateError(
+            "record: expected one that `Rollout.run` returned, got one put together from arrays;"
+            " of a saved one try io.load_record(folder, rollout=...)"
+        )
     begun, count = record.begun, len(record.systems)
     if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < count:
         raise StateError(f"system: expected a number from 0 to {count - 1}, got {number!r}")

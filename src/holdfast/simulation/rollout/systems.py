@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -285,6 +287,20 @@ class RolloutRecord(Frozen):
         from holdfast.simulation.rollout.replay import replayed_run
 
         return replayed_run(self, system, every)
+
+    def save(self, folder: str | PathLike[str], overwrite: bool = False) -> Path:
+        """Write the record as a folder, which `holdfast.io.load_record` reads, and return the folder.
+
+        Args:
+            folder: where to; made if need be.
+            overwrite: replace an earlier record there, which stays until the new one is whole.
+
+        Raises:
+            ResultError: the folder is in use or cannot be written.
+        """
+        from holdfast.io.record_folder import save_record
+
+        return save_record(self, folder, overwrite)
 
     def to_pandas(self) -> Any:
         """Return the record as a pandas DataFrame: a row for each system and time, which index it.

@@ -1,0 +1,92 @@
+"""What is expected of every command: `-`, one JSON document, several folders, keys set from outside."""
+
+import io
+import json
+import sys
+
+import pytest
+
+import holdfast
+from holdfast.cli import main
+from tests.cli.conftest import EXAMPLE
+from tests.cli.test_commands import FILE
+
+SHORT = ["--set", "simulation.duration=0.02", "--set", "simulation.step=0.01"]
+
+
+@pytest.fixture
+def stdin(monkeypatch):
+    """Return what puts bytes into stdin."""
+    return lambda content: monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(content)))
+
+
+def document(capsys, *arguments):
+    """Return what a command prints with --json: one document and nothing else."""
+    capsys.readouterr()
+    assert main([*map(str, arguments), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_a_scene_on_stdin_with_keys_set(stdin, tmp_path, monkeypatch, capsys):
+    """The run is that of the changed scene, whose text the folder keeps, so that it can be looked at later."""
+    monkeypatch.chdir(tmp_path)
+    stdin(EXAMPLE.read_bytes())
+    command = ("simulate", "-", *SHORT, "--set", "object.mass=2.5", "--set", "arms.left.base.position.1=0.01")
+    found = document(capsys, *command, "--out", "run", "--no-plots")
+    assert (found["result"], found["stopped"], found["summary"]["samples"]) == ("run", None, 3)
+    chain = holdfast.load_scene("run/scene.toml").chain
+    assert (chain.held_object.mass, chain.arms["left"].base.p.tolist()) == (2.5, [-0.55, 0.01, 0.0])
+    assert holdfast.load_result("run").trajectory.t[-1] == 0.02
+    stdin(EXAMPLE.read_bytes())
+    assert main([*command, "--out", "run", "--no-plots", "--resume"]) == 2
+    assert "nothing to resume: the run is complete" in capsys.readouterr().err
+
+
+def test_stdin_is_told_apart(stdin, capsys):
+    """`diagnose -` takes a scene, and cases."""
+    stdin(EXAMPLE.read_bytes())
+    (of_scene,) = document(capsys, "diagnose", "-")
+    assert (of_scene["rank"], of_scene["mobility"]) == (12, 8)
+    with open(FILE, "rb") as file:
+        content = file.read()
+    stdin(content)
+    assert document(capsys, "diagnose", "-", "--case", "ball_3arm") == document(
+        capsys, "diagnose", FILE, "--case", "ball_3arm"
+    )
+    stdin(content)
+    assert document(capsys, "solve", "-", "--case", "ball_3arm")[0]["status"] == "ok"
+
+
+def test_tables_on_stdout(result, tmp_path, capfdbinary):
+    """The bytes that a file gets."""
+    assert main(["export", str(result), "--out", str(tmp_path / "a.csv")]) == 0
+    capfdbinary.readouterr()
+    assert main(["export", str(result), "--out", "-"]) == 0
+    assert capfdbinary.readouterr().out == (tmp_path / "a.csv").read_bytes()
+
+
+def test_a_page_on_stdout(result, tmp_path, capfdbinary):
+    """Likewise."""
+    pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")
+    assert document(capfdbinary, "view", result, "--export", tmp_path / "a.html")["moments"] == 2
+    assert main(["view", str(result), "--export", "-"]) == 0
+    assert capfdbinary.readouterr().out == (tmp_path / "a.html").read_bytes()
+
+
+def test_several_folders(result, tmp_path, capsys):
+    """One document of all, in their order."""
+    folders = [result, result]
+    assert [one["result"] for one in document(capsys, "summary", *folders)] == [str(result)] * 2
+    exported = document(capsys, "export", *folders, "--overwrite")
+    assert [one["samples"] for one in exported] == [3, 3]
+    assert exported[0]["files"] == [str(result / "trajectory.csv")]
+    written = json.loads((result / "summary.json").read_text())
+    assert document(capsys, "summary", result)[0]["summary"] == written
+
+
+def test_documents_of_the_others(result, capsys, monkeypatch):
+    """Their keys are names that a reader knows."""
+    monkeypatch.setattr("holdfast.cli.results.save_plots", lambda chain, run, folder: ["a.png"])
+    assert document(capsys, "plot", result) == [{"result": str(result), "files": [str(result / "a.png")]}]
+    assert {one["name"] for one in document(capsys, "methods")} == set(holdfast.dynamics.METHODS)
+    assert document(capsys, "doctor")["holdfast"] == holdfast.__version__
