@@ -27,7 +27,7 @@ def main(out: Path = OUT) -> dict[str, float]:
     }
     chain, state = hf.assemble(arms, box, grasps, object_pose=[1, 0, 0, 0, 0, 0, 0.6])
     path = RestToRest(state.object_frame, displacement=[0, 0, 0.2], turn=[0.5, 0, 0], begin=0.1, duration=0.8)
-    run = hf.simulate(chain, state, ObjectTracking(chain, path.at, squeeze=SQUEEZE), duration=1.0, step=0.01)
+    run = hf.simulate(chain, state, ObjectTracking(chain, path, squeeze=SQUEEZE), duration=1.0, step=0.01)
 
     # A wrench is [moment; force] of the arm on the box about its contact, world axes.
     force = run.grasp_wrench[..., 3:]  # (samples, arms, 3)

@@ -121,3 +121,36 @@ def test_a_page_of_ones_own(lifted, run, tmp_path):
     text = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "<title>my own robots</title>" in text
     assert text.rstrip().endswith("</html>")
+
+
+def test_a_run_of_ones_own_goes_everywhere(lifted, tmp_path):
+    """CSV, Parquet, MCAP, a folder and a page, by methods of the run."""
+    for needed in ("pyarrow", "mcap_ros2", "viser"):
+        pytest.importorskip(needed, reason=f"needs {needed}: pip install 'holdfast[parquet,ros,view]'")
+    chain, state, _ = lifted
+    run = hf.simulate(chain, state, hf.control.GravityCompensation(chain, squeeze=20.0), duration=0.02, step=0.01)
+    run.to_csv(tmp_path / "run.csv")
+    run.to_parquet(tmp_path / "run.parquet")
+    run.to_mcap(tmp_path / "run.mcap")
+    run.save(tmp_path / "run")
+    run.page(tmp_path / "run.html")
+    assert hf.load_result(tmp_path / "run").samples == len((tmp_path / "run.csv").read_text().splitlines()) - 1 == 3
+    assert (tmp_path / "run.parquet").read_bytes()[:4] == b"PAR1"
+    assert (tmp_path / "run.mcap").read_bytes()[1:5] == b"MCAP"
+    assert "</html>" in (tmp_path / "run.html").read_text()
+
+
+def test_a_thousand_randomised_rollouts(lifted, tmp_path):
+    """A histogram of a thousand payloads; number 17 comes back from the folder as a run of its own payload."""
+    chain, state, tau = lifted
+    rollout, masses = hf.compile_rollout(chain), np.random.default_rng(0).uniform(2.0, 4.0, 1000)
+    payload = {"object_mass": masses, "object_inertia": "scale", "tau": tau}
+    start = [np.tile(x, (1000, 1)) for x in (state.q, state.qd, state.object_pose, state.object_twist)]
+    record = rollout.run(rollout.start(*start, **payload), 0.002, 0.001)
+    counts, _ = np.histogram(record["object_pose"][-1, :, 6], bins=20)
+    run = hf.io.load_record(record.save(tmp_path / "many"), rollout).trajectory(17)
+    assert counts.sum() == 1000
+    assert np.array_equal(run.q, record["q"][:, 17])
+    heavier = masses > 3.0  # the torques hold 3 kg
+    sinks = record["object_twist"][-1, :, 5] < 0
+    assert (sinks == heavier).all()

@@ -1,9 +1,11 @@
 """Computed torque gives the object the commanded acceleration and the arms the commanded squeeze."""
 
+import pickle
+
 import numpy as np
 import pytest
 
-from holdfast import Pose, State, close, forward_dynamics
+from holdfast import ModelError, Pose, State, close, forward_dynamics
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest, Target
 from holdfast.dynamics import project_velocity
@@ -32,6 +34,19 @@ def test_object_accelerates_as_commanded(kinds):
     internal = split(chain, state, found.grasp_wrench).internal
     normals = [state.object_frame.R @ grasp.frame.R[:, 2] for grasp in chain.grasps.values()]
     assert [f @ n for f, n in zip(internal[:, 3:], normals, strict=True)] == pytest.approx([20, 20], abs=1e-8)
+
+
+def test_a_path_as_it_is():
+    """A path object is as good as its `at`, also pickled and for another chain; what has none is refused."""
+    chain, state = moving_state(("rigid", "ball"))
+    path = RestToRest(Pose.translation(0.02, 0.0, 0.7), np.array([0.0, 0.1, 0.2]))
+    expected, _ = ObjectTracking(chain, path.at, squeeze=20.0)(0.4, state, None)
+    given = ObjectTracking(chain, path, squeeze=20.0)
+    for controller in (given, given.for_chain(chain), pickle.loads(pickle.dumps(given))):
+        assert np.array_equal(controller(0.4, state, None)[0], expected)
+    for wrong in (None, 3.0, "path", Pose.identity()):
+        with pytest.raises(ModelError, match="expected a path such as RestToRest"):
+            ObjectTracking(chain, wrong)  # pyright: ignore[reportArgumentType]
 
 
 def test_tracking_converges_critically_damped():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Protocol, Self, cast
 
 from holdfast.control.computed_torque import computed_torque
 from holdfast.control.controller import by_machine_code
@@ -19,6 +19,14 @@ from holdfast.spatial.scalar import Array, concatenate
 from holdfast.state import State
 
 
+class ObjectPath(Protocol):
+    """Where the object should be over time, such as `RestToRest`."""
+
+    def at(self, t: Any) -> Target:
+        """Return the target at time t [s]."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class ObjectTracking(Frozen):
     """tau = M qdd + C + J^T f + what dampers and springs take, with qdd and f that give the object its acceleration.
@@ -30,7 +38,7 @@ class ObjectTracking(Frozen):
 
     Attributes:
         chain: the chain as the controller knows it.
-        path: t [s] -> where the object should be.
+        path: t [s] -> where the object should be; or a path object, whose `at` is taken.
         squeeze: internal force of every arm along its contact normal, into the object [N].
         stiffness: of the pose error [1/s^2].
         damping: of the twist error [1/s]; 2 sqrt(stiffness) is critical.
@@ -38,7 +46,7 @@ class ObjectTracking(Frozen):
     """
 
     chain: ClosedChain
-    path: Callable[[float], Target]
+    path: Callable[[float], Target] | ObjectPath
     squeeze: float = 0.0
     stiffness: float = 100.0
     damping: float = 20.0
@@ -47,9 +55,13 @@ class ObjectTracking(Frozen):
 
     def __post_init__(self) -> None:
         checks.instance(self.chain, ClosedChain, "object tracking: chain")
-        if not callable(self.path):
+        path = self.path if callable(self.path) else getattr(self.path, "at", None)
+        if not callable(path):
             got = type(self.path).__name__
-            raise ModelError(f"object tracking: path: expected a function of time, got {got}; try RestToRest(...).at")
+            raise ModelError(
+                f"object tracking: path: expected a path such as RestToRest(...), or a function of time, got {got}"
+            )
+        object.__setattr__(self, "path", path)
         for name in ("squeeze", "stiffness", "damping", "joint_damping"):
             object.__setattr__(self, name, checks.number(getattr(self, name), f"object tracking: {name}"))
 
@@ -69,7 +81,7 @@ class ObjectTracking(Frozen):
 
     def commanded_acceleration(self, t: float, state: State) -> Array:
         """Return [omega_dot; v_dot] of C that the object is to have, (6,) world axes."""
-        target = self.path(t)
+        target = cast(Callable[[float], Target], self.path)(t)
         frame = state.object_frame
         error = concatenate([rotation.log_below_pi(target.pose.R @ frame.R.T), target.pose.p - frame.p])
         return target.acceleration + self.damping * (target.twist - state.object_twist) + self.stiffness * error

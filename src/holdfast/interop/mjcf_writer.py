@@ -21,6 +21,7 @@ from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
+from holdfast.model.looks import Cylinder, Sphere
 from holdfast.model.spring import WORLD, Spring, SpringEnd
 from holdfast.robots.looks import equal_box, looks_of, looks_of_trunk
 from holdfast.robots.primitive import COLOURS, Primitive
@@ -203,9 +204,19 @@ def _add_object(world: Element, chain: ClosedChain, looks: bool) -> None:
     _add(body, "freejoint", name="object")
     _add_inertial(body, held)
     if looks:
-        _add_solids(body, [equal_box(held, "orange")], Pose.identity())
+        _add_solids(body, [_object_solid(held)], Pose.identity())
     for name, grasp in chain.grasps.items():
         _add(body, "site", name=f"object/{name}", **_placed(grasp.frame))
+
+
+def _object_solid(held: HeldObject) -> Primitive:
+    """Return the object as a sphere or a cylinder if it is one, else as the box of its inertia."""
+    match held.shape:
+        case Sphere(radius):
+            return Primitive("sphere", Pose.identity(), (radius,), "orange")
+        case Cylinder(radius, length):
+            return Primitive("cylinder", Pose.identity(), (radius, length), "orange")
+    return equal_box(held, "orange")
 
 
 def _add_grasp(equality: Element, world: Element, chain: ClosedChain, name: str) -> None:

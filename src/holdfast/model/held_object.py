@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from os import PathLike
+from typing import get_args
 
 import numpy as np
 
 from holdfast.model import checks
+from holdfast.model.fingerprint import PICTURE
+from holdfast.model.looks import Cylinder, Shape, Sphere
 from holdfast.spatial import inertia as spatial_inertia
 from holdfast.spatial.converted import ArrayField, making
 from holdfast.spatial.frozen import Frozen, frozen_property
@@ -23,16 +26,19 @@ class HeldObject(Frozen):
         com: (3,) mass centre from C, object axes [m].
         inertia: (3, 3) about the mass centre, object axes, positive definite [kg m^2].
         physical: False accepts principal moments that no mass distribution has.
+        shape: what it is drawn as, about C; None: as the box of the same inertia. Nothing is computed from it.
     """
 
     mass: float
     inertia: ArrayField
     com: ArrayField = field(default_factory=making(np.zeros, 3))
     physical: bool = True
+    shape: Shape | None = field(default=None, metadata=PICTURE)
 
     def __post_init__(self) -> None:
         put = object.__setattr__
         checks.instance(self.physical, bool, "object: physical")
+        checks.instance(self.shape, (*get_args(Shape), type(None)), "object: shape")
         put(self, "mass", checks.number(self.mass, "object: mass", above=0.0))
         put(self, "com", checks.numbers(self.com, (3,), "object: com"))
         put(
@@ -52,7 +58,7 @@ class HeldObject(Frozen):
     def sphere(mass: float, radius: float) -> HeldObject:
         """Return a solid sphere of uniform density with C at its centre; radius > 0 [m]."""
         m, r = checks.number(mass, "object: mass", above=0.0), checks.number(radius, "sphere: radius", above=0.0)
-        return HeldObject(m, 0.4 * m * r * r * np.eye(3))
+        return HeldObject(m, 0.4 * m * r * r * np.eye(3), shape=Sphere(r))
 
     @staticmethod
     def cylinder(mass: float, radius: float, length: float) -> HeldObject:
@@ -60,7 +66,7 @@ class HeldObject(Frozen):
         m, r = checks.number(mass, "object: mass", above=0.0), checks.number(radius, "cylinder: radius", above=0.0)
         l = checks.number(length, "cylinder: length", above=0.0)
         across = m * (r * r / 4 + l * l / 12)
-        return HeldObject(m, np.diag([across, across, m * r * r / 2]))
+        return HeldObject(m, np.diag([across, across, m * r * r / 2]), shape=Cylinder(r, l))
 
     @staticmethod
     def from_mesh(

@@ -24,7 +24,6 @@ from holdfast.view.cameras import cameras, upward
 from holdfast.view.film import Film
 from holdfast.view.markers import (
     arrow_scale,
-    box_lines,
     coil,
     cone_colour,
     cone_lines,
@@ -33,6 +32,7 @@ from holdfast.view.markers import (
     struts,
 )
 from holdfast.view.meshes import Mesh
+from holdfast.view.object_drawing import drawn_object
 from holdfast.view.pieces import Piece, pieces_of
 from holdfast.view.scene_writer import Colour, SceneWriter
 
@@ -191,12 +191,13 @@ class ChainScene:
     def _draw_object(self) -> list[str]:
         """Draw object, contact frames and friction cones, which move with it; return whose cones there are."""
         chain, writer = self.film.chain, self._writer
-        edges, box = equivalent_box(chain.held_object)
+        surface, outline, edges, box = drawn_object(chain.held_object)
         thin = LINE * self._size
         writer.frame("/object", Pose.identity())
-        writer.mesh("/object/body", meshes.box(edges).at(box), OBJECT_GREY, OBJECT_OPACITY)
-        lines = np.concatenate([box_lines(edges) @ box.R.T + box.p, struts(chain, edges, box)])
-        writer.lines("/object/edges", lines, LINE_GREY, thin)
+        writer.mesh("/object/body", surface, OBJECT_GREY, OBJECT_OPACITY)
+        lines = np.concatenate([outline, struts(chain, edges, box)])
+        if len(lines):
+            writer.lines("/object/edges", lines, LINE_GREY, thin)
         for name, grasp in chain.grasps.items():
             writer.frame(f"/object/contacts/{_node(name)}", grasp.frame, AXES * self._size)
             if grasp.contact is not None:

@@ -77,7 +77,7 @@ def pieces_of_urdf(visuals: Sequence[Sequence[Visual]], folder: Path | None) -> 
         found.append([])
         for visual in link:
             try:
-                piece = _of_visual(visual, read)
+                piece = piece_of(visual, read)
                 triangles += len(piece.mesh.faces)
                 require_triangles(triangles)
                 found[-1].append(piece)
@@ -109,7 +109,8 @@ def _of_primitive(solid: Primitive, scale: float) -> Piece:
     return Piece(mesh, None if solid.colour == "accent" else COLOURS[solid.colour])
 
 
-def _of_visual(visual: Visual, read: Callable[[str], Mesh]) -> Piece:
+def piece_of(visual: Visual, read: Callable[[str], Mesh]) -> Piece:
+    """Return the surface and colour of a visual; `read` returns the surface in a file of a given name."""
     shape = visual.shape
     match shape:
         case Box():

@@ -12,6 +12,7 @@ import numpy as np
 from holdfast.errors import ModelError, SceneError
 from holdfast.model import checks
 from holdfast.model.held_object import HeldObject
+from holdfast.model.looks import Mesh as MeshFile
 from holdfast.robots.mesh_files.limits import MeshFault
 from holdfast.robots.mesh_files.mesh import Mesh, distinct
 from holdfast.robots.mesh_files.read import read_mesh
@@ -56,7 +57,8 @@ def held_object_from_mesh(
         raise SceneError(text if str(place) in text else f"{place}: {text}") from cause
     volume = found.volume * size**3
     of_density = given if mass is None else given / volume
-    return HeldObject(of_density * volume, of_density * size**5 * found.inertia, size * found.centre)
+    inertia = of_density * size**5 * found.inertia
+    return HeldObject(of_density * volume, inertia, size * found.centre, shape=MeshFile(str(place), (size, size, size)))
 
 
 def solid(mesh: Mesh) -> Solid:
