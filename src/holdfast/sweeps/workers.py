@@ -1,7 +1,7 @@
 """Chunks computed elsewhere: in processes of this computer, which may die, or by any executor.
 
-A `ProcessPoolExecutor` stands still for ever if a process is killed while it writes a result, since all share one
-pipe. Here each process has a pipe of its own, which ends with it, and ends it with the one that reads.
+A `ProcessPoolExecutor` stood still for ever in tests that kill processes, presumably one that was writing to the
+pipe that all share. Here each process has a pipe of its own, which ends with it, and ends it with the one that reads.
 """
 
 from __future__ import annotations
