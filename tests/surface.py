@@ -15,6 +15,7 @@ THEMES = (
     "plot",
     "robots",
     "simulation",
+    "sweeps",
 )
 
 

@@ -12,6 +12,7 @@ from . import io as io
 from . import plot as plot
 from . import robots as robots
 from . import simulation as simulation
+from . import sweeps as sweeps
 from .assembly.assemble import assemble as assemble
 from .compiled.chain import compile as compile
 from .control.controller import ControlLaw as ControlLaw
@@ -64,5 +65,6 @@ from .simulation.simulate import simulate as simulate
 from .spatial.pose import Pose as Pose
 from .state import Inputs as Inputs
 from .state import State as State
+from .sweeps.sweep import sweep as sweep
 
 __version__: str

@@ -1,0 +1,139 @@
+"""One chunk of a sweep: its runs taken side by side, and what came of them as the bytes of a Parquet file."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import time
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from holdfast.errors import MissingExtra
+from holdfast.io.columns import labels_of
+from holdfast.io.save_run import meta_of
+from holdfast.simulation.rollout.rollout import Rollout
+from holdfast.simulation.rollout.systems import RolloutRecord
+from holdfast.simulation.setting import Setting
+from holdfast.spatial.scalar import Array
+
+
+class Task(NamedTuple):
+    """A chunk as it travels to whoever computes it.
+
+    Attributes:
+        number: of the chunk.
+        begin: its first run.
+        rollout: pickled.
+        rows: arguments of `Rollout.start`.
+        drawn: which of them differ from run to run, by name: shape of one run's.
+        duration, step, options: of `Rollout.run`.
+        outputs: what is kept of the end.
+        plan: the digest of the plan.
+    """
+
+    number: int
+    begin: int
+    rollout: bytes
+    rows: Mapping[str, Any]
+    drawn: tuple[str, ...]
+    duration: float
+    step: float
+    options: Mapping[str, Any]
+    outputs: tuple[str, ...]
+    plan: str
+
+
+class Computed(NamedTuple):
+    """What came of a chunk.
+
+    Attributes:
+        number: of the chunk.
+        data: of its file.
+        fates: how many runs ended with each status.
+        seconds: that it took.
+        process: that computed it.
+    """
+
+    number: int
+    data: bytes
+    fates: Counter[str]
+    seconds: float
+    process: int
+
+
+_UNPACKED: dict[bytes, Rollout] = {}  # of this process, the last one
+
+
+def compute(task: Task) -> Computed:
+    """Return what comes of a chunk; the bytes are those of any process that computes it."""
+    begun = time.perf_counter()
+    rollout = _unpacked(task.rollout)
+    systems = rollout.start(**task.rows)
+    record = rollout.run(
+        systems, task.duration, task.step, every=_steps(task.duration, task.step), record=(), **task.options
+    )
+    data = encoded(columns_of(record, task), task.plan)
+    fates = Counter(status.name for status in record.systems.status)
+    return Computed(task.number, data, fates, time.perf_counter() - begun, os.getpid())
+
+
+def columns_of(record: RolloutRecord, task: Task) -> dict[str, Array]:
+    """Return the columns of a chunk's file by title: the run, how it ended, what was drawn for it, outputs."""
+    count, meta = len(record.systems), meta_of(Setting(record.systems.chain))
+    found = {"run": np.arange(task.begin, task.begin + count)}
+    found["status"] = np.array([status.name for status in record.systems.status])
+    found["stopped [s]"] = record.stopped
+    for name in task.drawn:
+        found |= _titled(f"drawn {name}", np.asarray(task.rows[name]))
+    for name in task.outputs:
+        array = getattr(record.systems, name)
+        titles = labels_of(name, array.shape[1:], meta)
+        found |= dict(zip(titles, array.reshape(count, -1).T, strict=True))
+    return found
+
+
+def encoded(columns: Mapping[str, Array], plan: str) -> bytes:
+    """Return columns as the bytes of a Parquet file that names its plan.
+
+    Raises:
+        MissingExtra: pyarrow is not installed.
+    """
+    arrow, parquet = pyarrow()
+    table = arrow.table({title: np.ascontiguousarray(x) for title, x in columns.items()})
+    sink = arrow.BufferOutputStream()
+    parquet.write_table(table.replace_schema_metadata({"plan": plan}), sink)
+    return sink.getvalue().to_pybytes()
+
+
+def pyarrow() -> tuple[Any, Any]:
+    """Return pyarrow and its Parquet module.
+
+    Raises:
+        MissingExtra: pyarrow is not installed.
+    """
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError as cause:
+        raise MissingExtra("sweeps keep their results in Parquet; try pip install 'holdfast[parquet]'") from cause
+    return pyarrow, parquet
+
+
+def _titled(name: str, rows: Array) -> dict[str, Array]:
+    """Return a column for each number of a parameter, places in brackets."""
+    places = [f"[{','.join(map(str, at))}]" if at else "" for at in np.ndindex(rows.shape[1:])]
+    return {f"{name}{place}": x for place, x in zip(places, rows.reshape(len(rows), -1).T, strict=True)}
+
+
+def _unpacked(rollout: bytes) -> Rollout:
+    if rollout not in _UNPACKED:
+        _UNPACKED.clear()
+        _UNPACKED[rollout] = pickle.loads(rollout)
+    return _UNPACKED[rollout]
+
+
+def _steps(duration: float, step: float) -> int:
+    return max(1, round(duration / step))

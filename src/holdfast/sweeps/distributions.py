@@ -1,0 +1,162 @@
+"""What parameters of runs are drawn from: a function of seed, parameter's name and run."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from holdfast.errors import StateError
+from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.real_numbers import numbers
+from holdfast.spatial.scalar import Array
+
+PER_COUNT = 4  # 64-bit numbers that Philox makes of one count
+
+
+def uniforms(seed: int, name: str, begin: int, end: int, width: int) -> Array:
+    """Return the numbers in [0, 1) that belong to some runs, (end - begin, width).
+
+    Philox makes them of a key and a count, so that those of a run need no other run's.
+
+    Args:
+        seed: of the sweep.
+        name: of the parameter.
+        begin: the first run.
+        end: the one after the last.
+        width: how many numbers a run takes.
+
+    Reference:
+        Salmon, Moraes, Dror, Shaw 2011, Parallel random numbers: as easy as 1, 2, 3.
+    """
+    counts = -(-width // PER_COUNT)
+    key = np.frombuffer(hashlib.sha256(f"{seed} {name}".encode()).digest()[:16], dtype="<u8")
+    source = np.random.Philox(key=key.astype(np.uint64))
+    source.advance(begin * counts)
+    return np.random.Generator(source).random((end - begin, counts * PER_COUNT))[:, :width]
+
+
+@dataclass(frozen=True, eq=False)
+class Uniform(Frozen):
+    """Every entry uniform between two bounds, apart from the others.
+
+    Attributes:
+        low, high: of the parameter's shape, or one number for all its entries.
+    """
+
+    low: Any
+    high: Any
+
+    def width(self, shape: tuple[int, ...]) -> int:
+        """Return how many uniform numbers one draw takes."""
+        return int(np.prod(shape))
+
+    def values(self, name: str, shape: tuple[int, ...], u: Array) -> Array:
+        """Return draws, (runs, *shape), from uniform numbers (runs, width).
+
+        Raises:
+            StateError: bounds of another shape, not finite, or in the wrong order.
+        """
+        low, high = fitted(f"{name}: low", self.low, shape), fitted(f"{name}: high", self.high, shape)
+        if not (low <= high).all():
+            raise StateError(f"{name}: expected low <= high, got Uniform({self.low!r}, {self.high!r})")
+        return low + (high - low) * u.reshape(-1, *shape)
+
+
+@dataclass(frozen=True, eq=False)
+class Normal(Frozen):
+    """Every entry normal, apart from the others.
+
+    Attributes:
+        mean, deviation: of the parameter's shape, or one number for all its entries.
+    """
+
+    mean: Any
+    deviation: Any
+
+    def width(self, shape: tuple[int, ...]) -> int:
+        """Return how many uniform numbers one draw takes."""
+        return int(np.prod(shape))
+
+    def values(self, name: str, shape: tuple[int, ...], u: Array) -> Array:
+        """Return draws, (runs, *shape), from uniform numbers (runs, width).
+
+        Raises:
+            StateError: numbers of another shape, not finite, or a negative deviation.
+        """
+        from scipy.special import ndtri
+
+        mean = fitted(f"{name}: mean", self.mean, shape)
+        deviation = fitted(f"{name}: deviation", self.deviation, shape)
+        if not (deviation >= 0.0).all():
+            raise StateError(f"{name}: expected a deviation >= 0, got {self.deviation!r}")
+        return mean + deviation * ndtri(np.maximum(u, 2.0**-54)).reshape(-1, *shape)
+
+
+@dataclass(frozen=True, eq=False)
+class NearPose(Frozen):
+    """Poses near given ones: turned and shifted in their own axes, every coordinate uniform.
+
+    Attributes:
+        pose: wxyz_xyz, of the parameter's shape (..., 7).
+        turn: largest coordinate of the rotation vector [rad].
+        shift: largest coordinate of the displacement [m].
+    """
+
+    pose: Any
+    turn: float = 0.0
+    shift: float = 0.0
+
+    def width(self, shape: tuple[int, ...]) -> int:
+        """Return how many uniform numbers one draw takes: six a pose."""
+        return int(np.prod(shape[:-1])) * 6
+
+    def values(self, name: str, shape: tuple[int, ...], u: Array) -> Array:
+        """Return draws, (runs, *shape), from uniform numbers (runs, width).
+
+        Raises:
+            StateError: a parameter that is no pose, numbers of another shape, not finite or negative.
+        """
+        if shape[-1:] != (7,):
+            raise StateError(
+                f"{name}: expected numbers or a distribution of shape {shape}, got NearPose: it is no pose"
+            )
+        pose = fitted(f"{name}: pose", self.pose, shape)
+        size = np.repeat([float(fitted(f"{name}: {n}", getattr(self, n), ())) for n in ("turn", "shift")], 3)
+        if not (size >= 0.0).all():
+            raise StateError(f"{name}: expected turn and shift >= 0, got {self.turn!r} and {self.shift!r}")
+        norm = np.linalg.norm(pose[..., :4], axis=-1, keepdims=True)
+        if not (norm > 0.0).all():
+            raise StateError(f"{name}: pose: expected quaternions (wxyz first), got one of length zero")
+        away = size * (2.0 * u.reshape(-1, *shape[:-1], 6) - 1.0)
+        wxyz = np.broadcast_to(pose[..., :4] / norm, (len(away), *shape[:-1], 4))
+        half = 0.5 * np.linalg.norm(away[..., :3], axis=-1, keepdims=True)
+        turned = _product(wxyz, np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * away[..., :3]], axis=-1))
+        vector, scalar = wxyz[..., 1:], wxyz[..., :1]
+        across = 2.0 * np.cross(vector, away[..., 3:])
+        moved = away[..., 3:] + scalar * across + np.cross(vector, across)
+        return np.concatenate([turned, pose[..., 4:] + moved], axis=-1)
+
+
+Distribution = Uniform | Normal | NearPose
+
+
+def _product(a: Array, b: Array) -> Array:
+    """Return the quaternion product of arrays of wxyz."""
+    w = a[..., :1] * b[..., :1] - np.sum(a[..., 1:] * b[..., 1:], axis=-1, keepdims=True)
+    xyz = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
+    return np.concatenate([w, xyz], axis=-1)
+
+
+def fitted(name: str, value: Any, shape: tuple[int, ...]) -> Array:
+    """Return finite numbers, spread over a shape.
+
+    Raises:
+        StateError: they are none, or do not fit.
+    """
+    x = numbers(value, None, name, StateError)
+    if x.shape not in ((), shape):
+        raise StateError(f"{name}: expected one number or shape {shape}, got shape {x.shape}")
+    return np.broadcast_to(x, shape)

@@ -1,0 +1,185 @@
+"""What came of a sweep: summaries that read a column at a time, and any run again."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from holdfast.errors import ResultError, StateError
+from holdfast.model import checks
+from holdfast.simulation.rollout.arguments import whole_number
+from holdfast.simulation.trajectory import Trajectory
+from holdfast.spatial.real_numbers import numbers
+from holdfast.spatial.scalar import Array
+from holdfast.sweeps.chunk import pyarrow
+from holdfast.sweeps.plan import Plan
+from holdfast.sweeps.store import chunk_path
+
+
+class Sweep:
+    """What came of a sweep; made by `sweep`.
+
+    Its files are read chunk by chunk, only the columns that are asked for.
+
+    Attributes:
+        plan: which run begins how.
+        folder: the store.
+    """
+
+    def __init__(self, plan: Plan, folder: Path) -> None:
+        self.plan, self.folder = plan, folder
+
+    def __len__(self) -> int:
+        return self.plan.count
+
+    def __repr__(self) -> str:
+        """Return how many runs there are, how long, and where, on one line."""
+        plan = self.plan
+        return f"<Sweep of {plan.count} runs of {plan.duration:g} s in {plan.chunk_count} files of '{self.folder}'>"
+
+    @property
+    def columns(self) -> list[str]:
+        """The titles of the columns: the run, its end, what was drawn for it, outputs with their units."""
+        _, parquet = pyarrow()
+        return self._read(0, lambda path: parquet.read_schema(path).names)
+
+    @property
+    def fates(self) -> dict[str, int]:
+        """How many runs ended with each status, by its name."""
+        found: Counter[str] = Counter()
+        for part in self.batches(["status"]):
+            found.update(part["status"].tolist())
+        return dict(found)
+
+    def batches(self, columns: Sequence[str]) -> Iterator[dict[str, Array]]:
+        """Yield columns by title, chunk by chunk in the order of the runs.
+
+        Args:
+            columns: titles.
+
+        Raises:
+            StateError: no such column.
+            ResultError: a file cannot be read.
+        """
+        _, parquet = pyarrow()
+        known = self.columns
+        for title in columns:
+            if title not in known:
+                raise StateError(f"sweep: no column '{title}'.{checks.did_you_mean(str(title), known)}")
+        for k in range(self.plan.chunk_count):
+            table = self._read(k, lambda path: parquet.ParquetFile(path).read(columns=list(columns)))
+            yield {title: table[title].to_numpy() for title in columns}
+
+    def column(self, title: str, status: str | None = None) -> Array:
+        """Return one column of all runs, or of those that ended with a status; O(runs) memory.
+
+        Args:
+            title: of the column.
+            status: a name of `RolloutStatus`; None for all.
+
+        Raises:
+            StateError: no such column.
+            ResultError: a file cannot be read.
+        """
+        wanted = [title] if status is None or title == "status" else [title, "status"]
+        parts = self.batches(wanted)
+        if status is None:
+            return np.concatenate([part[title] for part in parts])
+        return np.concatenate([part[title][part["status"] == status] for part in parts])
+
+    def quantiles(self, title: str, levels: Any = (0.0, 0.05, 0.5, 0.95, 1.0), status: str | None = "RUNNING") -> Array:
+        """Return quantiles of a column, (levels,).
+
+        Args:
+            title: of a column of numbers.
+            levels: from 0 to 1.
+            status: of which runs; None for all.
+
+        Raises:
+            StateError: no such column, one without numbers, other levels, or no such run.
+            ResultError: a file cannot be read.
+        """
+        at = np.atleast_1d(numbers(levels, None, "levels", StateError))
+        if not ((at >= 0.0) & (at <= 1.0)).all():
+            raise StateError(f"levels: expected numbers from 0 to 1, got {levels!r}")
+        x = self._numbers(self.column(title, status), title)
+        if len(x) == 0:
+            raise StateError(f"quantiles: expected runs that ended as {status}, got none; there are {self.fates}")
+        return np.quantile(x, at, method="inverted_cdf")
+
+    def worst(self, title: str, count: int = 10, *, largest: bool = False) -> list[tuple[int, float]]:
+        """Return runs with the smallest entries of a column, smallest first: (run, entry) each.
+
+        Args:
+            title: of a column of numbers.
+            count: how many.
+            largest: the largest instead, largest first.
+
+        Raises:
+            StateError: no such column, or one without numbers.
+            ResultError: a file cannot be read.
+        """
+        most, sign = whole_number("count", count), -1.0 if largest else 1.0
+        runs, entries = np.zeros(0, dtype=int), np.zeros(0)
+        for part in self.batches(["run"] if title == "run" else ["run", title]):
+            runs = np.concatenate([runs, part["run"]])
+            entries = np.concatenate([entries, self._numbers(part[title], title)])
+            first = np.argsort(sign * entries, kind="stable")[:most]
+            runs, entries = runs[first], entries[first]
+        return list(zip(runs.tolist(), entries.tolist(), strict=True))
+
+    def run(self, number: int, every: int = 1) -> Trajectory:
+        """Return one run with all that `simulate` records: its steps are taken again, to the same bits.
+
+        Args:
+            number: of the run, from 0.
+            every: steps from one sample to the next.
+
+        Raises:
+            StateError: no such run, or one whose first state is faulty.
+        """
+        plan = self.plan
+        if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < plan.count:
+            raise StateError(f"run: expected a number from 0 to {plan.count - 1}, got {number!r}")
+        begin, end = plan.bounds(int(number) // plan.chunk)
+        systems = plan.rollout.start(**plan.rows(begin, end))  # where several rows hold, they begin as their chunk does
+        one = systems.copy([int(number) - begin])
+        record = plan.rollout.run(one, plan.duration, plan.step, every=every, **plan.options)
+        found = record.trajectory(0)
+        return replace(found, setting=replace(found.require_setting(), name=f"run {number} of a sweep"))
+
+    def plot(self, title: str, path: Any = None, status: str | None = "RUNNING") -> Any:
+        """Return a matplotlib Figure of how a column is distributed: the share of runs below each value.
+
+        Args:
+            title: of a column of numbers.
+            path: of a file to write it to.
+            status: of which runs; None for all.
+
+        Raises:
+            StateError: no such column, one without numbers, or no such run.
+            ResultError: a file cannot be read or written.
+            MissingExtra: matplotlib is not installed.
+        """
+        from holdfast.view.distribution import plot_distribution
+
+        levels = np.linspace(0.0, 1.0, 1001)
+        return plot_distribution(title, self.quantiles(title, levels, status), levels, path)
+
+    def _numbers(self, x: Array, title: str) -> Array:
+        if x.dtype.kind not in "fi":
+            raise StateError(f"sweep: expected a column of numbers, got '{title}'; columns: {', '.join(self.columns)}")
+        return x
+
+    def _read(self, k: int, read: Any) -> Any:
+        arrow, _ = pyarrow()
+        path = chunk_path(self.folder, k)
+        try:
+            return read(path)
+        except (OSError, arrow.ArrowException) as cause:
+            raise ResultError(f"{path}: cannot be read; the same call of `sweep` computes it again") from cause

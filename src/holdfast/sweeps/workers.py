@@ -1,0 +1,142 @@
+"""Chunks computed elsewhere: in processes of this computer, which may die, or by any executor.
+
+A `ProcessPoolExecutor` stood still for ever in tests that kill processes, presumably one that was writing to the
+pipe that all share. Here each process has a pipe of its own, which ends with it, and ends it with the one that reads.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import pickle
+import signal
+from collections.abc import Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from multiprocessing.connection import Connection
+from multiprocessing.connection import wait as wait_for
+from typing import Any
+
+from holdfast.errors import ResultError
+from holdfast.sweeps.chunk import Computed, Task, compute
+
+MOST_DEATHS = 10  # of processes, without one chunk computed in between
+
+
+def computed_here(tasks: Iterator[Task]) -> Iterator[Computed]:
+    """Yield what comes of chunks, one after the other, in this process."""
+    return map(compute, tasks)
+
+
+def computed_by_processes(tasks: Iterator[Task], count: int, most_deaths: int = MOST_DEATHS) -> Iterator[Computed]:
+    """Yield what comes of chunks, in processes of this computer; those that die are replaced.
+
+    Raises:
+        ResultError: they die and die.
+    """
+    again: list[Task] = []
+    at_work: dict[Any, Task] = {}
+    processes: dict[Any, Any] = dict(_begun() for _ in range(count))
+    deaths = 0
+    try:
+        while True:
+            for pipe in processes.keys() - at_work.keys():
+                task = again.pop() if again else next(tasks, None)
+                if task is None:
+                    break
+                at_work[pipe] = task
+                with contextlib.suppress(OSError):  # it has died: reading says so
+                    pipe.send(task)
+            if not at_work:
+                return
+            for pipe in wait_for(list(at_work)):
+                task = at_work.pop(pipe)
+                found = _received(pipe)
+                if isinstance(found, Exception):
+                    raise found
+                if found is not None:
+                    deaths = 0
+                    yield found
+                    continue
+                again.append(task)
+                deaths += 1
+                if deaths > most_deaths:
+                    raise ResultError(
+                        f"sweep: its processes died {deaths} times without finishing a chunk; try a smaller `chunk` if"
+                        " memory ran out, and `if __name__ == '__main__':` around the call in a script"
+                    )
+                _end(pipe, processes.pop(pipe))
+                processes |= [_begun()]
+    finally:
+        for pipe, process in processes.items():
+            _end(pipe, process)
+
+
+def computed_by(executor: Executor, tasks: Iterator[Task], ahead: int) -> Iterator[Computed]:
+    """Yield what comes of chunks, computed by an executor of the user's, at most so many ahead.
+
+    Raises:
+        ResultError: the executor broke.
+    """
+    waiting: set[Future[Computed]] = set()
+    try:
+        while True:
+            while len(waiting) < ahead and (task := next(tasks, None)) is not None:
+                waiting.add(executor.submit(compute, task))
+            if not waiting:
+                return
+            for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+                waiting.remove(future)
+                yield future.result()
+    except BrokenExecutor as cause:
+        raise ResultError(
+            f"sweep: the executor broke ({cause}); what is finished is kept; try the same call with another executor"
+        ) from cause
+    finally:
+        for future in waiting:
+            future.cancel()
+
+
+def _begun() -> tuple[Connection, Any]:
+    """Return the pipe to a new process, and the process."""
+    context = multiprocessing.get_context("spawn")
+    here, there = context.Pipe()
+    process = context.Process(target=_serve, args=(there,), daemon=True)
+    process.start()
+    there.close()  # so that the pipe ends when the process does
+    return here, process
+
+
+def _end(pipe: Any, process: Any) -> None:
+    pipe.close()
+    process.terminate()
+    process.join()
+
+
+def _received(pipe: Any) -> Computed | Exception | None:
+    """Return what a process sent, None if it died."""
+    try:
+        return pipe.recv()
+    except (EOFError, OSError):
+        return None
+
+
+def _serve(pipe: Connection) -> None:
+    """Compute chunks until the pipe ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that reads ends this one
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            task = pipe.recv()
+            try:
+                found = compute(task)
+            except Exception as error:
+                found = _travelling(error)
+            pipe.send(found)
+
+
+def _travelling(error: Exception) -> Exception:
+    """Return an error, or its text if it cannot be pickled."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return ResultError(f"sweep: a chunk failed: {type(error).__name__}: {error}")
+    return error

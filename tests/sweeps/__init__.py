@@ -1,0 +1,1 @@
+"""Sweeps: plans, chunks, stores, summaries."""

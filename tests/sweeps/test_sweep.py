@@ -1,0 +1,264 @@
+"""A sweep gives the bytes of its plan, however it is computed, and any run again."""
+
+import json
+import multiprocessing
+import os
+import signal
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.sweeps import Uniform
+from holdfast.sweeps.workers import computed_by_processes
+from tests.control.two_pandas import two_pandas
+from tests.sweeps.problems import data, law, parameters, small_sweep
+
+pytest.importorskip("pyarrow", reason="needs pyarrow: pip install 'holdfast[parquet]'")
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """Return the sweep computed in this process at one go."""
+    return small_sweep(tmp_path_factory.mktemp("sweep") / "store")
+
+
+def test_as_rollouts(undisturbed):
+    """A run is that of a rollout started with the parameters that stand in its row."""
+    chain, state = two_pandas()
+    rollout = hf.compile_rollout(chain, law())
+    number, names = 17, undisturbed.columns
+    own = {name: undisturbed.column(name)[number] for name in names if name.startswith("drawn")}
+    push = [own[f"drawn object_wrench[{k}]"] for k in range(6)]
+    frames = [[own[f"drawn grasp_pose[{g},{k}]"] for k in range(7)] for g in range(2)]
+    given = {"object_mass": own["drawn object_mass"], "object_inertia": "scale", "stiffness": 200.0}
+    systems = rollout.start(
+        state.q[None], state.qd, state.object_pose, state.object_twist, object_wrench=push, grasp_pose=frames, **given
+    )
+    rollout.step(systems, 1e-3, steps=4)
+    kept = [name for name in names if name.startswith("object_pose")]
+    assert [undisturbed.column(name)[number] for name in kept] == systems.object_pose[0].tolist()
+    assert undisturbed.column("run").tolist() == list(range(33))
+    assert undisturbed.fates == {"RUNNING": 33}
+
+
+def test_a_run_again(undisturbed):
+    """Replayed, a run ends at the bits that were kept, and is a run of `simulate` in all else."""
+    found = undisturbed.run(22)
+    assert len(found) == 5
+    kept = [title for title in undisturbed.columns if title.startswith("object_twist")]
+    assert [undisturbed.column(title)[22] for title in kept] == found.object_twist[-1].tolist()
+    assert found.require_setting().chain.held_object.mass == undisturbed.column("drawn object_mass")[22]
+    with pytest.raises(hf.StateError, match="from 0 to 32"):
+        undisturbed.run(33)
+
+
+def test_whatever_happened(undisturbed, tmp_path):
+    """Files that are missing, torn or of another plan are computed again; the others stay untouched."""
+    store = tmp_path / "store"
+    small_sweep(store)
+    expected = data(undisturbed.folder)
+    assert data(store) == expected
+    (store / "runs_000001.parquet").unlink()
+    (store / "runs_000002.parquet").write_bytes(expected["runs_000002.parquet"][:-9])
+    (store / "runs_000003.parquet").write_bytes(
+        data(small_sweep(tmp_path / "other", seed=1).folder)["runs_000003.parquet"]
+    )
+    (store / "runs_000004.parquet.part").write_bytes(b"half")
+    kept = (store / "runs_000000.parquet").stat().st_mtime_ns
+    seen = []
+    small_sweep(store, progress=seen.append)
+    assert data(store) == expected
+    assert [p.done for p in seen] == [23, 28, 33]
+    assert kept == (store / "runs_000000.parquet").stat().st_mtime_ns
+    assert str(seen[-1]).startswith("33 of 33 runs, ")
+
+
+def test_by_any_executor(undisturbed, tmp_path):
+    """Three threads give the same bytes."""
+    with ThreadPoolExecutor(3) as threads:
+        small_sweep(tmp_path, workers=threads, ahead=4)
+    assert data(tmp_path) == data(undisturbed.folder)
+
+
+def test_an_error_midway(undisturbed, tmp_path):
+    """What was finished before the caller's own function raised is kept, and the folder is free again."""
+
+    def stop(progress):
+        if progress.done >= 10:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        small_sweep(tmp_path, progress=stop)
+    assert len(data(tmp_path)) == 2
+    small_sweep(tmp_path)
+    assert data(tmp_path) == data(undisturbed.folder)
+
+
+def test_summaries(undisturbed, tmp_path):
+    """Quantiles and worst runs are those of the sorted column; the figure is written."""
+    mass = undisturbed.column("drawn object_mass")
+    assert undisturbed.quantiles("drawn object_mass", [0.0, 0.5, 1.0]).tolist() == [*np.sort(mass)[[0, 16, 32]]]
+    order = np.argsort(mass)
+    assert [run for run, _ in undisturbed.worst("drawn object_mass", 3)] == order[:3].tolist()
+    assert undisturbed.worst("drawn object_mass", 2, largest=True) == [(k, mass[k]) for k in order[:-3:-1]]
+    assert 2.0 <= mass.min() < mass.max() <= 4.0
+    undisturbed.plot("drawn object_mass", tmp_path / "mass.png")
+    assert (tmp_path / "mass.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_failures_by_status(tmp_path):
+    """A run whose grasps are far apart fails alone, and says so in its row."""
+    chain, state = two_pandas()
+    q = np.tile(state.q, (6, 1))
+    q[4, 0] += 1.0
+    found = hf.sweep(
+        chain,
+        law(),
+        state=state,
+        parameters={"q": q, "stiffness": 1.0},
+        count=6,
+        duration=1e-3,
+        step=1e-3,
+        store=tmp_path,
+    )
+    assert found.fates == {"RUNNING": 5, "OPEN": 1}
+    assert found.column("run", status="OPEN").tolist() == [4]
+    assert found.column("stopped [s]")[4] == 0.0
+    with pytest.raises(hf.StateError, match="ended as SLIPPED, got none"):
+        found.quantiles("object_pose z [m]", status="SLIPPED")
+
+
+@pytest.mark.parametrize(
+    ("changed", "error", "said"),
+    [
+        ({"count": 0}, hf.StateError, "count"),
+        ({"chunk": 2.5}, hf.StateError, "chunk"),
+        ({"seed": -1}, hf.StateError, "seed"),
+        ({"workers": 0}, hf.StateError, "workers"),
+        ({"step": -1e-3}, hf.StateError, "step"),
+        ({"duration": 1.5e-3}, hf.StateError, "whole number of steps"),
+        ({"outputs": ["object_pos"]}, hf.StateError, "Did you mean 'object_pose'"),
+        ({"outputs": ["q", "q"]}, hf.StateError, "once"),
+        ({"parameters": {}}, hf.StateError, "'stiffness' is missing"),
+        ({"parameters": {"stiffness": 1.0, "object_mas": 1.0}}, hf.StateError, "Did you mean 'object_mass'"),
+        ({"parameters": {"stiffness": np.ones(32)}}, hf.StateError, "stiffness"),
+        ({"parameters": {"stiffness": Uniform(np.inf, 1.0)}}, hf.StateError, "stiffness"),
+        ({"state": None}, hf.StateError, "state"),
+    ],
+)
+def test_refusals(changed, error, said, tmp_path):
+    """What does not fit is refused by name before anything is written."""
+    chain, state = two_pandas()
+    own = {"state": state, "parameters": parameters(), "count": 33, "duration": 4e-3, "step": 1e-3}
+    with pytest.raises(error, match=said):
+        hf.sweep(chain, law(), store=tmp_path, **(own | changed))
+    assert not data(tmp_path)
+
+
+def test_stores_of_others(undisturbed, tmp_path):
+    """A folder of another plan, of something else, or one that is written now, is refused."""
+    with pytest.raises(hf.ResultError, match="seed differ"):
+        small_sweep(undisturbed.folder, seed=1)
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(hf.ResultError, match="other files"):
+        small_sweep(tmp_path)
+    with pytest.raises(hf.ResultError, match="another process writes"):
+        small_sweep(tmp_path / "new", progress=lambda _: small_sweep(tmp_path / "new"))
+    (tmp_path / "new" / "sweep.json").write_text(json.dumps({"format": "else"}))
+    with pytest.raises(hf.ResultError, match="manifest"):
+        small_sweep(tmp_path / "new")
+
+
+def test_processes_that_die_and_die(tmp_path):
+    """A chunk that ends its process every time is given up, and the sweep says so."""
+    with pytest.raises(hf.ResultError, match="died 3 times"):
+        list(computed_by_processes(iter([Deadly()]), 1, most_deaths=2))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("workers", [3, 7])
+def test_by_processes(workers, undisturbed, tmp_path):
+    """Three or seven processes give the bytes of one."""
+    small_sweep(tmp_path, workers=workers)
+    assert data(tmp_path) == data(undisturbed.folder)
+
+
+class Deadly:
+    """What ends the process that takes it."""
+
+    def __reduce__(self):
+        return os._exit, (1,)
+
+
+LARGE = {"count": 4000, "chunk": 20, "duration": 0.02}
+
+
+@pytest.mark.long
+def test_by_dask(tmp_path):
+    """A cluster of Dask is an executor like any other: one of its workers dies, and the bytes are the same."""
+    distributed = pytest.importorskip("distributed", reason="needs distributed: pip install distributed")
+    several = LARGE | {"count": 600}
+    expected = data(small_sweep(tmp_path / "undisturbed", **several).folder)
+    local = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "local_directory": str(tmp_path)}
+    with distributed.LocalCluster(**local) as cluster, distributed.Client(cluster) as client:
+        killed = []
+
+        def kill_one(progress):
+            if not killed:
+                killed.append(cluster.workers[0].pid)
+                os.kill(killed[0], signal.SIGKILL)
+
+        small_sweep(tmp_path / "store", workers=client.get_executor(), ahead=6, progress=kill_one, **several)
+    assert killed
+    assert data(tmp_path / "store") == expected
+
+
+def _disturbed(store):
+    small_sweep(store, workers=2, **LARGE)
+
+
+def _working(pid):
+    """Return the children that compute: the resource tracker of multiprocessing does not."""
+    found = []
+    for place in Path("/proc").glob("[0-9]*"):
+        try:
+            parent = (place / "stat").read_text().rpartition(")")[2].split()[1]
+            if int(parent) == pid and "spawn_main" in (place / "cmdline").read_text():
+                found.append(int(place.name))
+        except OSError:  # it has ended meanwhile
+            continue
+    return found
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1200)
+@pytest.mark.skipif(not os.path.exists("/proc/self/cmdline"), reason="needs Linux's /proc; none can be installed")
+def test_killed(tmp_path):
+    """Workers killed twenty times, the process that plans three times: every byte as undisturbed, none left over."""
+    expected = data(small_sweep(tmp_path / "undisturbed", **LARGE).folder)
+    random, context = np.random.default_rng(0), multiprocessing.get_context("spawn")
+    store, killed, left = tmp_path / "store", [], []
+    for life in range(4):
+        process = context.Process(target=_disturbed, args=(store,))
+        process.start()
+        begun, until = len(data(store)), (7, 7, 6, 0)[life]
+        while until and process.is_alive():
+            time.sleep(random.uniform(0.2, 0.6))
+            if len(data(store)) > begun and (workers := _working(process.pid)):
+                os.kill(int(random.choice(workers)), signal.SIGKILL)
+                killed.append(life)
+                until, begun = until - 1, len(data(store))
+        if life < 3:
+            left += _working(process.pid)
+            process.kill()
+        process.join()
+        assert process.exitcode == (-signal.SIGKILL if life < 3 else 0)
+    assert len(killed) == 20
+    assert left
+    assert data(store) == expected
+    time.sleep(1.0)
+    assert not [pid for pid in left if os.path.exists(f"/proc/{pid}")]
