@@ -8,7 +8,6 @@ in `forward_dynamics_vjp`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.forward_derivatives import POSES, symmetric
 from holdfast.dynamics.closed.pose_tangents import by_motions
-from holdfast.dynamics.derivatives import Derivatives, directions, gradient_shapes, require_names
+from holdfast.dynamics.derivatives import Derivatives, directions, gradient_shapes, require_names, with_link_wrenches
 from holdfast.dynamics.varied_case import VariedCase
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model import checks
@@ -97,11 +96,8 @@ class LinearText(NamedTuple):
 
 
 def case_of(chain: ClosedChain, state: State, inputs: Inputs | None, own: Mapping[str, Array]) -> VariedCase:
-    """Return what a text is given; link wrenches that are not are zero."""
-    shaped = (inputs or Inputs()).shaped(chain)
-    if shaped.link_wrenches is None:
-        shaped = replace(shaped, link_wrenches=np.zeros((chain.joint_count, 6)))
-    return VariedCase(chain, state, shaped, own)
+    """Return what a text is given."""
+    return VariedCase(chain, state, with_link_wrenches(chain, inputs), own)
 
 
 def text_vjp(
