@@ -320,10 +320,7 @@ def _point(
     """Return where derivatives are taken, forward dynamics there, and the least forces where they are not unique."""
     require_derivatives(what, chain)
     result = forward_dynamics(chain, state, tau, inputs=inputs, check=check, generic_rank=generic_rank)
-    given = (inputs or Inputs()).shaped(chain)
-    if given.link_wrenches is None:
-        links = sum(arm.joint_count for arm in chain.arms.values())
-        given = replace(given, link_wrenches=np.zeros((links, 6)))
+    given = with_link_wrenches(chain, inputs)
     motion: ChainMotion = chain_motion(chain, state, checks.numbers(tau, (chain.joint_count,), "tau"), given)
     with np.errstate(all="ignore"):
         at = point(motion, sequential(motion), "auto")
@@ -334,6 +331,15 @@ def _point(
     if least and chain.trunk is not None:
         raise MethodNotApplicable(f"{what}: forces that are not unique, with a trunk, have no derivatives yet")
     return at, result, least_forces(at) if least else None
+
+
+def with_link_wrenches(chain: ClosedChain, inputs: Inputs | None) -> Inputs:
+    """Return inputs in which everything has a number: link wrenches that are not given are zero."""
+    given = (inputs or Inputs()).shaped(chain)
+    if given.link_wrenches is not None:
+        return given
+    links = sum(arm.joint_count for arm in chain.arms.values())
+    return replace(given, link_wrenches=np.zeros((links, 6)))
 
 
 def require_derivatives(what: str, chain: ClosedChain) -> None:

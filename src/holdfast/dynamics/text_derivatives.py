@@ -8,7 +8,6 @@ in `forward_dynamics_vjp`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.forward_derivatives import POSES, symmetric
 from holdfast.dynamics.closed.pose_tangents import by_motions
-from holdfast.dynamics.derivatives import Derivatives, directions, gradient_shapes, require_names
+from holdfast.dynamics.derivatives import Derivatives, directions, gradient_shapes, require_names, with_link_wrenches
 from holdfast.dynamics.varied_case import VariedCase
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model import checks
@@ -38,12 +37,14 @@ class Text(NamedTuple):
         arguments: what it depends on.
         results: names of what it returns.
         of: the text.
+        unlimited: whether a result may be infinite, where nothing limits it.
     """
 
     name: str
     arguments: tuple[str, ...]
     results: tuple[str, ...]
     of: Callable[[VariedCase], tuple[Any, ...]]
+    unlimited: bool = False
 
 
 class LinearText(NamedTuple):
@@ -95,11 +96,8 @@ class LinearText(NamedTuple):
 
 
 def case_of(chain: ClosedChain, state: State, inputs: Inputs | None, own: Mapping[str, Array]) -> VariedCase:
-    """Return what a text is given; link wrenches that are not are zero."""
-    shaped = (inputs or Inputs()).shaped(chain)
-    if shaped.link_wrenches is None:
-        shaped = replace(shaped, link_wrenches=np.zeros((chain.joint_count, 6)))
-    return VariedCase(chain, state, shaped, own)
+    """Return what a text is given."""
+    return VariedCase(chain, state, with_link_wrenches(chain, inputs), own)
 
 
 def text_vjp(
@@ -111,7 +109,7 @@ def text_vjp(
     with np.errstate(all="ignore"):
         at = linear_text(text, case, by, what)
         bars = {name: checks.numbers(x, at.shapes[name], name, StateError) for name, x in cotangents.items()}
-        return _found(what, result, at.gradient(bars))
+        return _found(text, what, result, at.gradient(bars))
 
 
 def text_jvp(text: Text, case: VariedCase, result: Any, along: Mapping[str, ArrayLike]) -> Derivatives:
@@ -122,10 +120,12 @@ def text_jvp(text: Text, case: VariedCase, result: Any, along: Mapping[str, Arra
         at = linear_text(text, case, tuple(along), what)
         given = directions(what, along, argument_shapes(case))
         if isinstance(given, dict):
-            return _found(what, result, at.rates(given))
+            return _found(text, what, result, at.rates(given))
         found = [at.rates(one) for one in given]
     parts = {name: [one[name] for one in found] for name in text.results}
-    return _found(what, result, {name: np.reshape(x, (len(given), *at.shapes[name])) for name, x in parts.items()})
+    return _found(
+        text, what, result, {name: np.reshape(x, (len(given), *at.shapes[name])) for name, x in parts.items()}
+    )
 
 
 def text_jacobian(text: Text, case: VariedCase, result: Any, of: Sequence[str], by: Sequence[str]) -> Derivatives:
@@ -139,7 +139,7 @@ def text_jacobian(text: Text, case: VariedCase, result: Any, of: Sequence[str], 
             shape = at.shapes[name]
             rows = [at.gradient({name: e.reshape(shape)}) for e in np.eye(int(np.prod(shape)))]
             parts |= {(name, x): np.reshape([row[x] for row in rows], (*shape, *shapes[x])) for x in by}
-    return _found(what, result, parts)
+    return _found(text, what, result, parts)
 
 
 def linear_text(text: Text, case: VariedCase, by: Sequence[str], what: str) -> LinearText:
@@ -174,13 +174,14 @@ def argument_shapes(case: VariedCase) -> dict[str, Shape]:
     return gradient_shapes(case.chain) | {name: x.shape for name, x in case.own.items()}
 
 
-def _found(what: str, result: Any, parts: Mapping[Any, Array]) -> Derivatives:
+def _found(text: Text, what: str, result: Any, parts: Mapping[Any, Array]) -> Derivatives:
     """Return derivatives that are finite.
 
     Raises:
         StateError: naming those that are not.
     """
-    for name, x in {"result": result, **parts}.items():
+    finite = np.where(np.isposinf(result), 0.0, result) if text.unlimited else result
+    for name, x in {"result": finite, **parts}.items():
         if not np.isfinite(x).all():
             raise StateError(f"{what}: {name}: expected finite numbers, got an overflow; try smaller ones")
     return Derivatives(result, parts)

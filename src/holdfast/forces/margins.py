@@ -86,7 +86,13 @@ def grasp_margins(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> 
         StateError: wrong shape.
     """
     state.fits(chain)
-    f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
+    return margins_of_grasps(
+        chain, state, checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
+    )
+
+
+def margins_of_grasps(chain: ClosedChain, state: State, f: Array) -> Array:
+    """Return the margin of every grasp, of wrenches as they are; see `grasp_margins`."""
     R = state.object_frame.R
     rows = [chain.names.index(name) for name in chain.grasps]
     return array(

@@ -12,7 +12,7 @@ from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
-from holdfast.spatial.scalar import Array
+from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench, unrotate
 from holdfast.state import Inputs, State
 
@@ -33,8 +33,13 @@ def wrist_wrenches(chain: ClosedChain, state: State, result: ForwardResult) -> A
     """
     state.fits(chain)
     wrenches = checks.numbers(result.grasp_wrench, (len(chain.arms), 6), "result: grasp_wrench", StateError)
+    return across_tips(chain, state, wrenches)
+
+
+def across_tips(chain: ClosedChain, state: State, grasp_wrench: Array) -> Array:
+    """Return the grasp wrenches in tip axes, of numbers as they are; see `wrist_wrenches`."""
     tips = tip_frames(chain, state, chain.names)
-    return np.array([unrotate(tips[name].R, f) for name, f in zip(chain.names, wrenches, strict=True)])
+    return array([unrotate(tips[name].R, f) for name, f in zip(chain.names, grasp_wrench, strict=True)])
 
 
 def last_joint_wrenches(chain: ClosedChain, state: State, result: ForwardResult, inputs: Inputs | None = None) -> Array:

@@ -1,0 +1,227 @@
+"""Derivatives of grasp margins and wrist wrenches.
+
+Wrenches are arguments here. Gradients by what decides them, such as torques or the payload, follow in one more step:
+the gradient by `grasp_wrench` is the cotangent that `forward_dynamics_vjp` takes under that name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from holdfast.dynamics.derivatives import Derivatives
+from holdfast.dynamics.result import ForwardResult
+from holdfast.dynamics.text_derivatives import Text, case_of, require_no_trunk, text_jacobian, text_jvp, text_vjp
+from holdfast.dynamics.varied_case import VariedCase
+from holdfast.errors import StateError
+from holdfast.forces.margins import grasp_margins, margins_of_grasps
+from holdfast.forces.wrist import across_tips, wrist_wrenches
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.scalar import Array
+from holdfast.state import State
+
+OF_MARGINS = ("object_pose", "grasp_wrench")
+OF_WRISTS = ("q", "grasp_wrench")
+
+
+def grasp_margins_vjp(
+    chain: ClosedChain,
+    state: State,
+    grasp_wrench: ArrayLike,
+    *,
+    by: Sequence[str] = OF_MARGINS,
+    grasp_margins: ArrayLike,
+) -> Derivatives:
+    """Return gradients of cotangent . margins of the grasps by some of their arguments. O(l).
+
+    theta_bar = (d margin / d theta)^T margin_bar, of each grasp that condition's which is least; where several are,
+    of one of them. A length |B f| has the derivative 0 where it is 0. Margins that nothing limits are infinite, and
+    their derivatives 0. Names, and what poses turn by, as in `forward_dynamics_vjp`.
+
+    Args:
+        chain: the chain.
+        state: where the object is; only its attitude enters.
+        grasp_wrench: (arms, 6) of each arm on the object about the contact point, world axes.
+        by: the arguments: object_pose, grasp_pose, grasp_wrench.
+        grasp_margins: (grasps,) the cotangent.
+
+    Returns:
+        By argument its gradient, in its shape; `result` holds the margins [N].
+
+    Raises:
+        StateError: wrong names, shapes or numbers.
+        MethodNotApplicable: the chain has a trunk.
+    """
+    case, found = _margins_case("grasp_margins_vjp", chain, state, grasp_wrench)
+    return text_vjp(MARGINS, case, found, by, {"grasp_margins": grasp_margins})
+
+
+def grasp_margins_jvp(
+    chain: ClosedChain, state: State, grasp_wrench: ArrayLike, *, along: Mapping[str, ArrayLike]
+) -> Derivatives:
+    """Return how fast the margins of the grasps change while arguments do. O(l) a direction.
+
+    margin_dot = (d margin / d theta) theta_dot; see `grasp_margins_vjp`, also for kinks.
+
+    Args:
+        chain: the chain.
+        state: where the object is; only its attitude enters.
+        grasp_wrench: (arms, 6) of each arm on the object about the contact point, world axes.
+        along: by argument, how fast it changes, of its gradient's shape; or (d, ...) for d directions.
+
+    Returns:
+        `found.grasp_margins`, (grasps,) or (d, grasps).
+
+    Raises:
+        StateError: wrong names, shapes or numbers.
+        MethodNotApplicable: the chain has a trunk.
+    """
+    case, found = _margins_case("grasp_margins_jvp", chain, state, grasp_wrench)
+    return text_jvp(MARGINS, case, found, along)
+
+
+def grasp_margins_jacobian(
+    chain: ClosedChain,
+    state: State,
+    grasp_wrench: ArrayLike,
+    *,
+    of: Sequence[str] = ("grasp_margins",),
+    by: Sequence[str] = OF_MARGINS,
+) -> Derivatives:
+    """Return the Jacobian d margin / d theta of the grasps' margins, O(l^2); see `grasp_margins_vjp`.
+
+    Args:
+        chain: the chain.
+        state: where the object is; only its attitude enters.
+        grasp_wrench: (arms, 6) of each arm on the object about the contact point, world axes.
+        of: the results; there is one, grasp_margins.
+        by: the arguments.
+
+    Returns:
+        `found["grasp_margins", by]`, (grasps, *shape of the argument's gradient).
+
+    Raises:
+        StateError: wrong names, shapes or numbers.
+        MethodNotApplicable: the chain has a trunk.
+    """
+    case, found = _margins_case("grasp_margins_jacobian", chain, state, grasp_wrench)
+    return text_jacobian(MARGINS, case, found, of, by)
+
+
+def wrist_wrenches_vjp(
+    chain: ClosedChain,
+    state: State,
+    result: ForwardResult,
+    *,
+    by: Sequence[str] = OF_WRISTS,
+    wrist_wrenches: ArrayLike,
+) -> Derivatives:
+    """Return gradients of cotangent . wrist wrenches by some of their arguments. O(n).
+
+    theta_bar = (d w / d theta)^T w_bar, w as in `wrist_wrenches`; names, and what poses turn by, as in
+    `forward_dynamics_vjp`.
+
+    Args:
+        chain: the chain.
+        state: a closed state.
+        result: forward dynamics at that state; only its grasp wrenches enter.
+        by: the arguments: q, base_pose, grasp_wrench.
+        wrist_wrenches: (arms, 6) the cotangent.
+
+    Returns:
+        By argument its gradient, in its shape; `result` holds the wrist wrenches [N m, N].
+
+    Raises:
+        StateError: wrong names, shapes or numbers; a result of another chain.
+        MethodNotApplicable: the chain has a trunk.
+    """
+    case, found = _wrists_case("wrist_wrenches_vjp", chain, state, result)
+    return text_vjp(WRISTS, case, found, by, {"wrist_wrenches": wrist_wrenches})
+
+
+def wrist_wrenches_jvp(
+    chain: ClosedChain, state: State, result: ForwardResult, *, along: Mapping[str, ArrayLike]
+) -> Derivatives:
+    """Return how fast the wrist wrenches change while arguments do. O(n) a direction.
+
+    w_dot = (d w / d theta) theta_dot; see `wrist_wrenches_vjp`.
+
+    Args:
+        chain: the chain.
+        state: a closed state.
+        result: forward dynamics at that state; only its grasp wrenches enter.
+        along: by argument, how fast it changes, of its gradient's shape; or (d, ...) for d directions.
+
+    Returns:
+        `found.wrist_wrenches`, (arms, 6) or (d, arms, 6).
+
+    Raises:
+        StateError: wrong names, shapes or numbers; a result of another chain.
+        MethodNotApplicable: the chain has a trunk.
+    """
+    case, found = _wrists_case("wrist_wrenches_jvp", chain, state, result)
+    return text_jvp(WRISTS, case, found, along)
+
+
+def wrist_wrenches_jacobian(
+    chain: ClosedChain,
+    state: State,
+    result: ForwardResult,
+    *,
+    of: Sequence[str] = ("wrist_wrenches",),
+    by: Sequence[str] = OF_WRISTS,
+) -> Derivatives:
+    """Return the Jacobian d w / d theta of the wrist wrenches, O(n l); see `wrist_wrenches_vjp`.
+
+    Args:
+        chain: the chain.
+        state: a closed state.
+        result: forward dynamics at that state; only its grasp wrenches enter.
+        of: the results; there is one, wrist_wrenches.
+        by: the arguments.
+
+    Returns:
+        `found["wrist_wrenches", by]`, (arms, 6, *shape of the argument's gradient).
+
+    Raises:
+        StateError: wrong names, shapes or numbers; a result of another chain.
+        MethodNotApplicable: the chain has a trunk.
+    """
+    case, found = _wrists_case("wrist_wrenches_jacobian", chain, state, result)
+    return text_jacobian(WRISTS, case, found, of, by)
+
+
+def _margins_case(what: str, chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> tuple[VariedCase, Array]:
+    """Return what the text of margins is given, and the margins there."""
+    require_no_trunk(what, chain)
+    with np.errstate(all="ignore"):
+        found = grasp_margins(chain, state, grasp_wrench)
+    return _with_wrenches(chain, state, grasp_wrench), found
+
+
+def _wrists_case(what: str, chain: ClosedChain, state: State, result: ForwardResult) -> tuple[VariedCase, Array]:
+    """Return what the text of wrist wrenches is given, and these."""
+    require_no_trunk(what, chain)
+    with np.errstate(all="ignore"):
+        found = wrist_wrenches(chain, state, result)
+    return _with_wrenches(chain, state, result.grasp_wrench), found
+
+
+def _with_wrenches(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> VariedCase:
+    f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
+    return case_of(chain, state, None, {"grasp_wrench": f})
+
+
+def _margins(case: VariedCase) -> tuple[Array]:
+    return (margins_of_grasps(case.chain, case.state, case.own["grasp_wrench"]),)
+
+
+def _wrists(case: VariedCase) -> tuple[Array]:
+    return (across_tips(case.chain, case.state, case.own["grasp_wrench"]),)
+
+
+MARGINS = Text("grasp_margins", ("object_pose", "grasp_pose", "grasp_wrench"), ("grasp_margins",), _margins, True)
+WRISTS = Text("wrist_wrenches", ("q", "base_pose", "grasp_wrench"), ("wrist_wrenches",), _wrists)
