@@ -120,8 +120,8 @@ def cases():
         ("name=" + "[" * 5000, "expected a TOML value"),
         ("\x1b[31m=1", "unknown field"),
     ):
-        for command in ("simulate", "view"):
-            yield Try([command, "short.toml", "--set", change]), said
+        yield Try(["simulate", "short.toml", "--set", change]), said
+    yield Try(["view", "short.toml", "--set", "simulation.stp=1"]), "Did you mean 'step'?"
     yield Try(["simulate", "short.toml", "--out", "result", "--resume"]), "nothing to resume"
     yield Try(["export", "result", "--format", "parquet"], missing=("pyarrow",)), "holdfast[parquet]"
     yield Try(["export", "result", "--format", "mcap"], missing=("mcap_ros2", "mcap")), "holdfast[ros]"

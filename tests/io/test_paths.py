@@ -15,6 +15,7 @@ from tests.io.recorded import filled
 from tests.robots.two_armed import TWO_ARMED
 from tests.simulation.rollout.problems import elsewhere, problem, swinging
 from tests.surface import PUBLIC
+from tests.sweeps.problems import small_sweep
 from tests.view.runs import lifted
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -83,7 +84,14 @@ def test_none_is_left_out(tmp_path):
         for name, function in public.items()
         if any("path" in f"{p.name} {p.annotation}".lower() for p in inspect.signature(function).parameters.values())
     }
-    assert takes_a_path <= tried | {"project", "identify"}, takes_a_path
+    assert takes_a_path <= tried | {"project", "identify", "sweep"}, takes_a_path
+
+
+@pytest.mark.parametrize("given", NO_PATHS)
+def test_store_of_a_sweep(given):
+    """What is no path is refused before anything is computed."""
+    with pytest.raises(hf.HoldfastError):
+        small_sweep(given)
 
 
 def test_read_by_text_and_by_path(tmp_path):

@@ -91,7 +91,7 @@ PLACES = {
         lambda x: hf.control.GravityCompensation(CHAIN, x),
         NEVER | {"text": "1", "truth": True},
     ),
-    "ObjectTracking.path": (lambda x: hf.control.ObjectTracking(CHAIN, x), NEVER | {"path": PATH}),
+    "ObjectTracking.path": (lambda x: hf.control.ObjectTracking(CHAIN, x), NEVER),
     "ObjectTracking.damping": (lambda x: hf.control.ObjectTracking(CHAIN, PATH.at, damping=x), NEVER),
     "TorqueSchedule.coefficients": (
         lambda x: hf.control.TorqueSchedule([0.0], x),

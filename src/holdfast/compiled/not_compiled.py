@@ -35,7 +35,13 @@ REASONS = {
     "dynamics.inertial_parameters": "it is of a body, not of a chain",
     **{
         f"{of}_{kind}": "of derivatives machine code has those of `forward_dynamics`"
-        for of in ("inverse_dynamics", "dynamics.kinetic_energy", "dynamics.potential_energy")
+        for of in (
+            "inverse_dynamics",
+            "dynamics.kinetic_energy",
+            "dynamics.potential_energy",
+            "forces.grasp_margins",
+            "forces.wrist_wrenches",
+        )
         for kind in ("vjp", "jvp", "jacobian")
     },
     "holding_torques": "it decides by numbers whether the grasps can hold",

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from holdfast.errors import ResultError
-from holdfast.io.files import read_bounded, reason_of, write_atomically
+from holdfast.io.files import LONGEST_NAME, one_line, read_bounded, reason_of, write_atomically
 from holdfast.sweeps.chunk import Computed, pyarrow
 from holdfast.sweeps.plan import Plan, digest_of
 
@@ -115,8 +115,9 @@ def _locked(folder: Path) -> IO[bytes]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = (folder / LOCK).open("ab")
-    except OSError as cause:
-        raise ResultError(f"{folder}: cannot be written: {reason_of(cause)}") from cause
+    except (OSError, ValueError) as cause:  # ValueError: a path that no file system takes
+        reason = reason_of(cause) if isinstance(cause, OSError) else str(cause)
+        raise ResultError(f"{one_line(str(folder), LONGEST_NAME)}: cannot be written: {reason}") from cause
     try:
         if os.name == "nt":
             import msvcrt
