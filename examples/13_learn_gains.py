@@ -69,7 +69,7 @@ def main(out: Path = OUT) -> dict[str, Any]:
         costs.append(value)
         return value, slope
 
-    best = minimize(cost, FIRST, jac=True, method="L-BFGS-B", options={"maxiter": 25})
+    best = minimize(cost, FIRST, jac=True, method="L-BFGS-B", options={"maxiter": 12})
     records = {}
     for name, gains in {"first": FIRST, "learnt": best.x}.items():
         record = rollout.run(pushed(rollout, state, gains), STEPS * STEP, STEP, record=("q",))

@@ -10,10 +10,11 @@ from holdfast.compiled.forward_schedule import forward_schedule
 from holdfast.compiled.structure import Options, Structure
 from tests.longer import mostly_long
 
+CASES = (("rigid", False, 7), ("ball", True, 4))  # kind, whether the trunk floats, joints from which on it is linear
 KINDS = ("rigid", "ball")  # the mobility as a matrix, and in factors
 
 
-@pytest.mark.parametrize(("kind", "floating", "fewest"), [("rigid", False, 7), ("ball", True, 4)])
+@pytest.mark.parametrize(("kind", "floating", "fewest"), mostly_long(CASES, CASES[:1]))
 def test_linear_in_arms_and_their_joints(kind, floating, fewest):
     """Second differences are 0: of arms from two on the trunk on, of joints from where the recursion has them all."""
     by_arms = [on_trunk(l, 4, 7, kind, floating=floating) for l in (3, 4, 5, 6)]

@@ -116,7 +116,7 @@ def test_scaling(seed):
         assert np.abs(getattr(pushed, of) - wanted).max(initial=0.0) < LAW * size, of
 
 
-@pytest.mark.parametrize("trunk", mostly_long(TRUNKS, (None, "floating")))
+@pytest.mark.parametrize("trunk", mostly_long(TRUNKS, (None,)))
 @pytest.mark.parametrize("seed", mostly_long(range(2), (1,)))
 def test_reference_and_machine_code(seed, trunk):
     """The reference forms trace the same texts: gradients, directions, the matrix, and the result beside."""

@@ -138,6 +138,7 @@ def test_damped_pandas():
     assert np.abs(run.qd[-1] - exact.qd[-1]).max() < 1e-5
 
 
+@pytest.mark.long
 def test_random_damped_chains():
     """Right, by explicit or by implicit steps; a thousand of them in `tests/acceptance`."""
     found = [outcome(problem(seed, 2), scheme) for seed, scheme in zip(SEEDS, ("rk4", "midpoint"), strict=True)]

@@ -40,6 +40,7 @@ def assert_reddens(before: np.ndarray, values: np.ndarray) -> None:
     assert (values[before <= 0.008] > RED).all()
 
 
+@pytest.mark.long
 def test_arms_that_are_led_beyond_their_reach():
     """The grasps are as regular as ever while joint rates reach hundreds of rad/s: the arms are singular, and named."""
     chain, run = tracked([0.0, 0.0, 0.6], 0.001, 0.65)
