@@ -6,6 +6,7 @@ from . import control as control
 from . import dynamics as dynamics
 from . import errors as errors
 from . import forces as forces
+from . import gym as gym
 from . import identification as identification
 from . import interop as interop
 from . import io as io

@@ -1,0 +1,8 @@
+"""Environments for learning: tasks of arms that hold one object, for Gymnasium."""
+
+from .carry import CarryTask as CarryTask
+from .environments import Carry as Carry
+from .environments import HandOver as HandOver
+from .hand_over import HandOverTask as HandOverTask
+from .vector import CarryVector as CarryVector
+from .vector import HandOverVector as HandOverVector

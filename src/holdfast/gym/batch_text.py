@@ -1,0 +1,53 @@
+"""A text as machine code for a batch: what a task says of a system, observation, reward and end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from holdfast.compiled.traced_chain import Given, traced
+from holdfast.compiler.kernel import BatchKernel
+from holdfast.compiler.program import Shape
+from holdfast.compiler.schedule import External
+from holdfast.spatial.scalar import Array
+
+
+class BatchText:
+    """A function of named arrays to named arrays, written as a control law is; compiled when first called.
+
+    A system's bits do not depend on how many there are.
+
+    Attributes:
+        text: the function, of one system; it runs on floats too.
+        inputs: shapes of what it takes, by name.
+        outputs: shapes of what it returns.
+    """
+
+    def __init__(
+        self, text: Callable[[Given], Mapping[str, Any]], inputs: Mapping[str, Shape], outputs: Mapping[str, Shape]
+    ) -> None:
+        self.text, self.inputs, self.outputs = text, dict(inputs), dict(outputs)
+        self._externals = {name: External(shape, "input") for name, shape in inputs.items()}
+        self._externals |= {name: External(shape, "output") for name, shape in outputs.items()}
+        self._kernel = BatchKernel(self._externals, lambda: traced(self._externals, text), quick=True)
+
+    def __call__(self, count: int, given: Mapping[str, Array], threads: int = 1) -> dict[str, Array]:
+        """Return what the text says of every system, (count, *shape) each.
+
+        Args:
+            count: how many systems.
+            given: (count, *shape) each, or (*shape) where all share it.
+            threads: how many share the systems.
+        """
+        arrays = {name: np.asarray(given[name], dtype=float, order="C") for name in self.inputs}
+        found = {name: np.empty((count, *shape)) for name, shape in self.outputs.items()}
+        table = np.zeros((len(self._externals), 2), np.int64)
+        for row, (name, external) in enumerate(self._externals.items()):
+            x = found[name] if name in found else arrays[name]
+            own = x.shape == (count, *external.shape)
+            assert own or x.shape == external.shape, "machine code would read beyond an array's end"
+            table[row] = x.ctypes.data, external.size if own else 0
+        self._kernel.run_batch(table, count, threads)
+        return found

@@ -1,0 +1,277 @@
+"""The task of carrying an object along a path while the internal force stays below a bound."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+
+from holdfast.compiled.traced_chain import Given, traced_state
+from holdfast.compiler.program import Shape
+from holdfast.control.controller import ControlLaw
+from holdfast.control.object_tracking import ObjectPath
+from holdfast.control.paths import Target, quintic
+from holdfast.errors import ModelError
+from holdfast.gym import looks
+from holdfast.gym.actions import joint_law, object_law
+from holdfast.gym.batch_text import BatchText
+from holdfast.gym.ready_made import two_fingers
+from holdfast.gym.setting import common_setting, control_steps, not_negative, positive, spread, torques
+from holdfast.gym.task import Phase, Task, chain_and_state
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.rollout.compile_rollout import compile_rollout
+from holdfast.spatial import rotation
+from holdfast.spatial.converted import NOT_GIVEN, ArrayField, OptionalArrayField, making
+from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, where
+from holdfast.state import State
+
+MARGIN = 100.0  # N: bound of observed margins
+TENFOLD = 10.0  # of the bound on internal forces: that of observed forces
+ACCELERATION = 20.0  # rad/s^2, m/s^2: bound of observed accelerations
+
+
+@dataclass(frozen=True, eq=False)
+class CarryTask(Frozen, Task):
+    """Carry the object along a path, squeezed as little as holds it.
+
+    Action, every entry within [-1, 1] (beyond, it is clipped), held for a control step. With `commands="object"`, (7,):
+
+    | 0 to 2 | angular acceleration of the object, world axes, in parts of `acceleration[:3]` [rad/s^2]
+    | 3 to 5 | acceleration of C, world axes, in parts of `acceleration[3:]` [m/s^2]
+    | 6      | squeeze of every arm along its contact normal: `squeeze + squeeze_span * a` [N]
+
+    With `commands="joint"`, (n,): torques besides those that carry the weight (with `squeeze`) and damp the joints,
+    arms in order, base to tip, in parts of `joint_torque` [N m or N].
+
+    Observation, in SI units, each part within the bounds of `observation_space`, beyond which it is clipped:
+
+    | path              | 6   | from the object to where the path is now: [rotation vector; shift], world axes [rad, m]
+    | path_twist        | 6   | the path's twist less the object's, [angular; of C], world axes [rad/s, m/s]
+    | path_acceleration | 6   | of the path now, world axes [rad/s^2, m/s^2]
+    | goal              | 6   | as path, to the path's end
+    | twist             | 6   | of the object, [omega; v of C], world axes [rad/s, m/s]
+    | time              | 1   | parts of the episode that have passed
+    | wrench            | 6 a | of each of a arms on the object about its contact, [moment; force], object axes [N m, N]
+    | margin            | g   | of each of g grasps, before it slips or its wrench passes a limit [N]
+    | q, qd             | n, n| joint positions and rates [rad or m, rad/s or m/s]
+
+    Reward of a control step of length dt: dt times `path_reward` / (1 + (turn / tolerance_angle)^2 + (distance /
+    tolerance)^2) of the way to the path, less dt times `internal_cost` times what the internal force exceeds
+    `largest_internal` by, in parts of it, less dt times `effort_cost` times the mean square of the action; and once,
+    less `failure_cost`, where the episode terminates. The internal force is the largest sqrt(|moment / L|^2 +
+    |force|^2) of any grasp's internal wrench, see `forces.split`.
+
+    Terminated when a grasp slips, a joint passes a limit, the posture is singular or a step fails; when the internal
+    force exceeds `crushing_internal`; when the object is farther from the path than `lost` or `lost_angle`.
+    Truncated after `duration + settle`.
+
+    `info` has `internal_force` [N], `distance` [m] and `angle` [rad] from the path, `success` (1.0 where both are
+    within the tolerances, else 0.0), and `status`, the name of a `RolloutStatus`.
+
+    Attributes:
+        chain: arms, object and grasps; two Pandas with rubber fingers on a 3 kg box by default.
+        state: closed, where episodes begin; given with `chain`.
+        commands: what actions command, "object" or "joint".
+        path: t [s] -> `control.paths.Target`, or what has such an `at`, written as a control law is; begins where the
+            object is in `state`. By default from there, at rest, by a drawn displacement and turn to rest.
+        displacement: (3,) largest drawn displacement of C, world axes [m].
+        turn: (3,) largest drawn rotation vector, world axes [rad].
+        duration: of the path [s].
+        settle: time after it [s].
+        step: h of the steps within a control step [s].
+        steps_per_action: how many of them an action is held for.
+        mass_spread: the payload's mass lies within 1 +- this times the model's, which the controller believes.
+        push: (6,) largest constant wrench [moment; force] on the object about C, world axes [N m, N].
+        stop_at_limits: whether a joint beyond a limit of position, rate or effort terminates the episode.
+        acceleration: (6,) of the object at an action of 1 [rad/s^2, m/s^2].
+        squeeze: of every arm along its contact normal [N].
+        squeeze_span: what an action of 1 adds to it [N].
+        joint_torque: (n,) torques at an action of 1; by default a tenth of the effort limits, 10 where there is none.
+        joint_damping: of joint motion: that no grasp feels [1/s], with `commands="joint"` of all [N m s/rad, N s/m].
+        largest_internal: internal force from which it costs [N].
+        crushing_internal: internal force at which the object breaks [N].
+        lost: distance from the path at which the object counts as lost [m].
+        lost_angle: angle likewise, below pi [rad].
+        tolerance: distance from the path that counts as being there [m].
+        tolerance_angle: angle likewise [rad].
+        path_reward: of a second on the path.
+        internal_cost: of a second at twice the largest internal force.
+        effort_cost: of a second with all actions at 1.
+        failure_cost: of a termination.
+    """
+
+    chain: ClosedChain = NOT_GIVEN
+    state: State = NOT_GIVEN
+    commands: Literal["object", "joint"] = "object"
+    path: Callable[[Any], Target] | ObjectPath | None = None
+    displacement: ArrayField = field(default_factory=making(np.full, 3, 0.1))
+    turn: ArrayField = field(default_factory=making(np.full, 3, 0.2))
+    duration: float = 1.5
+    settle: float = 0.5
+    step: float = 0.002
+    steps_per_action: int = 10
+    mass_spread: float = 0.2
+    push: ArrayField = field(default_factory=making(np.repeat, [0.0, 3.0], 3))
+    stop_at_limits: bool = True
+    acceleration: ArrayField = field(default_factory=making(np.repeat, [5.0, 2.0], 3))
+    squeeze: float = 50.0
+    squeeze_span: float = 25.0
+    joint_torque: OptionalArrayField = NOT_GIVEN
+    joint_damping: float = 10.0
+    largest_internal: float = 60.0
+    crushing_internal: float = 150.0
+    lost: float = 0.3
+    lost_angle: float = 1.0
+    tolerance: float = 0.02
+    tolerance_angle: float = 0.05
+    path_reward: float = 1.0
+    internal_cost: float = 1.0
+    effort_cost: float = 0.01
+    failure_cost: float = 5.0
+
+    def __post_init__(self) -> None:
+        put, what = object.__setattr__, "carry"
+        chain, state = chain_and_state(self.chain, self.state, two_fingers, what)
+        put(self, "chain", chain)
+        put(self, "state", state)
+        if self.commands not in ("object", "joint"):
+            raise ModelError(f"{what}: commands: expected 'object' or 'joint', got {self.commands!r}")
+        common_setting(self, what)
+        for name, count in {"displacement": 3, "turn": 3, "acceleration": 6}.items():
+            put(self, name, spread(getattr(self, name), count, f"{what}: {name}"))
+        put(self, "joint_torque", torques(self.joint_torque, chain, what))
+        path = self.path if self.path is None or callable(self.path) else getattr(self.path, "at", None)
+        if self.path is not None and not callable(path):
+            got = type(self.path).__name__
+            raise ModelError(f"{what}: path: expected a path such as RestToRest(...), or a function of time, got {got}")
+        put(self, "path", path)
+        for name in ("duration", "largest_internal", "crushing_internal", "lost", "lost_angle"):
+            put(self, name, positive(self, name, what))
+        for name in ("settle", "squeeze_span", "joint_damping", "path_reward", "internal_cost"):
+            put(self, name, not_negative(self, name, what))
+        put(self, "squeeze", checks.number(self.squeeze, f"{what}: squeeze"))
+        if self.lost_angle >= np.pi:
+            raise ModelError(f"{what}: lost_angle: expected less than pi, got {self.lost_angle:g}")
+
+    @property
+    def action_size(self) -> int:
+        """How many numbers an action has."""
+        return 7 if self.commands == "object" else self.chain.joint_count
+
+    @property
+    def observed(self) -> Mapping[str, Array]:
+        """Bounds of the parts of an observation, in order."""
+        twist, force = np.full(6, looks.TWIST), TENFOLD * self.largest_internal
+        return {
+            "path": looks.pose_bounds(),
+            "path_twist": 2.0 * twist,
+            "path_acceleration": np.full(6, ACCELERATION),
+            "goal": looks.pose_bounds(),
+            "twist": twist,
+            "time": np.ones(1),
+            "wrench": np.full(6 * len(self.chain.arms), force),
+            "margin": np.full(len(self.chain.grasps), MARGIN),
+            **looks.joint_bounds(self.chain),
+        }
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """Names of the numbers in `info`."""
+        return "internal_force", "distance", "angle", "success"
+
+    @property
+    def drawn(self) -> Mapping[str, Shape]:
+        """What differs between episodes: payload, push, and the path's displacement and turn, if these are drawn."""
+        ways: dict[str, Shape] = {} if self.path is not None else {"displacement": (3,), "turn": (3,)}
+        return {**super().drawn, **ways}
+
+    def draw(self, generator: np.random.Generator) -> dict[str, Array]:
+        """Return what is drawn for an episode, by the names of `drawn`."""
+        found = super().draw(generator)
+        if self.path is None:
+            found["displacement"] = self.displacement * generator.uniform(-1.0, 1.0, 3)
+            found["turn"] = self.turn * generator.uniform(-1.0, 1.0, 3)
+        return found
+
+    @property
+    def episode_steps(self) -> int:
+        """Control steps until an episode is truncated."""
+        return control_steps(self, self.duration + self.settle)
+
+    @property
+    def phases(self) -> tuple[Phase, ...]:
+        """The one phase: all arms hold."""
+        return self._phases
+
+    @cached_property
+    def _phases(self) -> tuple[Phase, ...]:
+        look = BatchText(self.look, self.looked_at(self.chain), self.says())
+        return (Phase(compile_rollout(self.chain, self.law), look),)
+
+    @property
+    def law(self) -> ControlLaw:
+        """The control law that actions are a parameter of."""
+        if self.commands == "object":
+            given = self.acceleration, self.squeeze, self.squeeze_span, self.joint_damping
+            return object_law(self.chain, *given)
+        assert self.joint_torque is not None
+        return joint_law(self.chain, self.joint_torque, self.squeeze, self.joint_damping)
+
+    def target(self, t: Scalar, given: Given) -> Target:
+        """Return where the path is at a time [s]."""
+        if self.path is not None:
+            return self.path(t)  # type: ignore[operator]
+        s, rate, bend = quintic(t / self.duration)
+        home, way = self.state.object_frame, concatenate([given["turn"], given["displacement"]])
+        pose = Pose.unchecked(rotation.exp(s * given["turn"]) @ home.R, home.p + s * given["displacement"])
+        return Target(pose, rate / self.duration * way, bend / self.duration**2 * way)
+
+    def look(self, given: Given) -> dict[str, Any]:
+        """Return observation, reward and end of one system.
+
+        Args:
+            given: its state, grasp wrenches and margins, time, action, and what was drawn for it.
+        """
+        chain, t = self.chain, given["t"][()]
+        state, target = traced_state(chain, given), self.target(t, given)
+        e = looks.away(target.pose, state.object_frame)
+        angle, distance = looks.size(e[:3]), looks.size(e[3:])
+        force = looks.internal_force(chain, state, given["grasp_wrench"], looks.moment_length(chain))
+        dt, lasts = self.step * self.steps_per_action, self.episode_steps * self.step * self.steps_per_action
+        parts = {
+            "path": e,
+            "path_twist": target.twist - state.object_twist,
+            "path_acceleration": target.acceleration,
+            "goal": looks.away(self.target(self.duration, given).pose, state.object_frame),
+            "twist": state.object_twist,
+            "time": array([t / lasts]),
+            "wrench": looks.in_object_axes(state, given["grasp_wrench"]),
+            "margin": given["margin"],
+            "q": state.q,
+            "qd": state.qd,
+        }
+        failed = where(given["code"][()] > 0.5, 1.0, 0.0)
+        for over in (force > self.crushing_internal, distance > self.lost, angle > self.lost_angle):
+            failed = where(over, 1.0, failed)
+        rate = self.path_reward * looks.nearness(e, self.tolerance_angle, self.tolerance)
+        rate = (
+            rate
+            - self.internal_cost * looks.excess(force, self.largest_internal)
+            - self.effort_cost * looks.effort(given["action"])
+        )
+        there = where(angle <= self.tolerance_angle, where(distance <= self.tolerance, 1.0, 0.0), 0.0)
+        return {
+            "observation": looks.bounded(parts, self.observed),
+            "reward": dt * rate - self.failure_cost * failed,
+            "terminated": failed,
+            "internal_force": force,
+            "distance": distance,
+            "angle": angle,
+            "success": there,
+        }

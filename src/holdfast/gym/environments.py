@@ -1,0 +1,168 @@
+"""Tasks as single environments of Gymnasium."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+
+from holdfast.errors import MethodNotApplicable, ModelError, StateError
+from holdfast.gym.carry import CarryTask
+from holdfast.gym.episodes import Episodes
+from holdfast.gym.hand_over import HandOverTask
+from holdfast.gym.task import Task
+from holdfast.model import checks
+from holdfast.simulation.rollout.systems import RolloutSystems
+from holdfast.spatial.scalar import Array
+from holdfast.state import State
+
+
+class TaskEnv(gymnasium.Env[Array, Array]):
+    """One episode of a task after the other.
+
+    Attributes:
+        task: the task.
+        episodes: one of them, on rollouts.
+        observation_space: float64, within the bounds of `task.observed`.
+        action_space: float64, within -1 and 1.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012 (Gymnasium's own)
+    kind: ClassVar[type[Task]]
+
+    def __init__(self, task: Task | None = None, *, render_mode: str | None = None, **setting: Any) -> None:
+        """Take a task, or what one is set up with."""
+        self.task = task_of(self.kind, task, setting)
+        require_no_rendering(render_mode)
+        self.observation_space, self.action_space = spaces(self.task)
+        self.episodes, self._ready = Episodes(self.task, 1), False
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Array, dict[str, Any]]:
+        """Begin an episode, and return its first observation and info.
+
+        Args:
+            seed: of what is drawn; None: goes on with the generator at hand.
+            options: what is not to be drawn, by the names of `task.drawn`.
+
+        Raises:
+            StateError: an option that the task has not, or a payload that no system can have.
+        """
+        super().reset(seed=seed)
+        self.episodes.begin(np.array([0]), [self.np_random], options)
+        self._ready = True
+        return self._observation(), self._info()
+
+    def step(self, action: Any) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+        """Take a control step; return observation, reward, terminated, truncated and info.
+
+        Args:
+            action: (size,) within [-1, 1]; what is beyond is clipped.
+
+        Raises:
+            StateError: an action of another shape or not finite; an episode that is over, or none.
+        """
+        chosen = self.task.accepted(action)
+        if not self._ready:
+            raise StateError("step: expected an episode under way, got none, or one that is over; try reset()")
+        self.episodes.step(np.array([0]), chosen[None])
+        terminated, truncated = bool(self.episodes.terminated[0]), bool(self.episodes.truncated[0])
+        self._ready = not (terminated or truncated)
+        return self._observation(), float(self.episodes.seen["reward"][0]), terminated, truncated, self._info()
+
+    def render(self) -> None:
+        """Refuse: nothing is drawn.
+
+        Raises:
+            MethodNotApplicable: always; it names what draws a state.
+        """
+        raise not_rendered()
+
+    @property
+    def state(self) -> State:
+        """The state at hand, as the functions of one state take it."""
+        return systems_of(self.episodes, 0).state(0)
+
+    def _observation(self) -> Array:
+        return self.episodes.seen["observation"][0].copy()
+
+    def _info(self) -> dict[str, Any]:
+        return {name: x[0].item() if x.dtype != object else x[0] for name, x in self.episodes.info.items()}
+
+
+class Carry(TaskEnv):
+    """Carry an object along a path, squeezed as little as holds it; see `CarryTask`.
+
+        env = hf.gym.Carry(chain=chain, state=state, largest_internal=60.0)
+        env = gymnasium.make("holdfast/Carry-v0")  # after `import holdfast.gym`
+
+    Takes a `CarryTask`, or its attributes by name; `render_mode` must be None.
+
+    Raises:
+        ModelError, StateError: no task, or one that cannot be; the message names what.
+    """
+
+    kind = CarryTask
+
+
+class HandOver(TaskEnv):
+    """Hand an object from one arm to another; see `HandOverTask`.
+
+        env = hf.gym.HandOver(chain=chain, state=state, giver="left", receiver="right")
+        env = gymnasium.make("holdfast/HandOver-v0")  # after `import holdfast.gym`
+
+    Takes a `HandOverTask`, or its attributes by name; `render_mode` must be None.
+
+    Raises:
+        ModelError, StateError: no task, or one that cannot be; the message names what.
+    """
+
+    kind = HandOverTask
+
+
+def task_of(kind: type[Any], task: Any, setting: Mapping[str, Any]) -> Any:
+    """Return a task as given, or of its kind with a setting.
+
+    Raises:
+        ModelError: a task of another kind, or beside a setting; a name that it has not.
+    """
+    what, known = kind.__name__, [f.name for f in fields(kind)]
+    for name in setting:
+        if name not in known:
+            raise ModelError(f"{what}: no setting '{name}'.{checks.did_you_mean(name, known)}")
+    if task is None:
+        return kind(**setting)
+    checks.instance(task, kind, "task")
+    if setting:
+        raise ModelError(f"task: expected none beside {', '.join(setting)}; try {what}(...) with all of them")
+    return task
+
+
+def spaces(task: Task) -> tuple[Box, Box]:
+    """Return the spaces of a task's observations and actions."""
+    high = np.concatenate(list(task.observed.values()))
+    return Box(-high, high, dtype=np.float64), Box(-1.0, 1.0, (task.action_size,), dtype=np.float64)
+
+
+def systems_of(episodes: Episodes, row: int) -> RolloutSystems:
+    """Return the system of one episode, in its phase."""
+    return episodes.systems[episodes.phase[row]].copy([row])
+
+
+def require_no_rendering(render_mode: str | None) -> None:
+    """Refuse a render mode."""
+    if render_mode is not None:
+        raise MethodNotApplicable(f"render_mode: expected None, got {render_mode!r}; {NOT_RENDERED}")
+
+
+NOT_RENDERED = "environments draw nothing; try holdfast.simulate(...).show() or plot() on `env.state`"
+
+
+def not_rendered() -> MethodNotApplicable:
+    """Return the refusal to draw."""
+    return MethodNotApplicable(f"render: {NOT_RENDERED}")

@@ -1,0 +1,221 @@
+"""Episodes of one task, side by side: one environment has one, a vector environment has many."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from holdfast.compiled.externals import state_fields
+from holdfast.errors import StateError
+from holdfast.gym.task import Phase, Task
+from holdfast.model import checks
+from holdfast.simulation.rollout.rollout import Rollout
+from holdfast.simulation.rollout.systems import RolloutStatus, RolloutSystems
+from holdfast.spatial.scalar import Array
+
+STATUSES = np.array([status.name for status in RolloutStatus], dtype=object)
+
+
+class Episodes:
+    """Episodes of a task: each has its systems in the machine code of its phase.
+
+    What becomes of one depends on what was drawn for it and on its actions alone: to the bit, how many others there
+    are has no part in it.
+
+    Attributes:
+        task: the task.
+        count: how many there are.
+        threads: how many share them.
+        drawn: (count, ...) what was drawn for each.
+        steps: (count,) control steps so far.
+        phase: (count,) number of the phase each is in.
+        actions: (count, size) the last ones.
+        systems: of each phase, with a row for every episode.
+        seen: what the last look said, (count, ...) each.
+    """
+
+    def __init__(self, task: Task, count: int, threads: int = 1) -> None:
+        """Compile the task, and begin nothing.
+
+        Raises:
+            StateError: the task's state is none from which its chain can be stepped.
+        """
+        self.task, self.count, self.threads = task, count, threads
+        middle = task.draw(np.random.default_rng(0))
+        self.drawn = {name: np.tile(x, (count, *[1] * x.ndim)) for name, x in middle.items()}
+        self.steps, self.phase = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
+        self.actions = np.zeros((count, task.action_size))
+        self.seen = {name: np.zeros((count, *shape)) for name, shape in task.says().items()}
+        self.systems = [self._started(number, np.arange(count)) for number in range(len(task.phases))]
+
+    def begin(
+        self, rows: Array, generators: Sequence[np.random.Generator], options: Mapping[str, Any] | None = None
+    ) -> None:
+        """Begin some episodes anew.
+
+        Args:
+            rows: which, by number.
+            generators: of random numbers, one for each of them.
+            options: what is not to be drawn, by the names of `Task.drawn`; one value, or a row for every episode.
+
+        Raises:
+            StateError: an option that the task has not, or of another shape; a payload that no system can have.
+        """
+        given = self._options(options)
+        for row, generator in zip(rows, generators, strict=True):
+            for name, x in self.task.draw(generator).items():
+                self.drawn[name][row] = given[name][row] if name in given else x
+        self.steps[rows], self.phase[rows], self.actions[rows] = 0, 0, 0.0
+        put(self.systems[0], rows, self._started(0, rows))
+        self._look(rows)
+
+    def step(self, rows: Array, actions: Array) -> None:
+        """Take a control step with some episodes.
+
+        Args:
+            rows: which, by number.
+            actions: (rows, size).
+        """
+        self.actions[rows] = actions
+        self.task.prepare(self, rows)
+        for number, phase in enumerate(self.task.phases):
+            some = rows[self.phase[rows] == number]
+            if len(some):
+                self._advance(phase, self.systems[number], some)
+        self.steps[rows] += 1
+        self._look(rows)
+
+    @property
+    def terminated(self) -> Array:
+        """(count,) whether each is over by what happened."""
+        return self.seen["terminated"] > 0.5
+
+    @property
+    def truncated(self) -> Array:
+        """(count,) whether each has lasted its time and is not over otherwise."""
+        return (self.steps >= self.task.episode_steps) & ~self.terminated
+
+    @property
+    def info(self) -> dict[str, Array]:
+        """What else the last look said, (count,) each; `status` tells why a system stands still, or RUNNING."""
+        told = {name: self.seen[name].copy() for name in self.task.told}
+        codes = np.zeros(self.count, dtype=int)
+        for number, systems in enumerate(self.systems):
+            codes = np.where(self.phase == number, systems.arrays["code"].astype(int), codes)
+        return told | {"status": STATUSES[codes]}
+
+    def _options(self, options: Mapping[str, Any] | None) -> dict[str, Array]:
+        """Return what is given instead of drawn, a row for every episode."""
+        given = {} if options is None else options
+        if not isinstance(given, Mapping):
+            raise StateError(f"options: expected a mapping from a name to a value, got {type(given).__name__}")
+        found, shapes = {}, self.task.drawn
+        for name, value in given.items():
+            if name not in shapes:
+                raise StateError(f"options: no '{name}'.{checks.did_you_mean(str(name), shapes)}")
+            x = checks.numbers(value, None, f"options: {name}", StateError)
+            if x.shape not in (shapes[name], (self.count, *shapes[name])):
+                expected = f"{shapes[name]} or ({self.count}, *{shapes[name]})"
+                raise StateError(f"options: {name}: expected shape {expected}, got {x.shape}")
+            found[name] = np.broadcast_to(x, (self.count, *shapes[name]))
+        return found
+
+    def take_over(self, rows: Array, phase: int) -> None:
+        """Bring some episodes, all in the phase before, into a phase: grasps open and close.
+
+        Args:
+            rows: which, by number.
+            phase: the phase.
+        """
+        rollout, systems = self.task.phases[phase].rollout, self.systems[phase - 1].copy(rows)
+        given = self._given(phase, rows)
+
+        def take_over(some: Array) -> RolloutSystems:
+            found: Any = {name: x[some] for name, x in given.items()}
+            return rollout.take_over(systems.copy(some), **found, threads=self.threads)
+
+        made = in_rows(rollout, len(rows), take_over)
+        put(self.systems[phase], rows, made)
+        self.phase[rows] = phase
+
+    def _given(self, phase: int, rows: Array) -> dict[str, Array]:
+        """Return the arguments of a phase's rollout for some episodes, row by row."""
+        drawn = {name: x[rows] for name, x in self.drawn.items()}
+        return self.task.load(drawn, phase) | {"action": self.task.commanded(self.actions[rows])}
+
+    def _started(self, phase: int, rows: Array) -> RolloutSystems:
+        """Return systems where episodes begin, all arguments of calls given row by row."""
+        rollout, given = self.task.phases[phase].rollout, self._given(phase, rows)
+        given |= self.task.start({name: x[rows] for name, x in self.drawn.items()}, phase)
+
+        def start(some: Array) -> RolloutSystems:
+            found: Any = {name: x[some] for name, x in given.items()}
+            return rollout.start(**found, threads=self.threads)
+
+        fresh = in_rows(rollout, len(rows), start)
+        if not fresh.running.all():
+            row = int(np.flatnonzero(~fresh.running)[0])
+            raise StateError(
+                f"environment {rows[row]}: expected a state and a payload from which the chain can move, got one of"
+                f" which a rollout says: {fresh.status[row].value}; try holdfast.diagnose(chain, state)"
+            )
+        return fresh
+
+    def _advance(self, phase: Phase, systems: RolloutSystems, rows: Array) -> None:
+        """Take a control step with the systems of some episodes, under their actions."""
+        every, task = len(rows) == self.count, self.task
+        part = systems if every else systems.copy(rows)
+        part.under = ()  # slopes are found anew in every case: a step's bits depend on state and action alone
+        options: Any = {"least_margin": 0.0, "stop_at_limits": task.stop_at_limits, "threads": self.threads}
+        phase.rollout.step(
+            part, task.step, steps=task.steps_per_action, action=task.commanded(self.actions[rows]), **options
+        )
+        if not every:
+            put(systems, rows, part)
+
+    def _look(self, rows: Array) -> None:
+        """Look at some episodes, each in its phase."""
+        for number, phase in enumerate(self.task.phases):
+            some = rows[self.phase[rows] == number]
+            if not len(some):
+                continue
+            arrays = self.systems[number].arrays
+            names = (*state_fields(self.task.chain), "grasp_wrench", "margin", "code")
+            every = slice(None) if len(some) == self.count else some
+            given = {name: arrays[name][every] for name in names} | dict(self.task.frames)
+            given |= {name: x[every] for name, x in self.drawn.items()}
+            t = self.steps[every] * (self.task.step * self.task.steps_per_action)
+            found = phase.look(len(some), given | {"t": t, "action": self.actions[every]}, self.threads)
+            for name, x in found.items():
+                self.seen[name][every] = x
+
+
+def in_rows(rollout: Rollout, count: int, make: Any) -> RolloutSystems:
+    """Return what a rollout makes of systems, together or, where rows of the constraint are chosen, one by one.
+
+    Such a choice is tried on the first system of a call, so that the others' bits may depend on it.
+
+    Args:
+        rollout: whose systems.
+        count: how many.
+        make: rows -> systems.
+    """
+    together = make(np.arange(count)) if count == 1 or "held_rows" not in rollout.kernel.carried else None
+    if together is not None:
+        return together
+    every = [make(np.array([row])) for row in range(count)]
+    found = every[0].copy(np.zeros(count, dtype=int))
+    for name, x in found.call_inputs.items():
+        found.call_inputs[name] = np.tile(x, (count, *[1] * (x.ndim - 1))) if len(x) == 1 else x
+    for row, one in enumerate(every):
+        put(found, np.array([row]), one)
+    return found
+
+
+def put(systems: RolloutSystems, rows: Array, others: RolloutSystems) -> None:
+    """Set some systems to others, with the arguments of the calls that these were made by, row by row in both."""
+    systems.put(rows, others)
+    for name, x in others.call_inputs.items():
+        systems.call_inputs[name][rows] = x

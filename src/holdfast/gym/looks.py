@@ -1,0 +1,109 @@
+"""What tasks look at: parts of an observation and of a reward, as texts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from holdfast.dynamics.constraint import length_scale
+from holdfast.dynamics.contact_places import contact_places
+from holdfast.forces.force_split import motion_wrenches
+from holdfast.forces.margins import joint_limits
+from holdfast.gym.actions import clipped
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.joint import Joint
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.rotation import log_below_pi
+from holdfast.spatial.scalar import Array, Scalar, array, concatenate, maximum, minimum, sqrt
+from holdfast.spatial.spatial_vector import shift_wrench, unrotate
+from holdfast.state import State
+
+FASTEST = 10.0  # rad/s or m/s: bound of observed rates where nothing limits them
+FARTHEST_SLIDE = 10.0  # m: bound of observed positions likewise
+TURN, SHIFT = np.pi, 2.0  # bounds of observed pose errors [rad, m]
+TWIST = 5.0  # bound of observed twists [rad/s, m/s]
+
+
+def away(to: Pose, at: Pose) -> Array:
+    """Return what brings a frame to another, (6,): [rotation vector; shift], world axes [rad, m]."""
+    return concatenate([log_below_pi(to.R @ at.R.T), to.p - at.p])
+
+
+def size(v: Array) -> Scalar:
+    """Return the length of a vector."""
+    return sqrt(v @ v)
+
+
+def nearness(e: Array, angle: float, distance: float) -> Scalar:
+    """Return 1 / (1 + (turn / angle)^2 + (shift / distance)^2) of a pose error (6,): 1 there, 1/2 a tolerance away."""
+    return 1.0 / (1.0 + (e[:3] @ e[:3]) / angle**2 + (e[3:] @ e[3:]) / distance**2)
+
+
+def internal_force(chain: ClosedChain, state: State, wrenches: Array, length: float) -> Scalar:
+    """Return the largest internal wrench of any grasp [N].
+
+    sqrt(|moment / L|^2 + |force|^2) of f - f_motion, see `forces.split`.
+
+    Args:
+        chain: the chain; its grasps hold.
+        state: where it is.
+        wrenches: (arms, 6) of each arm on the object about its contact, world axes.
+        length: L, see `moment_length` [m].
+    """
+    if len(chain.grasps) < 2:
+        return 0.0
+    places = contact_places(chain, state)
+    offsets, rows = [place.offset for place in places], [chain.names.index(name) for name in chain.grasps]
+    net = sum((shift_wrench(o, wrenches[i]) for i, o in zip(rows, offsets, strict=True)), start=np.zeros(6))
+    internal = wrenches[rows] - motion_wrenches(places, net, length)
+    largest = 0.0
+    for f in internal:
+        largest = maximum(largest, size(concatenate([f[:3] / length, f[3:]])))
+    return largest
+
+
+def moment_length(chain: ClosedChain) -> float:
+    """Return the length by which moments count as forces: the contacts' rms distance from their centroid [m]."""
+    return length_scale([grasp.frame.p for grasp in chain.grasps.values()])
+
+
+def excess(force: Scalar, largest: float) -> Scalar:
+    """Return what a force exceeds a bound by, in parts of the bound."""
+    return maximum(force / largest - 1.0, 0.0)
+
+
+def in_object_axes(state: State, wrenches: Array) -> Array:
+    """Return wrenches about the contacts in the object's axes, (6 k,) in a row."""
+    return concatenate([unrotate(state.object_frame.R, f) for f in wrenches])
+
+
+def effort(action: Array) -> Scalar:
+    """Return the mean square of an action's entries, clipped."""
+    a = clipped(action)
+    return (a @ a) / len(a)
+
+
+def bounded(parts: Mapping[str, Array], bounds: Mapping[str, Array]) -> Array:
+    """Return the parts of an observation in a row, each within +- its bounds."""
+    assert list(parts) == list(bounds)
+    every = [minimum(maximum(array(x), -bounds[name]), bounds[name]) for name, x in parts.items()]
+    return concatenate(every)
+
+
+def joint_bounds(chain: ClosedChain) -> dict[str, Array]:
+    """Return bounds of observed joint positions and rates: the limits, or 2 pi, 10 m, and 10 rad/s or m/s."""
+    limits = joint_limits(chain)
+    q = [_farthest(joint, *ends) for joint, *ends in zip(chain.all_joints, limits.low, limits.high, strict=True)]
+    return {"q": np.array(q), "qd": np.where(np.isfinite(limits.rate), limits.rate, FASTEST)}
+
+
+def _farthest(joint: Joint, low: float, high: float) -> float:
+    """Return the bound of one joint's position."""
+    end = max(abs(low), abs(high))
+    return float(end) if np.isfinite(end) else 2 * np.pi if joint.turns else FARTHEST_SLIDE
+
+
+def pose_bounds() -> Array:
+    """Return bounds of a pose error, (6,) [rad, m]."""
+    return np.repeat([TURN, SHIFT], 3)

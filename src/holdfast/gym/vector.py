@@ -1,0 +1,248 @@
+"""Tasks as vector environments of Gymnasium: many episodes in one batch of machine code."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from holdfast.errors import ModelError, StateError
+from holdfast.gym.carry import CarryTask
+from holdfast.gym.environments import not_rendered, require_no_rendering, spaces, systems_of, task_of
+from holdfast.gym.episodes import Episodes
+from holdfast.gym.hand_over import HandOverTask
+from holdfast.gym.task import Task
+from holdfast.model import checks
+from holdfast.simulation.rollout.arguments import whole_number
+from holdfast.spatial.scalar import Array
+from holdfast.state import State
+
+Infos = dict[str, Any]
+
+
+class TaskVectorEnv(VectorEnv[Array, Array, Array]):
+    """Many episodes of a task at once, to the bit as that many single environments are.
+
+    Attributes:
+        task: the task.
+        episodes: all of them, on rollouts.
+        autoreset_mode: when an episode that is over begins anew.
+    """
+
+    kind: ClassVar[type[Task]]
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        task: Task | None = None,
+        *,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        threads: int = 1,
+        render_mode: str | None = None,
+        **setting: Any,
+    ) -> None:
+        """Take a task, or what one is set up with, and how many there are."""
+        self.num_envs = whole_number("num_envs", num_envs)
+        self.task = task_of(self.kind, task, setting)
+        require_no_rendering(render_mode)
+        self.autoreset_mode = mode_of(autoreset_mode)
+        self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
+        self.single_observation_space, self.single_action_space = spaces(self.task)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.episodes = Episodes(self.task, self.num_envs, whole_number("threads", threads))
+        self._generators: list[np.random.Generator] = []
+        self._seeds: list[int] = []
+        self._begun, self._over = np.zeros(self.num_envs, dtype=bool), np.zeros(self.num_envs, dtype=bool)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Array, Infos]:
+        """Begin episodes, and return all observations, and the infos of those begun.
+
+        Args:
+            seed: one for each environment, or the first one's, the next ones' being one more each; None: go on with
+                the generators at hand.
+            options: what is not to be drawn, by the names of `task.drawn`, one value or a row for each environment;
+                `reset_mask` (num_envs,) says which environments begin anew, all by default.
+
+        Raises:
+            StateError: seeds of another number, a mask of another shape, an option that the task has not.
+        """
+        given = {} if options is None else options
+        checks.instance(given, Mapping, "options", StateError)
+        rows = self._masked(given.get("reset_mask"))
+        self._seed(seed, rows)
+        self._begin(rows, {name: x for name, x in given.items() if name != "reset_mask"})
+        return self._observations(), self._infos(rows)
+
+    def step(self, actions: Any) -> tuple[Array, Array, Array, Array, Infos]:
+        """Take a control step; return observations, rewards, terminations, truncations and infos.
+
+        Args:
+            actions: (num_envs, size) within [-1, 1]; what is beyond is clipped.
+
+        Raises:
+            StateError: actions of another shape or not finite; an episode that is over where nothing begins it
+                anew, or none.
+        """
+        chosen = self.task.accepted(actions, self.num_envs)
+        if not self._begun.all():
+            raise StateError("step: expected episodes under way, got none; try reset()")
+        over, every = self._over, np.arange(self.num_envs)
+        if self.autoreset_mode is AutoresetMode.DISABLED and over.any():
+            raise StateError(
+                f"step: expected episodes under way, got one that is over: environment {np.flatnonzero(over)[0]}; try"
+                " reset(options={'reset_mask': terminations | truncations})"
+            )
+        again = every[over] if self.autoreset_mode is AutoresetMode.NEXT_STEP else every[:0]
+        going = every[~over] if len(again) else every
+        if len(going):
+            self.episodes.step(going, chosen[going])
+        reward, terminated, truncated = self._outcome()
+        if len(again):
+            self._begin(again)
+            reward[again], terminated[again], truncated[again] = 0.0, False, False
+        self._over = terminated | truncated
+        infos: Infos = {}
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and self._over.any():
+            ended = every[self._over]
+            infos |= self._final(ended)
+            self._begin(ended)
+        return self._observations(), reward, terminated, truncated, infos | self._infos(every)
+
+    def render(self) -> None:
+        """Refuse: nothing is drawn.
+
+        Raises:
+            MethodNotApplicable: always; it names what draws a state.
+        """
+        raise not_rendered()
+
+    def state(self, number: int) -> State:
+        """Return the state of one environment, as the functions of one state take it.
+
+        Args:
+            number: of the environment, from 0.
+
+        Raises:
+            StateError: there is no such one.
+        """
+        if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < self.num_envs:
+            raise StateError(f"number: expected one from 0 to {self.num_envs - 1}, got {number!r}")
+        return systems_of(self.episodes, int(number)).state(0)
+
+    @property
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """The environments' generators."""
+        self._seed(None, np.arange(self.num_envs))
+        return tuple(self._generators)
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """What they began with."""
+        self._seed(None, np.arange(self.num_envs))
+        return tuple(self._seeds)
+
+    def _masked(self, mask: Any) -> Array:
+        """Return which environments a reset is of, by number."""
+        if mask is None:
+            return np.arange(self.num_envs)
+        if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (self.num_envs,) or not mask.any():
+            raise StateError(
+                f"options: reset_mask: expected an array of {self.num_envs} truth values, at least one of them true,"
+                f" got {mask!r}"
+            )
+        return np.flatnonzero(mask)
+
+    def _seed(self, seed: Any, rows: Array) -> None:
+        """Make generators for some environments of new seeds, and for all that have none yet."""
+        if isinstance(seed, int | np.integer) and not isinstance(seed, bool):
+            seed = [int(seed) + k for k in range(self.num_envs)]
+        seeds = [None] * self.num_envs if seed is None else list(seed) if isinstance(seed, Sequence) else seed
+        if not isinstance(seeds, list) or len(seeds) != self.num_envs:
+            raise StateError(f"seed: expected None, an integer, or {self.num_envs} of them, got {seed!r}")
+        if not self._generators:
+            self._generators, self._seeds = map(list, zip(*(seeding.np_random(None) for _ in seeds), strict=True))
+        for row in rows.tolist():
+            if seeds[row] is not None:
+                self._generators[row], self._seeds[row] = seeding.np_random(seeds[row])
+
+    def _begin(self, rows: Array, options: Mapping[str, Any] | None = None) -> None:
+        self.episodes.begin(rows, [self._generators[row] for row in rows], options)
+        self._begun[rows], self._over[rows] = True, False
+
+    def _observations(self) -> Array:
+        return self.episodes.seen["observation"].copy()
+
+    def _outcome(self) -> tuple[Array, Array, Array]:
+        """Return rewards, terminations and truncations of the last control step."""
+        return self.episodes.seen["reward"].copy(), self.episodes.terminated, self.episodes.truncated
+
+    def _infos(self, rows: Array) -> Infos:
+        """Return what is told of some environments, as Gymnasium lays it out: zeros, or None, for the others."""
+        there = np.zeros(self.num_envs, dtype=bool)
+        there[rows] = True
+        found: Infos = {}
+        for name, x in self.episodes.info.items():
+            found[name] = np.full_like(x, None if x.dtype == object else 0.0)
+            found[name][rows] = x[rows]
+            found[f"_{name}"] = there.copy()
+        return found
+
+    def _final(self, rows: Array) -> Infos:
+        """Return the last observations and infos of episodes that are over."""
+        there, last = np.zeros(self.num_envs, dtype=bool), np.full(self.num_envs, None, dtype=object)
+        there[rows] = True
+        for row in rows:
+            last[row] = self.episodes.seen["observation"][row].copy()
+        return {"final_obs": last, "_final_obs": there, "final_info": self._infos(rows), "_final_info": there.copy()}
+
+
+class CarryVector(TaskVectorEnv):
+    """Many environments of `Carry` in one batch; see `CarryTask`.
+
+        envs = hf.gym.CarryVector(256, chain=chain, state=state, autoreset_mode="SameStep")
+        envs = gymnasium.make_vec("holdfast/Carry-v0", num_envs=256)  # after `import holdfast.gym`
+
+    Takes how many, a `CarryTask` or its attributes by name, an `AutoresetMode` (NEXT_STEP by default) and how many
+    `threads` share them; `render_mode` must be None.
+
+    Raises:
+        ModelError, StateError: no task, or one that cannot be; the message names what.
+    """
+
+    kind = CarryTask
+
+
+class HandOverVector(TaskVectorEnv):
+    """Many environments of `HandOver` in one batch; see `HandOverTask`.
+
+        envs = hf.gym.HandOverVector(256, autoreset_mode="SameStep")
+        envs = gymnasium.make_vec("holdfast/HandOver-v0", num_envs=256)  # after `import holdfast.gym`
+
+    Takes how many, a `HandOverTask` or its attributes by name, an `AutoresetMode` (NEXT_STEP by default) and how many
+    `threads` share them; `render_mode` must be None.
+
+    Raises:
+        ModelError, StateError: no task, or one that cannot be; the message names what.
+    """
+
+    kind = HandOverTask
+
+
+def mode_of(value: AutoresetMode | str) -> AutoresetMode:
+    """Return an autoreset mode, by its value too.
+
+    Raises:
+        ModelError: there is no such one.
+    """
+    try:
+        return AutoresetMode(value)
+    except ValueError as cause:
+        known = ", ".join(repr(mode.value) for mode in AutoresetMode)
+        raise ModelError(f"autoreset_mode: expected an AutoresetMode, or one of {known}, got {value!r}") from cause
