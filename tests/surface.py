@@ -9,6 +9,7 @@ THEMES = (
     "control",
     "dynamics",
     "forces",
+    "gym",
     "identification",
     "interop",
     "io",

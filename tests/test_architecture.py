@@ -41,6 +41,7 @@ MAY_IMPORT = {
     "io": USE | {"robots"},
     "identification": DYNAMICS | {"simulation", "io"},
     "sweeps": USE | {"io"},
+    "gym": USE | {"robots", "assembly"},
     "view": FILES_AND_SCENES,
     "plot": {"view"},
     "bench": FILES_AND_SCENES | {"holdfast"},  # calls the library as its users do
@@ -55,7 +56,7 @@ ON_CALL = {
     "sweeps/result.py": {"view"},
 }
 HEAVY = {"scipy", "llvmlite", "tyro", "rich", "matplotlib", "pinocchio", "mujoco", "viser", "mpmath"}
-HEAVY |= {"pandas", "pyarrow", "xarray", "IPython", "jax"}
+HEAVY |= {"pandas", "pyarrow", "xarray", "IPython", "jax", "gymnasium"}
 
 
 def room(path: Path) -> str:

@@ -31,7 +31,7 @@ class BatchText:
         self.text, self.inputs, self.outputs = text, dict(inputs), dict(outputs)
         self._externals = {name: External(shape, "input") for name, shape in inputs.items()}
         self._externals |= {name: External(shape, "output") for name, shape in outputs.items()}
-        self._kernel = BatchKernel(self._externals, lambda: traced(self._externals, text), quick=True)
+        self._kernel = BatchKernel(self._externals, lambda: traced(self._externals, text))
 
     def __call__(self, count: int, given: Mapping[str, Array], threads: int = 1) -> dict[str, Array]:
         """Return what the text says of every system, (count, *shape) each.

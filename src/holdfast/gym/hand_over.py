@@ -267,8 +267,12 @@ class HandOverTask(Frozen, Task):
         return BatchText(partial(self.look, phase), inputs, self.says())
 
     @property
-    def frames(self) -> dict[str, Array]:
+    def frames(self) -> Mapping[str, Array]:
         """Where the bases are, by the machine code's names."""
+        return self._bases
+
+    @cached_property
+    def _bases(self) -> Mapping[str, Array]:
         own = parameters_of(self.chain, None)
         return {name: own[name] for name in ("base_R", "base_p")}
 
