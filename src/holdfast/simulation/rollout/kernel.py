@@ -107,6 +107,7 @@ class StepKernel:
         carried: shapes of what a system is between two steps.
         externals: the arrays its machine code takes and returns.
         parameters: the chain's own, by the machine code's names.
+        defaults: of inputs that need not be given.
     """
 
     def __init__(
@@ -137,11 +138,16 @@ class StepKernel:
         own = parameters_of(chain, generic_rank) | {"contact": _contact(chain), "limits": np.array(joint_limits(chain))}
         self.parameters = {name: own[name] for name, e in externals.items() if e.role == "parameter"}
         none = np.array(-np.inf)
-        self._defaults: Systems = {"least_margin": none, "least_joint_margin": none}
-        self._defaults |= {"keep_rows": np.array(0.0), "search": np.array(1.0)}
+        self.defaults: Systems = {"least_margin": none, "least_joint_margin": none}
+        self.defaults |= {"keep_rows": np.array(0.0), "search": np.array(1.0)}
         self._layout = {name: (row, e.size, len(e.shape)) for row, (name, e) in enumerate(externals.items())}
-        self._asked = self._layout.keys() - self.parameters.keys() - self._defaults.keys()
-        self._own, self._table = self._tabled(self.parameters | self._defaults, np.zeros((len(externals), 2), np.int64))
+        self._asked = self._layout.keys() - self.parameters.keys() - self.defaults.keys()
+        self._own, self._table = self._tabled(self.parameters | self.defaults, np.zeros((len(externals), 2), np.int64))
+
+    @property
+    def schedule(self) -> Schedule:
+        """What a step computes."""
+        return self._step.schedule
 
     def compiled(
         self, externals: Mapping[str, External], of: str, schedule: Callable[[], Schedule], quick: bool = False
