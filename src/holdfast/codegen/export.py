@@ -119,17 +119,22 @@ def export_c(
     made = compiled or compile(chain)  # type: ignore[arg-type]
     found = [exported_function(one, made, state, of, by, scheme) for one in asked]
     found += [exported_law(key, law, made) for key, law in (laws or {}).items()]
-    texts = _texts(made.chain, name, found, OBJECT_TARGETS[target], source)
-    with replaced_folder(place, lambda path: path.name in texts.files) as beside:
-        for file, content in texts.files.items():
+    written = files_of(name, found, OBJECT_TARGETS[target], source, _about(made.chain))
+    with replaced_folder(place, lambda path: path.name in written.files) as beside:
+        for file, content in written.files.items():
             (beside / file).write_bytes(content)
-    sizes = {f.name: ExportedSize(8 * f.workspace, f.stack) for f in texts.functions}
-    return ExportedCode(place, tuple(texts.files), sizes, target)
+    sizes = {f.name: ExportedSize(8 * f.workspace, f.stack) for f in written.functions}
+    return ExportedCode(place, tuple(written.files), sizes, target)
 
 
 @dataclass(frozen=True, eq=False)
-class _Texts:
-    """An export before it is written: its files, and its functions."""
+class ExportedFiles:
+    """An export before it is written.
+
+    Attributes:
+        files: contents by name.
+        functions: of which they are.
+    """
 
     files: dict[str, bytes]
     functions: list[CFunction]
@@ -154,18 +159,29 @@ def _asked(functions: Sequence[str], laws: Mapping[str, object]) -> list[str]:
     return list(dict.fromkeys(functions))
 
 
-def _texts(
-    chain: ClosedChain, name: str, found: Sequence[ExportedFunction], target: ObjectTarget, source: bool
-) -> _Texts:
-    """Return the files of an export."""
+def files_of(
+    name: str,
+    found: Sequence[ExportedFunction],
+    target: ObjectTarget,
+    source: bool,
+    about: Mapping[str, str] | None = None,
+) -> ExportedFiles:
+    """Return the files of an export.
+
+    Args:
+        name: prefix of all names.
+        found: the functions.
+        target: the processor.
+        source: whether as source.
+        about: what the header says of the chain, by name.
+    """
     with cpu.made_for(target.made_for):
         code, functions = (_source if source else _objects)(name, found, target)
     version = metadata.version("holdfast")
     of_functions = ", ".join(f.name for f in functions)
-    about = {
+    says = {
         "Written by holdfast": version,
-        "Chain": f"{', '.join(chain.names)}; {chain.joint_count} joints, {len(chain.grasps)} grasps",
-        "Arms": ", ".join(f"{arm} ({len(range(*part.indices(chain.joint_count)))})" for arm, part in _parts(chain)),
+        **(about or {}),
         "Processor": f"{target.name}, Linux",
         "Units": "SI: m, rad, s, kg, N, N m. Twists, wrenches: angular part first, world axes",
     }
@@ -173,17 +189,22 @@ def _texts(
     values = {"name": name, "version": version, "flags": target.flags, "description": of_functions}
     files = {
         f"{name}.c" if source else f"{name}.o": code,
-        f"{name}.h": header(name, functions, about).encode(),
+        f"{name}.h": header(name, functions, says).encode(),
         f"{name}.hpp": wrapper(name, functions).encode(),
         "CMakeLists.txt": _filled("CMakeLists.txt", values),
         f"{name}Config.cmake": _filled(f"{kind}.cmake", values),
         f"{name}.pc": _filled(f"{kind}.pc", values),
     }
-    return _Texts(files, functions)
+    return ExportedFiles(files, functions)
 
 
-def _parts(chain: ClosedChain) -> list[tuple[str, slice]]:
-    return list(zip(chain.arms, chain.arm_joints, strict=True))
+def _about(chain: ClosedChain) -> dict[str, str]:
+    """Return what the header says of a chain."""
+    joints = [f"{name} {part.start}..{part.stop - 1}" for name, part in zip(chain.arms, chain.arm_joints, strict=True)]
+    return {
+        "Chain": f"{chain.joint_count} joints, {len(chain.arms)} arms; holding: {', '.join(chain.grasps) or 'none'}",
+        "Joints": "; ".join(joints),
+    }
 
 
 def _objects(name: str, found: Sequence[ExportedFunction], target: ObjectTarget) -> tuple[bytes, list[CFunction]]:

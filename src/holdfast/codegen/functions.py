@@ -202,6 +202,6 @@ def _step(compiled: CompiledChain, state: State | None, scheme: str) -> Exported
     values |= {"step": np.array(1e-3)}
 
     def schedule() -> Schedule:
-        return replace(kernel.schedule, status="last.code")  # returned, not only carried on
+        return replace(kernel.schedule(tableau), status="last.code")  # returned, not only carried on
 
     return _function(STEP, kernel.externals, schedule, values, _STEPS)

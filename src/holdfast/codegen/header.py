@@ -81,7 +81,11 @@ class CFunction:
 
     def _arrays(self) -> list[str]:
         """Return the structure with the arrays' addresses, in the order in which machine code reads them."""
-        lines = ["", "/* Where the arrays are; each holds doubles, the last index running fastest. */", "typedef struct {"]
+        lines = [
+            "",
+            "/* Where the arrays are; each holds doubles, the last index running fastest. */",
+            "typedef struct {",
+        ]
         for name, external in self.of.externals.items():
             const = "const " if external.role in ("input", "parameter") else ""
             lines.append(f"    {const}double *{self.fields[name]}; /* {self._says(name, external)} */")

@@ -61,5 +61,7 @@ def _class(function: CFunction) -> list[str]:
     lines.append(f"    void prepare() noexcept {{ {name}_prepare(&arrays_); }}")
     if function.of.name == STEP:
         lines += ["", "    /* Begin at the state that memory holds. */"]
-        lines.append(f"    {result} start() noexcept {{ return static_cast<{result}>({name}_start(&memory_, &arrays_)); }}")
+        lines.append(
+            f"    {result} start() noexcept {{ return static_cast<{result}>({name}_start(&memory_, &arrays_)); }}"
+        )
     return [*lines, "", "private:", f"    {name}_memory memory_;", f"    {name}_arrays arrays_;", "};"]

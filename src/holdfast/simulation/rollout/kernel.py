@@ -15,7 +15,7 @@ from holdfast.compiled.externals import BASE_MOTION, LINKS, externals, shapes
 from holdfast.compiled.kernels import key_of
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.structure import Options, Structure
-from holdfast.compiled.traced_chain import traced
+from holdfast.compiled.traced_chain import Given, traced
 from holdfast.compiler.kernel import BatchKernel
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External, Schedule
@@ -144,10 +144,14 @@ class StepKernel:
         self._asked = self._layout.keys() - self.parameters.keys() - self.defaults.keys()
         self._own, self._table = self._tabled(self.parameters | self.defaults, np.zeros((len(externals), 2), np.int64))
 
-    @property
-    def schedule(self) -> Schedule:
-        """What a step computes."""
-        return self._step.schedule
+    def schedule(self, tableau: Tableau) -> Schedule:
+        """Return what a step under inputs of its own computes, the slope at its beginning included."""
+        system = self.structure, self.law, self.motions, self.acting
+
+        def step(given: Given) -> dict[str, Any]:
+            return traced_step.step(*system, tableau, {**given, **traced_step.evaluation(*system, given)})
+
+        return traced(self.externals, step)
 
     def compiled(
         self, externals: Mapping[str, External], of: str, schedule: Callable[[], Schedule], quick: bool = False

@@ -16,7 +16,9 @@ from holdfast.compiler.targets.layout import Address, Layout
 _WRITTEN_OUT = 2  # calls; more of them are a loop
 
 
-def single_source(schedule: Schedule, names: tuple[str, str], arrays: str, fields: Mapping[str, str]) -> tuple[str, int]:
+def single_source(
+    schedule: Schedule, names: tuple[str, str], arrays: str, fields: Mapping[str, str]
+) -> tuple[str, int]:
     """Return the source and how many doubles of working memory it needs.
 
     Args:

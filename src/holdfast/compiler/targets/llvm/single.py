@@ -20,9 +20,7 @@ from holdfast.compiler.targets.llvm.templates import filled
 _INLINE = 32  # numbers that are looked at one register after the other; more of them in a loop
 
 
-def single_module(
-    schedule: Schedule, lanes: int, names: tuple[str, str] = ("single", "prepare")
-) -> tuple[str, int]:
+def single_module(schedule: Schedule, lanes: int, names: tuple[str, str] = ("single", "prepare")) -> tuple[str, int]:
     """Return the module's source and how many doubles of working memory it needs.
 
     Args:
