@@ -41,13 +41,15 @@ MAY_IMPORT = {
     "io": USE | {"robots"},
     "identification": DYNAMICS | {"simulation", "io"},
     "sweeps": USE | {"io"},
+    "codegen": USE | {"io"},
     "view": FILES_AND_SCENES,
     "plot": {"view"},
     "bench": FILES_AND_SCENES | {"holdfast"},  # calls the library as its users do
-    "cli": FILES_AND_SCENES | {"bench", "view", "holdfast"},
+    "cli": FILES_AND_SCENES | {"bench", "codegen", "view", "holdfast"},
 }
 # constructors that read files, and methods that write or draw, ask the room that does so, when called
 ON_CALL = {
+    "compiled/chain.py": {"codegen"},
     "model/held_object.py": {"robots"},
     "simulation/run_outputs.py": {"io", "view", "interop"},
     "simulation/rollout/systems.py": {"io"},

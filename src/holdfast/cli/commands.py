@@ -27,6 +27,7 @@ Target = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RESULT|SCE
 OutFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 Seconds = Annotated[float | None, tyro.conf.arg(metavar="SECONDS")]
 OptionalName = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
+Names = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="NAME")]
 Format = Literal["table", "json"]
 TableFormat = Literal["csv", "parquet", "mcap"]
 Switch = tyro.conf.FlagCreatePairsOff[bool]
@@ -128,6 +129,47 @@ def export(
     from holdfast.cli import results as command
 
     return command.export(results, format, out, overwrite, trust_xacro, json)
+
+
+def export_c(
+    scene: SceneFile,
+    out: Folder = None,
+    name: OptionalName = None,
+    function: Names = (),
+    target: Literal["x86-64-v2", "x86-64-v3", "x86-64-v4", "aarch64"] = "x86-64-v3",
+    source: Switch = False,
+    scheme: Literal["rk4", "midpoint", "imex"] = "rk4",
+    of: Names = (),
+    by: Names = (),
+    overwrite: bool = False,
+    changes: Changes = (),
+    json: Switch = False,
+    trust_xacro: Switch = False,
+) -> int:
+    """Write a scene's dynamics, a time step and its controller as C or object files that run without Python.
+
+    Args:
+        scene: the scene, TOML; - for stdin.
+        out: the folder to write; code/<scene> without it.
+        name: prefix of all names in C; the scene's without it.
+        function: one of forward_dynamics, inverse_dynamics, project, step, control (the scene's controller),
+            forward_dynamics_jacobian and others, which the documentation lists; may be repeated.
+        target: the processor, under Linux.
+        source: write C11 instead of an object file.
+        scheme: of a step; imex for joints with stiff springs or dampers.
+        of: a result of derivatives, qdd without it; may be repeated.
+        by: an argument of derivatives, q, qd and tau without it; may be repeated.
+        overwrite: replace an earlier export.
+        changes: set a key of the scene, such as simulation.step=0.001; may be repeated.
+        json: print one JSON document instead of a table.
+        trust_xacro: expand xacro files that the scene names; that runs the Python in them.
+    """
+    from holdfast.cli import export_c as command
+
+    arguments = ("qdd",) if not of else of, ("q", "qd", "tau") if not by else by
+    return command.export_code(
+        scene, out, name, function, target, source, scheme, *arguments, overwrite, changes, json, trust_xacro
+    )
 
 
 def summary(results: ResultFolders = (), json: Switch = False, trust_xacro: Switch = False) -> int:
@@ -232,8 +274,8 @@ def doctor(json: Switch = False) -> int:
 
 
 COMMANDS: dict[str, Callable[..., int]] = {
-    command.__name__: command
-    for command in (solve, diagnose, simulate, summary, plot, view, export, bench, methods, doctor)
+    command.__name__.replace("_", "-"): command
+    for command in (solve, diagnose, simulate, summary, plot, view, export, export_c, bench, methods, doctor)
 }
 
 
@@ -259,6 +301,9 @@ def run(arguments: list[str]) -> int:
     return call if isinstance(call, int) else call()
 
 
+_REPEATABLE = ("--set", "--function", "--of", "--by")
+
+
 def _refuse_repeated(arguments: list[str]) -> None:
     """Refuse an option that is given twice, also as `--plots` and `--no-plots`: only one of them could be obeyed.
 
@@ -269,7 +314,7 @@ def _refuse_repeated(arguments: list[str]) -> None:
     for k, argument in enumerate(arguments):
         if argument == "--":
             break
-        if not argument.startswith("--") or argument.partition("=")[0] == "--set":
+        if not argument.startswith("--") or argument.partition("=")[0] in _REPEATABLE:
             continue
         name, equals, value = argument.partition("=")
         after = arguments[k + 1] if not equals and k + 1 < len(arguments) else ""
