@@ -166,7 +166,7 @@ def export_c(
     """
     from holdfast.cli import export_c as command
 
-    arguments = ("qdd",) if not of else of, ("q", "qd", "tau") if not by else by
+    arguments = of or ("qdd",), by or ("q", "qd", "tau")
     return command.export_code(
         scene, out, name, function, target, source, scheme, *arguments, overwrite, changes, json, trust_xacro
     )

@@ -130,6 +130,7 @@ _FRAME = (  # how much of the stack a line takes: x86-64, then 64-bit ARM
     (re.compile(r"\bsub\s+sp, sp, #(\d+)(?:, lsl #12)?"), None),
     (re.compile(r"\bst[rp]\s.*\[sp, #-(\d+)\]!"), None),
 )
+_BELOW = re.compile(r"\s-(\d+)\(%rsp")  # x86-64: the 128 bytes below the stack that a function may use as they are
 _CALL = re.compile(r"\b(?:callq|jmp|bl|b)\s+([\w.$]+|\"[^\"]+\")(?:@PLT)?$")
 
 
@@ -140,20 +141,27 @@ def stack_needed(assembly: str) -> dict[str, int]:
         assembly: of a module without recursion.
     """
     own: dict[str, int] = {}
+    below: dict[str, int] = {}
     called: dict[str, set[str]] = {}
     name = ""
     for line in assembly.splitlines():
         label = _FUNCTION.match(line)
         if label and not label[1].startswith("."):
             name = label[1]
-            own[name], called[name] = 8, set()  # the return address; ARM keeps it in a register until it calls
+            own[name], below[name], called[name] = (
+                8,
+                0,
+                set(),
+            )  # the return address; ARM keeps it in a register until it calls
         elif name:
             own[name] += _taken(line)
+            below[name] = max([below[name], *map(int, _BELOW.findall(line))])
             if found := _CALL.search(line.strip()):
                 called[name].add(found[1])
 
     def most(function: str) -> int:
-        return own[function] + max((most(x) for x in called[function] if x in own and x != function), default=0)
+        deeper = (most(x) for x in called[function] if x in own and x != function)
+        return own[function] + max(deeper, default=below[function])
 
     public = re.findall(r"^\s*\.globl\s+(\S+)", assembly, re.MULTILINE)
     return {function: most(function) for function in public}
