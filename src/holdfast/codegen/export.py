@@ -10,6 +10,7 @@ from importlib import metadata
 from os import PathLike
 from pathlib import Path
 from string import Template
+from typing import NamedTuple
 
 from holdfast.codegen.functions import EXPORTED, ExportedFunction, exported_function, exported_law
 from holdfast.codegen.header import CFunction, header
@@ -22,13 +23,13 @@ from holdfast.io.files import file_path
 from holdfast.io.replaced_folder import replaced_folder
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.frozen import FrozenDict
 from holdfast.state import State
 
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,40}")
 
 
-@dataclass(frozen=True)
-class ExportedSize:
+class ExportedSize(NamedTuple):
     """What a call of an exported function needs.
 
     Attributes:
@@ -40,8 +41,7 @@ class ExportedSize:
     stack: int | None
 
 
-@dataclass(frozen=True)
-class ExportedCode:
+class ExportedCode(NamedTuple):
     """What `export_c` wrote.
 
     Attributes:
@@ -124,7 +124,7 @@ def export_c(
         for file, content in written.files.items():
             (beside / file).write_bytes(content)
     sizes = {f.name: ExportedSize(8 * f.workspace, f.stack) for f in written.functions}
-    return ExportedCode(place, tuple(written.files), sizes, target)
+    return ExportedCode(place, tuple(written.files), FrozenDict(sizes), target)
 
 
 @dataclass(frozen=True, eq=False)
