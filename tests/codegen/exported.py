@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from holdfast.codegen.export import EXACT
 from holdfast.codegen.functions import ExportedFunction
 from holdfast.codegen.header import CFunction
 
-FLAGS = ["-std=c11", "-O2", "-ffp-contract=off", "-fno-math-errno"]
+FLAGS = ["-std=c11", "-O2", *EXACT.split()]
 STRICT = ["-Wall", "-Wextra", "-Wpedantic", "-Werror"]
 APART = {"aarch64": ["qemu-aarch64"]}  # what runs programs of other processors
 INSTALL = (

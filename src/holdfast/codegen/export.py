@@ -26,6 +26,9 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.frozen import FrozenDict
 from holdfast.state import State
 
+# For GCC and Clang: no fma that the source has not. GCC 12 makes one of a product and a sum in neighbouring numbers
+# whatever -ffp-contract says, when it puts straight lines of operations into the lanes of registers.
+EXACT = "-ffp-contract=off -fno-tree-slp-vectorize -fno-math-errno"
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,40}")
 
 
@@ -77,7 +80,7 @@ def export_c(
     The folder gets `name.o` (or `name.c`), a C header with sizes, layouts, units and one function per computation, a
     C++17 wrapper, and files for CMake and pkg-config. Object files have no undefined symbol, ask for no memory and
     keep no state; their results are those of this library's machine code to the bit, on every processor with fma. So
-    are those of the source where compilers leave it as it is (`-ffp-contract=off`).
+    are those of the source under the options that the CMake file sets.
 
     Args:
         chain: the chain; compiled by `holdfast.compile` where link inertias or wrenches shall be arguments.
@@ -186,7 +189,7 @@ def files_of(
         "Units": "SI: m, rad, s, kg, N, N m. Twists, wrenches: angular part first, world axes",
     }
     kind = "source" if source else "objects"
-    values = {"name": name, "version": version, "flags": target.flags, "description": of_functions}
+    values = {"name": name, "version": version, "flags": f"{target.flags} {EXACT}", "description": of_functions}
     files = {
         f"{name}.c" if source else f"{name}.o": code,
         f"{name}.h": header(name, functions, says).encode(),
@@ -224,7 +227,7 @@ def _objects(name: str, found: Sequence[ExportedFunction], target: ObjectTarget)
 def _source(name: str, found: Sequence[ExportedFunction], target: ObjectTarget) -> tuple[bytes, list[CFunction]]:
     """Return the C source, and its functions."""
     lines = [
-        f"/* Compile with: -std=c11 -O2 {target.flags} -ffp-contract=off -fno-math-errno */",
+        f"/* Compile with: -std=c11 -O2 {target.flags} {EXACT} */",
         f'#include "{name}.h"',
         "",
         "#define ONE_FUNCTION static __attribute__((noinline)) /* inlined, they would take compilers very long */",
