@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -15,10 +16,12 @@ import holdfast as hf
 from holdfast.sweeps import cluster
 from holdfast.sweeps.chunk import compute
 from tests.sweeps.problems import data, small_sweep
+from tests.sweeps.test_scene_sweep import TEXT
 
 pytest.importorskip("pyarrow", reason="needs pyarrow: pip install 'holdfast[parquet]'")
 pytest.importorskip("distributed", reason="needs distributed: pip install 'holdfast[dask]'")
 
+PROGRAM = "import sys, holdfast.cli\nif __name__ == '__main__': sys.exit(holdfast.cli.main())"
 LARGE = {"count": 4000, "chunk": 20, "duration": 0.02}
 
 
@@ -59,6 +62,17 @@ def test_workers_with_other_libraries(tmp_path, monkeypatch):
     with pytest.raises(hf.ResultError, match=r"expected workers with numpy 0.1, abacus"):
         small_sweep(tmp_path)
     assert cluster.compute is compute
+
+
+def gone(group):
+    """Return whether a group of processes ends within twenty seconds."""
+    for _ in range(200):
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.1)
+    return False
 
 
 class Cluster:
@@ -122,6 +136,26 @@ def test_killed(tmp_path):
     assert data(tmp_path / "store") == expected
     chunks = [json.loads(line)["chunk"] for line in (tmp_path / "store" / "log.jsonl").read_text().splitlines()]
     assert sorted(chunks) == list(range(200))
+
+
+@pytest.mark.long
+@pytest.mark.skipif(os.name == "nt", reason="needs signals of POSIX; none can be installed")
+@pytest.mark.parametrize("how", [["--workers", "2"], ["--cluster", "local", "--workers", "2"]])
+@pytest.mark.parametrize("chunks", [0, 3])
+def test_interrupted(how, chunks, tmp_path):
+    """Ctrl-C, which a terminal tells all processes, early or late: one line, exit code 130, and nobody is left."""
+    scene, store = tmp_path / "scene.toml", tmp_path / "store"
+    scene.write_text(TEXT.replace("count = 7", "count = 100_000").replace("chunk = 3", "chunk = 20"))
+    command = [sys.executable, "-c", PROGRAM, "sweep", str(scene), "--out", str(store), *how]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    while process.poll() is None and not ((store / "sweep.json").exists() and len(data(store)) >= chunks):
+        time.sleep(0.1)
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    lines = [line for line in said.splitlines() if not line.startswith("sweeping")]
+    assert process.returncode == 130, said
+    assert len(lines) == 1 and "interrupted; what was finished is in" in lines[0], said
+    assert gone(process.pid)
 
 
 @pytest.mark.long

@@ -17,8 +17,15 @@ from typing import Any
 from holdfast.errors import HoldfastError, MissingExtra, ResultError
 from holdfast.io.files import one_line
 from holdfast.sweeps.chunk import Computed, Task, compute
+from holdfast.sweeps.workers import deaf_to_interrupts
 
 LOCAL = "local"  # a cluster of this computer's processes
+# of a local cluster: what Dask does beside the work, several per cent of a processor otherwise
+IDLE = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "5s",
+}
 MOST_LOSSES = 10  # of chunks or of the scheduler, without one chunk computed in between
 PATIENCE = 30.0  # for a scheduler to answer, and for its first worker [s]
 
@@ -145,14 +152,18 @@ def _connected(cluster: str, workers: int) -> Iterator[Any]:
         ResultError: there is none.
     """
     distributed = require_dask()
+    import dask.config
+
     with contextlib.ExitStack() as ends:
         try:
             address: Any = cluster
             if cluster == LOCAL:
                 scratch = ends.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
                 own = {"n_workers": workers, "threads_per_worker": 1, "local_directory": scratch}
-                own |= {"dashboard_address": None, "silence_logs": logging.CRITICAL, "worker_dashboard_address": None}
-                address = ends.enter_context(distributed.LocalCluster(**own))
+                own |= {"dashboard_address": None, "worker_dashboard_address": None, "memory_limit": 0}
+                ends.enter_context(dask.config.set(IDLE))
+                with deaf_to_interrupts():
+                    address = ends.enter_context(distributed.LocalCluster(silence_logs=logging.CRITICAL, **own))
             client = ends.enter_context(distributed.Client(address, timeout=PATIENCE, set_as_default=False))
             client.wait_for_workers(1, timeout=PATIENCE)
         except Exception as cause:  # whatever its transports raise
