@@ -40,12 +40,12 @@ MAY_IMPORT = {
     "scenario": FILES_AND_SCENES - {"scenario"},
     "io": USE | {"robots"},
     "identification": DYNAMICS | {"simulation", "io"},
-    "sweeps": USE | {"io"},
+    "sweeps": USE | {"io", "scenario"},
     "codegen": USE | {"io"},
     "view": FILES_AND_SCENES,
     "plot": {"view"},
     "bench": FILES_AND_SCENES | {"holdfast"},  # calls the library as its users do
-    "cli": FILES_AND_SCENES | {"bench", "codegen", "view", "holdfast"},
+    "cli": FILES_AND_SCENES | {"bench", "codegen", "sweeps", "view", "holdfast"},
 }
 # constructors that read files, and methods that write or draw, ask the room that does so, when called
 ON_CALL = {

@@ -23,6 +23,7 @@ Folder = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
 Name = Annotated[str, tyro.conf.arg(metavar="NAME")]
 ResultFolders = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RESULT ...")]
 Changes = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(name="set", metavar="KEY=VALUE")]
+Swept = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE|FOLDER")]
 Target = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RESULT|SCENE")]
 OutFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 Seconds = Annotated[float | None, tyro.conf.arg(metavar="SECONDS")]
@@ -106,6 +107,33 @@ def simulate(
     from holdfast.cli import simulate as command
 
     return command.simulate(scene, out, overwrite, plots, resume, trust_xacro, sample_time, delay, changes, json)
+
+
+def sweep(
+    target: Swept,
+    out: Folder = None,
+    workers: int = 1,
+    cluster: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None,
+    run: Annotated[int | None, tyro.conf.arg(metavar="NUMBER")] = None,
+    changes: Changes = (),
+    json: Switch = False,
+    trust_xacro: Switch = False,
+) -> int:
+    """Run the sweep that a scene describes, or go on with it: many runs, kept in a folder.
+
+    Args:
+        target: a scene with a [sweep] table, - for stdin; or the folder of a sweep.
+        out: the folder of the scene's sweep; what it has already is not computed again.
+        workers: how many processes of this computer.
+        cluster: of Dask: the address of its scheduler, tcp://...; or local, of so many workers here.
+        run: write this run alone as a result folder in that of the sweep, to be viewed and plotted.
+        changes: set a key of the scene, such as sweep.count=1000; may be repeated.
+        json: print one JSON document instead of tables.
+        trust_xacro: expand xacro files that the scene names; that runs the Python in them.
+    """
+    from holdfast.cli import sweep as command
+
+    return command.sweep(target, out, workers, cluster, run, changes, json, trust_xacro)
 
 
 def export(
@@ -275,7 +303,7 @@ def doctor(json: Switch = False) -> int:
 
 COMMANDS: dict[str, Callable[..., int]] = {
     command.__name__.replace("_", "-"): command
-    for command in (solve, diagnose, simulate, summary, plot, view, export, export_c, bench, methods, doctor)
+    for command in (solve, diagnose, simulate, sweep, summary, plot, view, export, export_c, bench, methods, doctor)
 }
 
 
