@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test test-portable acceptance lint counts capabilities bench drift pictures robots docs clean
+.PHONY: demo test test-portable acceptance bars lint counts capabilities bench drift pictures robots docs clean
 
 demo: $(VENV)/.plot
 	$(BIN)/holdfast simulate examples/two_pandas.toml --out results/two_pandas --overwrite
@@ -23,6 +23,11 @@ test-portable: $(VENV)/.dev
 # The issue's full-size checks: thousands of random systems, multiprecision sweeps.
 acceptance: $(VENV)/.dev
 	$(BIN)/python -m pytest -m long -n 2 --dist worksteal -rP --timeout 3600
+
+# A million runs by two workers of Dask beside bare rollouts (RUNS=100000 for fewer; leave the machine alone meanwhile).
+RUNS ?= 1000000
+bars: $(VENV)/.dev
+	$(BIN)/python benchmarks/sweep_million.py $(RUNS)
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -1,9 +1,9 @@
 """What a vector environment costs beside the rollout it runs on: two Pandas carry a box, in control steps a second.
 
-Both take the same control steps: same states, payloads, pushes and actions, new ones every time. The environment besides
+Both take the same control steps: same states, payloads, pushes and actions, new ones every time. The environment also
 looks, rewards, ends and begins episodes, which are spread over their length, so that some end in every step. They take
-turns step by step, so that a busy machine slows both, and process times are compared. One policy tracks the path and its
-episodes last their time; the other acts at random, and its episodes soon fail.
+turns step by step, so that a busy machine slows both, and process times are compared. One policy tracks the path, and
+its episodes last their time; the other acts at random, and its episodes soon fail.
 
 Run it with HOLDFAST_COMPILE unset, on a quiet machine: `python benchmarks/gym_steps.py`.
 """

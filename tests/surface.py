@@ -5,6 +5,7 @@ from typing import Any
 
 THEMES = (
     "assembly",
+    "codegen",
     "compiled",
     "control",
     "dynamics",

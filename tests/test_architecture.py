@@ -40,15 +40,17 @@ MAY_IMPORT = {
     "scenario": FILES_AND_SCENES - {"scenario"},
     "io": USE | {"robots"},
     "identification": DYNAMICS | {"simulation", "io"},
-    "sweeps": USE | {"io"},
     "gym": USE | {"robots", "assembly"},
+    "sweeps": USE | {"io", "scenario"},
+    "codegen": USE | {"io"},
     "view": FILES_AND_SCENES,
     "plot": {"view"},
     "bench": FILES_AND_SCENES | {"holdfast"},  # calls the library as its users do
-    "cli": FILES_AND_SCENES | {"bench", "view", "holdfast"},
+    "cli": FILES_AND_SCENES | {"bench", "codegen", "sweeps", "view", "holdfast"},
 }
 # constructors that read files, and methods that write or draw, ask the room that does so, when called
 ON_CALL = {
+    "compiled/chain.py": {"codegen"},
     "model/held_object.py": {"robots"},
     "simulation/run_outputs.py": {"io", "view", "interop"},
     "simulation/rollout/systems.py": {"io"},

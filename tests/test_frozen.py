@@ -83,6 +83,7 @@ def examples() -> dict[str, Any]:
         hf.Trunk([hf.Joint()], [arm.links[0]], floating=arm.links[0]),
         Primitive("box", hf.Pose.identity(), (1.0, 1.0, 1.0)),
         *(hf.sweeps.Uniform(np.zeros(3), [1.0, 2.0, 3.0]), hf.sweeps.Normal(np.zeros(3), [1.0, 2.0, 3.0])),
+        *(hf.gym.CarryTask(), hf.gym.HandOverTask()),
         *(hf.sweeps.NearPose(np.eye(7)[:1]), hf.sweeps.Progress(1, 2, {"RUNNING": 1}, 3.0)),
     ]
     return {type(x).__name__: x for x in found}

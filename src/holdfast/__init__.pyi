@@ -1,6 +1,7 @@
 """holdfast: exact dynamics for robot arms that hold one object together."""
 
 from . import assembly as assembly
+from . import codegen as codegen
 from . import compiled as compiled
 from . import control as control
 from . import dynamics as dynamics

@@ -160,6 +160,13 @@ def of_texts(c: Case) -> Any:
     ]
 
 
+def exported(c: Case) -> Any:
+    """Return the sizes of exported forward dynamics."""
+    with tempfile.TemporaryDirectory() as folder:
+        made = hf.codegen.export_c(c.chain, folder, functions=["forward_dynamics"], state=c.state, overwrite=True)
+    return made.functions["chain_forward_dynamics"].stack
+
+
 def parameters_rows(c: Case) -> Any:
     """Return the wrenches of the payload's ten parameters."""
     found = solved(c)
@@ -220,6 +227,7 @@ RUNS = [
 MACHINE_CODE = [
     Question("forward dynamics as machine code", by_machine_code, quick=False),
     Question("rollouts", rollout, quick=False),
+    Question("`export_c`", exported, quick=False),
 ]
 DERIVATIVES = [
     Question("derivatives of forward dynamics", gradients, quick=False),

@@ -50,7 +50,8 @@ def test_version(capsys):
         (["slove", FILE], "no command 'slove'. Did you mean 'solve'?"),
         (
             ["fly"],
-            "no command 'fly'. Known: solve, diagnose, simulate, summary, plot, view, export, bench, methods, doctor.",
+            "no command 'fly'. Known: solve, diagnose, simulate, sweep, summary, plot, view, export, export-c, bench,"
+            " methods, doctor.",
         ),
         (["solve"], "Missing from holdfast solve: FILE"),
         (["--verbose"], "Unrecognized options: --verbose"),

@@ -17,6 +17,7 @@ from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest
 from holdfast.simulation.simulate import laws_by_machine_code
+from holdfast.spatial.scalar import clip, exp
 from tests.control.two_pandas import two_pandas
 from tests.simulation.rollout.problems import problem
 
@@ -54,6 +55,23 @@ def test_called_as_a_controller(name):
         expected, _ = LAWS[name](t, state, None)
         assert memory == "kept"
         np.testing.assert_allclose(tau, expected, rtol=0.0, atol=1e-12 * np.abs(expected).max())
+
+
+def test_saturating_words():
+    """Hard and soft limits, in the library's words and in NumPy's functions of one argument."""
+    limits = np.linspace(2.0, 80.0, N)
+
+    def law(t, state, memory, given):
+        soft = limits * np.tanh(-30.0 * state.qd / limits)
+        return clip(soft - 50.0 * np.sin(state.q) * exp(-t), -limits, limits), memory
+
+    made = compile_law(ControlLaw(law), CHAIN)
+    for seed in range(3):
+        state = moving(seed)
+        tau, _ = made(0.3, state, None)
+        assert (np.abs(tau) <= limits).all()
+        assert (np.abs(tau) == limits).any()
+        np.testing.assert_allclose(tau, law(0.3, state, None, {})[0], rtol=1e-13, atol=1e-13)
 
 
 def test_memory_and_parameters():

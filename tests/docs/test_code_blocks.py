@@ -27,7 +27,7 @@ from tests.docs.pages import PAGES, fences, name
 
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 RUN = {"python", "console", "toml", "xml"}
-SHOWN = {"text", "bibtex", "matlab"}  # output, listings: nothing that could run
+SHOWN = {"text", "bibtex", "matlab", "cpp"}  # output, listings; C++ is built in `tests/codegen`
 FILE_NAME = re.compile(r"(?:#|<!--)\s*([\w/.-]+\.\w+)\b")
 UNREASONED = re.compile(r"skip: (?:next|start)(?! (?:if\(.*)?\"[^\"]{8,}\")")
 COMMAND = re.compile(r"^\$ (.*)\n", re.MULTILINE)

@@ -16,7 +16,7 @@ def carry() -> hf.gym.CarryTask:
 @cache
 def short_carry() -> hf.gym.CarryTask:
     """Return one whose episodes are short, and often end as the box is pushed out of the fingers."""
-    return hf.gym.CarryTask(duration=0.3, settle=0.1, push=[0, 0, 0, 60, 60, 60], steps_per_action=5)
+    return hf.gym.CarryTask(duration=0.3, settle=0.1, push=[0, 0, 0, 40, 40, 40], steps_per_action=5)
 
 
 @cache
@@ -29,7 +29,9 @@ def hand_over() -> hf.gym.HandOverTask:
 def careless_hand_over() -> hf.gym.HandOverTask:
     """Return one whose receiver grips wherever it is: random actions lead through all phases, and break the box."""
     capture = {"capture": 1.0, "capture_angle": 3.0, "capture_speed": 5.0, "capture_rate": 20.0}
-    return hf.gym.HandOverTask(**capture, duration=0.5, crushing_internal=50.0, steps_per_action=5, retreat=np.full(7, 0.02))
+    return hf.gym.HandOverTask(
+        **capture, duration=0.5, crushing_internal=50.0, steps_per_action=5, retreat=np.full(7, 0.02)
+    )
 
 
 def parts(task: hf.gym.CarryTask | hf.gym.HandOverTask, observation: np.ndarray) -> dict[str, np.ndarray]:

@@ -125,7 +125,10 @@ def test_settings_refused(setting, error, message):
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        ({"giver": "left", "receiver": "left"}, "receiver: expected an arm with a grasp, got 'left'. 'left' is the giver"),
+        (
+            {"giver": "left", "receiver": "left"},
+            "receiver: expected an arm with a grasp, got 'left'. 'left' is the giver",
+        ),
         ({"giver": "lift"}, "giver: expected an arm with a grasp, got 'lift'. Did you mean 'left'"),
         ({"retreat": [0.1]}, "retreat: expected shape"),
         ({"still": -1.0}, "still: expected > 0"),
@@ -190,6 +193,7 @@ def test_vector_refusals():
 
 def test_missing_extra():
     """Without Gymnasium the import names the command that installs it."""
-    code = "import sys; sys.modules['gymnasium'] = None\nimport holdfast as hf\ntry: hf.gym\nexcept hf.MissingExtra as e: print(e)"
+    code = "import sys; sys.modules['gymnasium'] = None\nimport holdfast as hf\n"
+    code += "try: hf.gym\nexcept hf.MissingExtra as e: print(e)"
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert "pip install 'holdfast[gym]'" in said

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from holdfast.spatial.differentiation import bare, by_rule, gradient, linearised
-from holdfast.spatial.scalar import cos, maximum, minimum, sin, sqrt, where
+from holdfast.spatial.scalar import clip, cos, exp, maximum, minimum, sin, sqrt, tanh, where
 
 STEP = 1e-6
 TEXTS = {
@@ -22,6 +22,9 @@ TEXTS = {
     "sqrt": lambda a, b: sqrt(a) * sqrt(b),
     "sin": lambda a, b: sin(a * b),
     "cos": lambda a, b: cos(a * b),
+    "exp": lambda a, b: exp(a - b * b),
+    "tanh": lambda a, b: tanh(a - b),
+    "clip": lambda a, b: clip(a * b, 0.8, 1.2 * b),
     "where": lambda a, b: where(a < b, a * a, b) + where(a > b, b, b * b),
     "maximum": lambda a, b: maximum(a, b) * minimum(a, b) + maximum(a, b),
     "the same twice": lambda a, b: a * a * a + a * b,

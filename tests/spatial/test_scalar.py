@@ -1,6 +1,9 @@
 """The vocabulary of traced functions means the same on floats and on scalars of other kinds."""
 
+import inspect
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -56,6 +59,9 @@ VOCABULARY = {
     "sin": (scalar.sin, 1),
     "cos": (scalar.cos, 1),
     "sqrt": (scalar.sqrt, 1),
+    "exp": (scalar.exp, 1),
+    "tanh": (scalar.tanh, 1),
+    "clip": (lambda x, y: scalar.clip(x, -0.4, y), 2),
     "reciprocal": (scalar.reciprocal, 1),
     "minimum": (scalar.minimum, 2),
     "maximum": (scalar.maximum, 2),
@@ -99,3 +105,12 @@ def test_lists_are_not_compared_as_lists():
     """Python compares lists by their first difference."""
     np.testing.assert_array_equal(scalar.maximum([1.0, 2.0], [0.0, 5.0]), [1.0, 5.0])
     assert scalar.minimum(np.array(2.0), 3.0) == 2.0
+
+
+def test_the_documented_words():
+    """The table of what laws may say has every function of the vocabulary."""
+    page = (Path(__file__).parents[2] / "docs" / "how_to" / "rollouts.md").read_text()
+    table = page[page.index("| function | of what") : page.index("Where a law does something else")]
+    told = {name for row in table.splitlines()[2:] for name in re.findall(r"`(\w+)`", row.split("|")[1] if row else "")}
+    words = {name for name, f in vars(scalar).items() if inspect.isfunction(f) and name[0] != "_"}
+    assert told - {"abs"} == words

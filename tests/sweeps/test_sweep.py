@@ -200,7 +200,7 @@ LARGE = {"count": 4000, "chunk": 20, "duration": 0.02}
 @pytest.mark.long
 def test_by_dask(tmp_path):
     """A cluster of Dask is an executor like any other: one of its workers dies, and the bytes are the same."""
-    distributed = pytest.importorskip("distributed", reason="needs distributed: pip install distributed")
+    distributed = pytest.importorskip("distributed", reason="needs distributed: pip install 'holdfast[dask]'")
     several = LARGE | {"count": 600}
     expected = data(small_sweep(tmp_path / "undisturbed", **several).folder)
     local = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "local_directory": str(tmp_path)}

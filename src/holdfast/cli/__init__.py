@@ -1,4 +1,4 @@
-"""The command line: `holdfast solve | diagnose | simulate | view | plot | export | bench | ...`.
+"""The command line: `holdfast solve | diagnose | simulate | view | plot | export | export-c | bench | ...`.
 
 Exit codes: 0; 2 bad input; 3 physics refused, or nothing was solved; 70 a fault of this program; 71 not enough
 memory; 74 stdout cannot be written; 130 interrupted; 141 the reader of stdout has gone.

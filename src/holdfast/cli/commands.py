@@ -23,10 +23,12 @@ Folder = Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")]
 Name = Annotated[str, tyro.conf.arg(metavar="NAME")]
 ResultFolders = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RESULT ...")]
 Changes = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(name="set", metavar="KEY=VALUE")]
+Swept = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE|FOLDER")]
 Target = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RESULT|SCENE")]
 OutFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 Seconds = Annotated[float | None, tyro.conf.arg(metavar="SECONDS")]
 OptionalName = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
+Names = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="NAME")]
 Format = Literal["table", "json"]
 TableFormat = Literal["csv", "parquet", "mcap"]
 Switch = tyro.conf.FlagCreatePairsOff[bool]
@@ -107,6 +109,33 @@ def simulate(
     return command.simulate(scene, out, overwrite, plots, resume, trust_xacro, sample_time, delay, changes, json)
 
 
+def sweep(
+    target: Swept,
+    out: Folder = None,
+    workers: int = 1,
+    cluster: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None,
+    run: Annotated[int | None, tyro.conf.arg(metavar="NUMBER")] = None,
+    changes: Changes = (),
+    json: Switch = False,
+    trust_xacro: Switch = False,
+) -> int:
+    """Run the sweep that a scene describes, or go on with it: many runs, kept in a folder.
+
+    Args:
+        target: a scene with a [sweep] table, - for stdin; or the folder of a sweep.
+        out: the folder of the scene's sweep; what it has already is not computed again.
+        workers: how many processes of this computer.
+        cluster: of Dask: the address of its scheduler, tcp://...; or local, of so many workers here.
+        run: write this run alone as a result folder in that of the sweep, to be viewed and plotted.
+        changes: set a key of the scene, such as sweep.count=1000; may be repeated.
+        json: print one JSON document instead of tables.
+        trust_xacro: expand xacro files that the scene names; that runs the Python in them.
+    """
+    from holdfast.cli import sweep as command
+
+    return command.sweep(target, out, workers, cluster, run, changes, json, trust_xacro)
+
+
 def export(
     results: ResultFolders = (),
     format: TableFormat = "csv",
@@ -128,6 +157,47 @@ def export(
     from holdfast.cli import results as command
 
     return command.export(results, format, out, overwrite, trust_xacro, json)
+
+
+def export_c(
+    scene: SceneFile,
+    out: Folder = None,
+    name: OptionalName = None,
+    function: Names = (),
+    target: Literal["x86-64-v2", "x86-64-v3", "x86-64-v4", "aarch64"] = "x86-64-v3",
+    source: Switch = False,
+    scheme: Literal["rk4", "midpoint", "imex"] = "rk4",
+    of: Names = (),
+    by: Names = (),
+    overwrite: bool = False,
+    changes: Changes = (),
+    json: Switch = False,
+    trust_xacro: Switch = False,
+) -> int:
+    """Write a scene's dynamics, a time step and its controller as C or object files that run without Python.
+
+    Args:
+        scene: the scene, TOML; - for stdin.
+        out: the folder to write; code/<scene> without it.
+        name: prefix of all names in C; the scene's without it.
+        function: one of forward_dynamics, inverse_dynamics, project, step, control (the scene's controller),
+            forward_dynamics_jacobian and others, which the documentation lists; may be repeated.
+        target: the processor, under Linux.
+        source: write C11 instead of an object file.
+        scheme: of a step; imex for joints with stiff springs or dampers.
+        of: a result of derivatives, qdd without it; may be repeated.
+        by: an argument of derivatives, q, qd and tau without it; may be repeated.
+        overwrite: replace an earlier export.
+        changes: set a key of the scene, such as simulation.step=0.001; may be repeated.
+        json: print one JSON document instead of a table.
+        trust_xacro: expand xacro files that the scene names; that runs the Python in them.
+    """
+    from holdfast.cli import export_c as command
+
+    arguments = of or ("qdd",), by or ("q", "qd", "tau")
+    return command.export_code(
+        scene, out, name, function, target, source, scheme, *arguments, overwrite, changes, json, trust_xacro
+    )
 
 
 def summary(results: ResultFolders = (), json: Switch = False, trust_xacro: Switch = False) -> int:
@@ -232,8 +302,8 @@ def doctor(json: Switch = False) -> int:
 
 
 COMMANDS: dict[str, Callable[..., int]] = {
-    command.__name__: command
-    for command in (solve, diagnose, simulate, summary, plot, view, export, bench, methods, doctor)
+    command.__name__.replace("_", "-"): command
+    for command in (solve, diagnose, simulate, sweep, summary, plot, view, export, export_c, bench, methods, doctor)
 }
 
 
@@ -259,6 +329,9 @@ def run(arguments: list[str]) -> int:
     return call if isinstance(call, int) else call()
 
 
+_REPEATABLE = ("--set", "--function", "--of", "--by")
+
+
 def _refuse_repeated(arguments: list[str]) -> None:
     """Refuse an option that is given twice, also as `--plots` and `--no-plots`: only one of them could be obeyed.
 
@@ -269,7 +342,7 @@ def _refuse_repeated(arguments: list[str]) -> None:
     for k, argument in enumerate(arguments):
         if argument == "--":
             break
-        if not argument.startswith("--") or argument.partition("=")[0] == "--set":
+        if not argument.startswith("--") or argument.partition("=")[0] in _REPEATABLE:
             continue
         name, equals, value = argument.partition("=")
         after = arguments[k + 1] if not equals and k + 1 < len(arguments) else ""

@@ -102,7 +102,7 @@ def scenario_of(result: Result, trust_xacro: bool = False) -> Scenario:
         SceneError, ClosureError: it, or a robot file that it names, cannot be read any more.
     """
     scene, meta = result.folder / "scene.toml", result.meta
-    robots = kept_robots(result.folder, meta)
+    robots = kept_robots(result.folder, meta.robots)
     scenario = load_scene(scene, meta.scene_folder or None, trust_xacro=trust_xacro, robots=robots)
     joints = scenario.chain.joint_names()
     if joints != meta.joints:

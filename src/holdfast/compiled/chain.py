@@ -7,7 +7,8 @@ import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, get_args
+from os import PathLike
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
@@ -31,6 +32,9 @@ from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
+
+if TYPE_CHECKING:
+    from holdfast.codegen.export import ExportedCode
 
 _INPUTS = ("q", "qd", "tau", "object_pose", "object_twist")
 _DOC = "Return accelerations and grasp forces; see `CompiledChain.forward_dynamics`."
@@ -181,6 +185,20 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
         if not self.options.base_motion and any(name in arrays_or_parameters for name in MOVING):
             return self.moving.bind(**arrays_or_parameters)
         return BoundDynamics(self, self._kernel, self._own, arrays_or_parameters)
+
+    def export(self, folder: str | PathLike[str], **options: Any) -> ExportedCode:
+        """Write computations of the chain as C or object files that run without Python.
+
+        Args:
+            folder: where to.
+            **options: as for `holdfast.codegen.export_c`: name, functions, laws, target, source, state and others.
+
+        Raises:
+            HoldfastError: as there.
+        """
+        from holdfast.codegen.export import export_c
+
+        return export_c(self, folder, **options)
 
     @cached_property
     def moving(self) -> CompiledChain:

@@ -190,14 +190,15 @@ class ChainDerivatives:
         code = self._derivatives(kind, of, by, arrays_or_parameters)
         return BoundDerivatives(self, code, arrays_or_parameters)  # type: ignore[arg-type]
 
-    def _derivatives(
-        self,
-        kind: Literal["vjp", "jvp", "jacobian"],
-        of: Sequence[str],
-        by: Sequence[str],
-        parameters: Mapping[str, Any],
-    ) -> CompiledDerivatives:
-        """Return the code for some derivatives, compiled when first asked for."""
+    def derivative_request(
+        self, kind: Literal["vjp", "jvp", "jacobian"], of: Sequence[str], by: Sequence[str]
+    ) -> Request:
+        """Return which derivatives are asked for.
+
+        Raises:
+            StateError: unknown names.
+            NotCompiledError: machine code has none of this chain.
+        """
         what = f"forward_dynamics_{kind}"
         lacking = without_derivatives(self.chain)
         if lacking:
@@ -215,7 +216,17 @@ class ChainDerivatives:
             for name in names:
                 if name not in known:
                     raise StateError(f"{what}: {side}: no {name!r}.{checks.did_you_mean(str(name), known)}")
-        request = Request(kind, tuple(n for n in results if n in of), tuple(n for n in arguments if n in by))
+        return Request(kind, tuple(n for n in results if n in of), tuple(n for n in arguments if n in by))
+
+    def _derivatives(
+        self,
+        kind: Literal["vjp", "jvp", "jacobian"],
+        of: Sequence[str],
+        by: Sequence[str],
+        parameters: Mapping[str, Any],
+    ) -> CompiledDerivatives:
+        """Return the code for some derivatives, compiled when first asked for."""
+        request = self.derivative_request(kind, of, by)
         key = request, any(name in MOVING for name in parameters)
         made: dict[tuple[Request, bool], CompiledDerivatives] = self.__dict__.setdefault("_derivatives_made", {})
         if key not in made:

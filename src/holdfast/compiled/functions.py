@@ -72,16 +72,7 @@ class ChainFunctions:
             NotCompiledError: the chain has springs between bodies or bushings, whose forces these arguments do not
                 tell, or a floating base.
         """
-        if self.chain.floats:
-            raise NotCompiledError(
-                "compile: 'inverse_dynamics' of a chain whose base floats runs as reference only, which tells whether"
-                " the base, that has no drive, could accelerate so; holdfast.inverse_dynamics computes it"
-            )
-        if self.chain.springs or self.chain.bushings:
-            raise NotCompiledError(
-                "compile: 'inverse_dynamics' of a chain with springs between bodies or bushings runs as reference only,"
-                " since they ask where the object is; holdfast.inverse_dynamics computes it from the chain"
-            )
+        require_inverse(self.chain)
         f = arrays.floats("grasp_wrench", grasp_wrench, (len(self.chain.arms), 6))
         self._require_holding(f)
         return self._function("inverse_dynamics")((q, qd, qdd, f), parameters, threads)["tau"]
@@ -356,3 +347,21 @@ class ChainFunctions:
                 raise StateError(
                     f"grasp_wrench: arm '{name}' holds nothing, expected zeros, got {loads[loaded[0]]}{where}"
                 )
+
+
+def require_inverse(chain: ClosedChain) -> None:
+    """Refuse inverse dynamics of chains that machine code has it not of.
+
+    Raises:
+        NotCompiledError: saying why.
+    """
+    if chain.floats:
+        raise NotCompiledError(
+            "compile: 'inverse_dynamics' of a chain whose base floats runs as reference only, which tells whether"
+            " the base, that has no drive, could accelerate so; holdfast.inverse_dynamics computes it"
+        )
+    if chain.springs or chain.bushings:
+        raise NotCompiledError(
+            "compile: 'inverse_dynamics' of a chain with springs between bodies or bushings runs as reference only,"
+            " since they ask where the object is; holdfast.inverse_dynamics computes it from the chain"
+        )

@@ -1,4 +1,4 @@
-"""A program as interpreter and machine run it: sines and cosines written out, products taken into sums.
+"""A program as interpreter and machine run it: sines, exponentials and their kin written out, products taken into sums.
 
 A product and the sum that takes it up become one operation, rounded once: fma(a, b, c) = a b + c.
 """
@@ -7,19 +7,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from holdfast.compiler import trigonometry
+from holdfast.compiler import exponential, trigonometry
 from holdfast.compiler.graph import Graph, Value
 from holdfast.compiler.node import Node
 from holdfast.compiler.program import Output, Program, pruned
 from holdfast.compiler.trace import program_of
 
+_WRITTEN: dict[str, Callable[[Value], Value]] = {
+    "sin": trigonometry.sin,
+    "cos": trigonometry.cos,
+    "exp": exponential.exp,
+    "tanh": exponential.tanh,
+}
+
 
 def expand(program: Program) -> Program:
-    """Return the program with sines and cosines written out; it is the same one if there are none."""
-    if not program.counts["sin"] and not program.counts["cos"]:
+    """Return the program with sines, exponentials and their kin written out; it is the same one if there are none."""
+    if not any(program.counts[kind] for kind in _WRITTEN):
         return program
     graph = Graph()
-    values = _replayed(program, graph, {"sin": trigonometry.sin, "cos": trigonometry.cos})
+    values = _replayed(program, graph, _WRITTEN)
     return program_of(graph, program.input_shapes, [_result(graph, values, output) for output in program.outputs])
 
 

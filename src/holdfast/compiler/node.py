@@ -45,7 +45,7 @@ class Node:
     Attributes:
         graph: where it lives.
         serial: its place in the order of making.
-        kind: `input`, `constant` or an operation of `arithmetic.OPERATIONS`, `sin`, `cos`.
+        kind: `input`, `constant` or an operation of `arithmetic.OPERATIONS`, `sin`, `cos`, `exp`, `tanh`.
         args: the operands.
         value: the number, of a constant.
     """
@@ -111,6 +111,14 @@ class Node:
         """Return the cosine."""
         return self.graph.apply("cos", self)
 
+    def exp(self) -> Any:
+        """Return the exponential."""
+        return self.graph.apply("exp", self)
+
+    def tanh(self) -> Any:
+        """Return the hyperbolic tangent."""
+        return self.graph.apply("tanh", self)
+
     def fma(self, b: Any, c: Any) -> Any:
         """Return self b + c, rounded once."""
         return self.graph.apply("fma", self, _operand(b), _operand(c))
@@ -122,7 +130,7 @@ class Node:
         return self.graph.apply("select", self, _operand(a), _operand(b))
 
     __hash__ = object.__hash__
-    _choose = "try where(condition, a, b)"
+    _choose = "try where(condition, a, b), minimum, maximum or clip of holdfast.spatial.scalar"
     __bool__ = _misuse("the truth (`if`, `and`, `not`, max, sorting)", _choose)
     __eq__ = _misuse("equality (==, in)", "compare with < or <=, or with `is` for identity")  # type: ignore[assignment]
     __ne__ = _misuse("inequality (!=)", "compare with < or <=")  # type: ignore[assignment]

@@ -63,13 +63,23 @@ def compile_law(controller: Controller | ControlLaw, chain: ClosedChain | None =
     if not isinstance(known, ClosedChain):
         got = "none" if known is None else type(known).__name__
         raise ModelError(f"compile_law: chain: expected the ClosedChain whose joints the law drives, got {got}")
-    law = controller if isinstance(controller, ControlLaw) else law_of(controller, known)
+    law, values = law_and_values(controller, known)
+    return CompiledLaw(law, known, values)
+
+
+def law_and_values(controller: Controller | ControlLaw, chain: ClosedChain) -> tuple[ControlLaw, Mapping[str, Array]]:
+    """Return the law of a controller of a chain, and its parameters' values as far as they are given.
+
+    Raises:
+        MethodNotApplicable: a function that cannot be traced.
+    """
+    law = controller if isinstance(controller, ControlLaw) else law_of(controller, chain)
     if law is None:
         raise MethodNotApplicable(
             f"compile_law: expected a ControlLaw or a ready-made controller, got {type(controller).__name__}, which"
             " cannot be traced; try ControlLaw(torque), torque written with the words of holdfast.spatial.scalar"
         )
-    return CompiledLaw(law, known, controller.values if isinstance(controller, GivenLaw) else {})
+    return law, controller.values if isinstance(controller, GivenLaw) else {}
 
 
 class CompiledLaw:
@@ -84,11 +94,11 @@ class CompiledLaw:
     def __init__(self, law: ControlLaw, chain: ClosedChain, values: Mapping[str, Array]) -> None:
         self.law, self.chain, self.values = law, chain, dict(values)
         self._fields, self._lock = state_fields(chain), threading.Lock()
-        self._externals = _externals(law, chain)
+        self._externals = law_externals(law, chain)
         key = f"{law.key}/{list(law.parameters.items())}/{len(law.memory)}" if law.key else ""
         structure = Structure(chain, Options())
         key = key and f"{key_of(f'law/{key}', structure, *ROOMS)}/{chain.joint_count}"
-        self._kernel = Kernel(self._externals, lambda: _schedule(law, chain), key)
+        self._kernel = Kernel(self._externals, lambda: law_schedule(law, chain), key)
         self._largest = largest_positions(chain)
         self._ranks = {name: len(e.shape) for name, e in self._externals.items()}
 
@@ -271,7 +281,7 @@ class BoundLaw:
             self.arrays["memory"][...] = self.arrays["kept"]
 
 
-def _externals(law: ControlLaw, chain: ClosedChain) -> dict[str, External]:
+def law_externals(law: ControlLaw, chain: ClosedChain) -> dict[str, External]:
     """Return the arrays of a law: time, state, memory and parameters in; torques and memory out."""
     own: dict[str, Shape] = {"t": (), "memory": (len(law.memory),), "kept": (len(law.memory),)}
     size = shapes(chain) | own | {name: tuple(shape) for name, shape in law.parameters.items()}
@@ -282,7 +292,7 @@ def _externals(law: ControlLaw, chain: ClosedChain) -> dict[str, External]:
     return externals(inputs, (), ["tau", *(["kept"] if remembers else [])], size)
 
 
-def _schedule(law: ControlLaw, chain: ClosedChain) -> Schedule:
+def law_schedule(law: ControlLaw, chain: ClosedChain) -> Schedule:
     """Return what a law computes of its arrays."""
 
     def outputs(x: Given) -> dict[str, Array]:
@@ -291,7 +301,7 @@ def _schedule(law: ControlLaw, chain: ClosedChain) -> Schedule:
         tau, kept = law_outputs(law, chain, x["t"][()], state, x.get("memory", np.zeros(0)), given)
         return {"tau": tau, "kept": kept} if len(law.memory) else {"tau": tau}
 
-    return traced(_externals(law, chain), outputs)
+    return traced(law_externals(law, chain), outputs)
 
 
 def _require_names(given: Mapping[str, Any], inputs: Mapping[str, Shape], every: bool = True) -> None:

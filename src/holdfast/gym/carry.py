@@ -33,6 +33,7 @@ from holdfast.state import State
 
 MARGIN = 100.0  # N: bound of observed margins
 TENFOLD = 10.0  # of the bound on internal forces: that of observed forces
+BESIDE = 1e-6  # rad, m: of the object, where a path may begin
 ACCELERATION = 20.0  # rad/s^2, m/s^2: bound of observed accelerations
 
 
@@ -151,6 +152,7 @@ class CarryTask(Frozen, Task):
             got = type(self.path).__name__
             raise ModelError(f"{what}: path: expected a path such as RestToRest(...), or a function of time, got {got}")
         put(self, "path", path)
+        self._require_beginning(what)
         for name in ("duration", "largest_internal", "crushing_internal", "lost", "lost_angle"):
             put(self, name, positive(self, name, what))
         for name in ("settle", "squeeze_span", "joint_damping", "path_reward", "internal_cost"):
@@ -158,6 +160,21 @@ class CarryTask(Frozen, Task):
         put(self, "squeeze", checks.number(self.squeeze, f"{what}: squeeze"))
         if self.lost_angle >= np.pi:
             raise ModelError(f"{what}: lost_angle: expected less than pi, got {self.lost_angle:g}")
+
+    def _require_beginning(self, what: str) -> None:
+        """Refuse a path that is none, or that begins elsewhere than the object."""
+        if self.path is None:
+            return
+        first = self.path(0.0)  # type: ignore[operator]
+        if not isinstance(first, Target):
+            got = type(first).__name__
+            raise ModelError(f"{what}: path: expected t -> control.paths.Target (pose, twist, acceleration), got {got}")
+        gap = float(np.abs(looks.away(first.pose, self.state.object_frame)).max())
+        if not gap <= BESIDE:
+            raise ModelError(
+                f"{what}: path: expected one that begins where the object is, got one that begins {gap:.3g} (m or rad)"
+                " beside it; try RestToRest(state.object_frame, ...)"
+            )
 
     @property
     def action_size(self) -> int:

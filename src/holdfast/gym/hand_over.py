@@ -30,7 +30,7 @@ from holdfast.simulation.rollout.compile_rollout import compile_rollout
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.spatial import rotation
 from holdfast.spatial.converted import NOT_GIVEN, ArrayField, OptionalArrayField, making
-from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.frozen import Frozen, FrozenDict, read_only
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, array, where
 from holdfast.spatial.spatial_vector import shift_twist
@@ -69,9 +69,9 @@ class HandOverTask(Frozen, Task):
 
     Reward of a control step of length dt: dt times `reach_reward` / (1 + (turn / capture_angle)^2 + (distance /
     capture)^2) of the gap, all of it once the receiver holds; once the giver has let go, dt times `goal_reward`
-    likewise of the way to the goal, by `tolerance_angle` and `tolerance`, besides; less dt times `internal_cost` times what the
-    internal force exceeds `largest_internal` by, in parts of it; less dt times `effort_cost` times the mean square of
-    the torques' actions. Once, less `impact_cost` times the speed between tip and place as it grips; plus
+    likewise of the way to the goal, by `tolerance_angle` and `tolerance`, besides; less dt times `internal_cost` times
+    what the internal force exceeds `largest_internal` by, in parts of it; less dt times `effort_cost` times the mean
+    square of the torques' actions. Once, less `impact_cost` times the speed between tip and place as it grips; plus
     `success_reward` at the goal; less `failure_cost` where the episode terminates otherwise.
 
     Terminated with success when the giver has let go and the object is at its goal within the tolerances, slower
@@ -274,7 +274,7 @@ class HandOverTask(Frozen, Task):
     @cached_property
     def _bases(self) -> Mapping[str, Array]:
         own = parameters_of(self.chain, None)
-        return {name: own[name] for name in ("base_R", "base_p")}
+        return FrozenDict({name: read_only(own[name]) for name in ("base_R", "base_p")})
 
     @cached_property
     def tip_on_object(self) -> Pose:

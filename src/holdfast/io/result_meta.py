@@ -206,14 +206,14 @@ def kept_files(sources: Mapping[str, Source]) -> tuple[dict[str, RobotRecord], d
     return records, files
 
 
-def kept_robots(folder: Path, meta: ResultMeta) -> dict[str, Source]:
+def kept_robots(folder: Path, records: Mapping[str, RobotRecord]) -> dict[str, Source]:
     """Return the URDF of each arm that is out of a file, as it was simulated.
 
     Raises:
         ResultError: one is missing, or is not the one that was simulated.
     """
     found = {}
-    for arm, record in meta.robots.items():
+    for arm, record in records.items():
         path = folder / record.file
         content = read_bytes(path)
         if sha256(content) != record.sha256:

@@ -24,7 +24,7 @@ def setting_of(folder: Path, meta: ResultMeta) -> Setting:
     else:
         from holdfast.scenario.build import load_scene
 
-        robots = kept_robots(folder, meta)
+        robots = kept_robots(folder, meta.robots)
         scenario = load_scene(folder / "scene.toml", meta.scene_folder or None, robots=robots)
         chain, moved = scenario.chain, scenario.options.get("base_motion", {})
     if (joints := chain.joint_names()) != meta.joints:

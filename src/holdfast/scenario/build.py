@@ -30,7 +30,7 @@ from holdfast.scenario.names import require_names
 from holdfast.scenario.overrides import overridden, toml_text
 from holdfast.scenario.poses import pose
 from holdfast.scenario.robots import Robot, RobotFiles, robot
-from holdfast.scenario.scene import ArmData, ReleaseData, SceneData
+from holdfast.scenario.scene import ArmData, ReleaseData, SceneData, SweepData
 from holdfast.scenario.surroundings import SwayingBase, pushes, swaying_base
 from holdfast.scenario.trunks import SceneTrunk, scene_trunk
 from holdfast.simulation.adaptive import Tolerance
@@ -61,6 +61,7 @@ class Scenario:
         robots: what the arms are made from, by name.
         options: the other arguments of `simulate`, by keyword.
         trunk: what the trunk is made from; None without one.
+        sweep: what differs from run to run of a sweep, as the scene has it; None without one.
     """
 
     name: str
@@ -73,6 +74,7 @@ class Scenario:
     robots: dict[str, Robot]
     options: dict[str, Any] = field(default_factory=dict)
     trunk: SceneTrunk | None = None
+    sweep: SweepData | None = None
 
     @property
     def made(self) -> dict[str, Robot | SceneTrunk]:
@@ -170,7 +172,7 @@ def build_scene(
     controller = parts.controller(data.controller, chain, state, at / "controller")
     options = build_options(data, chain, at)
     how = data.simulation
-    return Scenario(name, text, chain, state, controller, how.duration, how.step, robots, options, trunk)
+    return Scenario(name, text, chain, state, controller, how.duration, how.step, robots, options, trunk, data.sweep)
 
 
 def build_robots(data: SceneData, files: RobotFiles, at: Location) -> tuple[SceneTrunk | None, dict[str, Robot]]:

@@ -292,6 +292,40 @@ class SimulationData(_Strict):
     breakpoints: list[float] = []
 
 
+Numbers = float | list[float | list[float]]
+
+
+class UniformData(_Strict, tag_field="type", tag="uniform"):
+    """Every number drawn uniformly between two bounds."""
+
+    low: Numbers
+    high: Numbers
+
+
+class NormalData(_Strict, tag_field="type", tag="normal"):
+    """Every number drawn normally."""
+
+    mean: Numbers
+    deviation: Numbers
+
+
+class NearPoseData(_Strict, tag_field="type", tag="near_pose"):
+    """Poses near those that the scene has, turned and shifted in their own axes by up to so much per coordinate."""
+
+    turn: float = 0.0
+    shift: float = 0.0
+
+
+class SweepData(_Strict):
+    """Many runs of the scene by `holdfast sweep`: how many, what differs from run to run, what is kept of each."""
+
+    count: int
+    parameters: dict[str, UniformData | NormalData | NearPoseData | Numbers | Literal["scale"]]
+    seed: int = 0
+    chunk: int = 1000
+    outputs: list[str] | None = None
+
+
 class SceneData(_Strict):
     """A scene: arms, what they stand on, the object they hold, a controller, and how long to simulate."""
 
@@ -304,5 +338,6 @@ class SceneData(_Strict):
     events: list[AttachData | ReleaseData] = []
     wrenches: list[WrenchData] = []
     springs: list[SpringData] = []
+    sweep: SweepData | None = None
     gravity: Vector3 = STANDARD_GRAVITY
     name: str = ""

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.spatial.linear import Linear, Result, Rule, Ruled, Step, array_of
-from holdfast.spatial.scalar import Array, Scalar, cos, exp, sin, sqrt, where
+from holdfast.spatial.scalar import Array, Scalar, cos, exp, sin, sqrt, tanh, where
 
 _levels = count(1)  # of derivatives within derivatives: a later one lies outside
 
@@ -47,6 +47,7 @@ ABSOLUTE = Operation(abs, (lambda a, _: where(a < 0.0, -1.0, 1.0),))
 SQRT = Operation(sqrt, (_root_slope,))
 SIN = Operation(sin, (lambda a, _: cos(a),))
 EXP = Operation(exp, (lambda _, found: found,))
+TANH = Operation(tanh, (lambda _, found: 1.0 - found * found,))
 COS = Operation(cos, (lambda a, _: -sin(a),))
 CHOOSE = Operation(
     where, (lambda *_: 0.0, lambda c, *_: where(c, 1.0, 0.0), lambda c, *_: where(c, 0.0, 1.0))
@@ -112,6 +113,10 @@ class Recorded:
     def exp(self) -> Any:
         """Return the exponential."""
         return _applied(EXP, self)
+
+    def tanh(self) -> Any:
+        """Return the hyperbolic tangent."""
+        return _applied(TANH, self)
 
     def sin(self) -> Any:
         """Return the sine."""

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 Scalar = Any
 Array = NDArray[Any]
 _ARRAYS = (np.ndarray, list, tuple)
+_LARGEST_EXPONENT = 709.782712893384  # log of the largest float
 
 
 class Loops(Protocol):
@@ -81,10 +82,19 @@ def sqrt(x: Scalar) -> Scalar:
 
 
 def exp(x: Scalar) -> Scalar:
-    """Return the exponential; of floats and within derivatives: machine code has none."""
+    """Return the exponential; infinite where it overflows."""
     if isinstance(x, _ARRAYS):
         return _entrywise(exp, x)
-    return x.exp() if hasattr(x, "exp") else math.exp(x)
+    if hasattr(x, "exp"):
+        return x.exp()
+    return math.inf if x > _LARGEST_EXPONENT else math.exp(x)
+
+
+def tanh(x: Scalar) -> Scalar:
+    """Return the hyperbolic tangent, which goes smoothly from -1 to 1: a soft limit."""
+    if isinstance(x, _ARRAYS):
+        return _entrywise(tanh, x)
+    return x.tanh() if hasattr(x, "tanh") else math.tanh(x)
 
 
 def reciprocal(x: Scalar) -> Scalar:
@@ -137,6 +147,11 @@ def minimum(a: Scalar, b: Scalar) -> Scalar:
     if isinstance(a, _ARRAYS) or isinstance(b, _ARRAYS):
         return _entrywise(minimum, a, b, on_floats=lambda a, b: np.where(a < b, a, b))
     return where(a < b, a, b)
+
+
+def clip(x: Scalar, low: Scalar, high: Scalar) -> Scalar:
+    """Return x, or the limit that it is beyond."""
+    return minimum(maximum(x, low), high)
 
 
 def array(entries: Any) -> Array:

@@ -11,13 +11,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from holdfast.errors import MissingExtra
+from holdfast.errors import MissingExtra, ResultError
 from holdfast.io.columns import labels_of
 from holdfast.io.save_run import meta_of
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.rollout.systems import RolloutRecord
 from holdfast.simulation.setting import Setting
 from holdfast.spatial.scalar import Array
+from holdfast.sweeps.plan import made_by
 
 
 class Task(NamedTuple):
@@ -32,6 +33,7 @@ class Task(NamedTuple):
         duration, step, options: of `Rollout.run`.
         outputs: what is kept of the end.
         plan: the digest of the plan.
+        made_by: libraries and processor, as `made_by` says of the process that planned.
     """
 
     number: int
@@ -44,6 +46,7 @@ class Task(NamedTuple):
     options: Mapping[str, Any]
     outputs: tuple[str, ...]
     plan: str
+    made_by: Mapping[str, Any]
 
 
 class Computed(NamedTuple):
@@ -68,8 +71,17 @@ _UNPACKED: dict[bytes, Rollout] = {}  # of this process, the last one
 
 
 def compute(task: Task) -> Computed:
-    """Return what comes of a chunk; the bytes are those of any process that computes it."""
+    """Return what comes of a chunk; the bytes are those of any process that computes it.
+
+    Raises:
+        ResultError: this process has other libraries than the one that planned.
+    """
     begun = time.perf_counter()
+    if task.made_by != made_by():
+        raise ResultError(
+            f"sweep: expected workers with {_listed(task.made_by)}, on which the last bits depend, got one with"
+            f" {_listed(made_by())}; try the same installation on all computers"
+        )
     rollout = _unpacked(task.rollout)
     systems = rollout.start(**task.rows)
     record = rollout.run(
@@ -128,11 +140,18 @@ def _titled(name: str, rows: Array) -> dict[str, Array]:
     return {f"{name}{place}": x for place, x in zip(places, rows.reshape(len(rows), -1).T, strict=True)}
 
 
+def _listed(made: Mapping[str, Any]) -> str:
+    """Return libraries and processor as words."""
+    return ", ".join([*(f"{name} {number}" for name, number in made["versions"].items()), made["processor"]])
+
+
 def _unpacked(rollout: bytes) -> Rollout:
-    if rollout not in _UNPACKED:
-        _UNPACKED.clear()
-        _UNPACKED[rollout] = pickle.loads(rollout)
-    return _UNPACKED[rollout]
+    found = _UNPACKED.get(rollout)
+    if found is None:
+        found = pickle.loads(rollout)
+        _UNPACKED.clear()  # threads of other sweeps may be at it too
+        _UNPACKED[rollout] = found
+    return found
 
 
 def _steps(duration: float, step: float) -> int:

@@ -62,7 +62,8 @@ class Uniform(Frozen):
         low, high = fitted(f"{name}: low", self.low, shape), fitted(f"{name}: high", self.high, shape)
         if not (low <= high).all():
             raise StateError(f"{name}: expected low <= high, got Uniform({self.low!r}, {self.high!r})")
-        return low + (high - low) * u.reshape(-1, *shape)
+        with np.errstate(over="ignore"):
+            return _finite(name, low + (high - low) * u.reshape(-1, *shape))
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +93,8 @@ class Normal(Frozen):
         deviation = fitted(f"{name}: deviation", self.deviation, shape)
         if not (deviation >= 0.0).all():
             raise StateError(f"{name}: expected a deviation >= 0, got {self.deviation!r}")
-        return mean + deviation * ndtri(np.maximum(u, 2.0**-54)).reshape(-1, *shape)
+        with np.errstate(over="ignore"):
+            return _finite(name, mean + deviation * ndtri(np.maximum(u, 2.0**-54)).reshape(-1, *shape))
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,20 +129,42 @@ class NearPose(Frozen):
         size = np.repeat([float(fitted(f"{name}: {n}", getattr(self, n), ())) for n in ("turn", "shift")], 3)
         if not (size >= 0.0).all():
             raise StateError(f"{name}: expected turn and shift >= 0, got {self.turn!r} and {self.shift!r}")
-        norm = np.linalg.norm(pose[..., :4], axis=-1, keepdims=True)
-        if not (norm > 0.0).all():
-            raise StateError(f"{name}: pose: expected quaternions (wxyz first), got one of length zero")
-        away = size * (2.0 * u.reshape(-1, *shape[:-1], 6) - 1.0)
-        wxyz = np.broadcast_to(pose[..., :4] / norm, (len(away), *shape[:-1], 4))
-        half = 0.5 * np.linalg.norm(away[..., :3], axis=-1, keepdims=True)
-        turned = _product(wxyz, np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * away[..., :3]], axis=-1))
-        vector, scalar = wxyz[..., 1:], wxyz[..., :1]
-        across = 2.0 * np.cross(vector, away[..., 3:])
-        moved = away[..., 3:] + scalar * across + np.cross(vector, across)
-        return np.concatenate([turned, pose[..., 4:] + moved], axis=-1)
+        with np.errstate(all="ignore"):
+            return _finite(name, _near(name, pose, size * (2.0 * u.reshape(-1, *shape[:-1], 6) - 1.0)))
 
 
 Distribution = Uniform | Normal | NearPose
+
+
+def _finite(name: str, draws: Array) -> Array:
+    """Return draws.
+
+    Raises:
+        StateError: some are beyond all numbers.
+    """
+    if not np.isfinite(draws).all():
+        raise StateError(
+            f"{name}: expected a distribution of finite numbers, got one that overflows; try a narrower one"
+        )
+    return draws
+
+
+def _near(name: str, pose: Array, away: Array) -> Array:
+    """Return poses (..., 7) turned and shifted in their own axes by coordinates (runs, ..., 6).
+
+    Raises:
+        StateError: a quaternion of length zero.
+    """
+    norm = np.linalg.norm(pose[..., :4], axis=-1, keepdims=True)
+    if not (norm > 0.0).all():
+        raise StateError(f"{name}: pose: expected quaternions (wxyz first), got one of length zero")
+    wxyz = np.broadcast_to(pose[..., :4] / norm, (len(away), *pose.shape[:-1], 4))
+    half = 0.5 * np.linalg.norm(away[..., :3], axis=-1, keepdims=True)
+    turned = _product(wxyz, np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * away[..., :3]], axis=-1))
+    vector, scalar = wxyz[..., 1:], wxyz[..., :1]
+    across = 2.0 * np.cross(vector, away[..., 3:])
+    moved = away[..., 3:] + scalar * across + np.cross(vector, across)
+    return np.concatenate([turned, pose[..., 4:] + moved], axis=-1)
 
 
 def _product(a: Array, b: Array) -> Array:

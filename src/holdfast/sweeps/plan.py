@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
@@ -13,10 +14,13 @@ from typing import Any
 import numpy as np
 
 from holdfast.compiled.externals import state_fields
+from holdfast.control.controller import ControlLaw
 from holdfast.errors import StateError
 from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import fingerprint
-from holdfast.simulation.rollout.arguments import CHAINS, whole_number
+from holdfast.simulation.rollout.arguments import CHAINS, number, stop_margins, whole_number, whole_steps
+from holdfast.simulation.rollout.compile_rollout import compile_rollout
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.rollout.systems import RolloutSystems
 from holdfast.simulation.rollout.user_functions import law_program
@@ -25,7 +29,10 @@ from holdfast.spatial.real_numbers import numbers
 from holdfast.state import State
 from holdfast.sweeps.distributions import Distribution, uniforms
 
+OUTPUTS = ("object_pose", "object_twist", "grasp_wrench", "worst_margin")
 MOST_RUNS = 10**12
+LARGEST_CHUNK = 10**6
+LARGEST_SEED = 2**63
 OWN = ("status", "stopped")  # columns that every sweep has
 TRIED = 64  # runs among which one must begin on its grasps
 
@@ -110,9 +117,75 @@ class Plan(Frozen):
             "scheme": rollout.scheme,
             "options": dict(self.options),
             "outputs": list(self.outputs),
-            "versions": {name: version(name) for name in ("holdfast", "numpy", "scipy", "llvmlite", "pyarrow")},
-            "processor": platform.machine(),
+            **made_by(),
         }
+
+    def settled(self, generic_rank: int) -> Plan:
+        """Return the plan with the generic rank that all chunks take."""
+        old = self.rollout
+        parts = (old.base_motion, old.options, old.inputs)
+        rollout = Rollout(old.chain, old.law, old.scheme, generic_rank, *parts)
+        return Plan(**{**vars(self), "rollout": rollout})
+
+
+def plan_of(
+    chain: ClosedChain,
+    law: ControlLaw | None,
+    *,
+    state: State,
+    parameters: Mapping[str, Any],
+    count: int,
+    duration: float,
+    step: float,
+    outputs: Sequence[str] = OUTPUTS,
+    seed: int = 0,
+    chunk: int = 1000,
+    scheme: str = "rk4",
+    least_margin: float = -float("inf"),
+    stop_at_limits: bool = False,
+    largest_drift: float | None = None,
+) -> Plan:
+    """Return the plan of a sweep; the arguments are those of `sweep`.
+
+    Raises:
+        StateError: arguments that do not fit.
+        ModelError, CompileError: as for `compile_rollout`.
+    """
+    rollout = compile_rollout(chain, law, scheme=scheme)
+    if not isinstance(state, State):
+        raise StateError(
+            f"state: expected a State, got {type(state).__name__}; try what `close` or `assemble` returned"
+        )
+    if not isinstance(parameters, Mapping):
+        raise StateError(f"parameters: expected a mapping of names, got {type(parameters).__name__}")
+    options = {"least_margin": least_margin, "stop_at_limits": stop_at_limits, "largest_drift": largest_drift}
+    stop_margins(least_margin, stop_at_limits)
+    runs = bounded("count", count)
+    length, h = number("duration", duration), number("step", step)
+    if h <= 0.0:
+        raise StateError(f"step: expected a positive number of seconds, got {step!r}")
+    whole_steps(length, h)
+    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < LARGEST_SEED:
+        raise StateError(f"seed: expected an integer >= 0, got {seed!r}")
+    return Plan(
+        rollout,
+        state,
+        parsed_samples(rollout, parameters, runs),
+        runs,
+        bounded("chunk", chunk, LARGEST_CHUNK),
+        seed,
+        length,
+        h,
+        parsed_outputs(outputs),
+        {name: x if name != "least_margin" else float(x) for name, x in options.items()},  # pyright: ignore[reportArgumentType]
+    )
+
+
+@functools.cache
+def made_by() -> Mapping[str, Any]:
+    """Return this process's libraries that have a part in the last bit of results, and the kind of its processor."""
+    names = ("holdfast", "numpy", "scipy", "llvmlite", "pyarrow")
+    return {"versions": {name: version(name) for name in names}, "processor": platform.machine()}
 
 
 def digest_of(description: Mapping[str, Any]) -> str:

@@ -20,6 +20,9 @@ from holdfast.sweeps.chunk import pyarrow
 from holdfast.sweeps.plan import Plan
 from holdfast.sweeps.store import chunk_path
 
+OWN_COLUMNS = ("run", "status", "stopped [s]")
+LARGEST_TABLE = 2**23  # numbers in memory at a time
+
 
 class Sweep:
     """What came of a sweep; made by `sweep`.
@@ -104,13 +107,37 @@ class Sweep:
             StateError: no such column, one without numbers, other levels, or no such run.
             ResultError: a file cannot be read.
         """
-        at = np.atleast_1d(numbers(levels, None, "levels", StateError))
-        if not ((at >= 0.0) & (at <= 1.0)).all():
-            raise StateError(f"levels: expected numbers from 0 to 1, got {levels!r}")
+        at = _levels(levels)
         x = self._numbers(self.column(title, status), title)
         if len(x) == 0:
             raise StateError(f"quantiles: expected runs that ended as {status}, got none; there are {self.fates}")
         return np.quantile(x, at, method="inverted_cdf")
+
+    def table(self, levels: Any = (0.0, 0.05, 0.5, 0.95, 1.0), status: str | None = "RUNNING") -> dict[str, Array]:
+        """Return quantiles of every column of numbers that runs end with, (levels,) by title; none without such runs.
+
+        Args:
+            levels: from 0 to 1.
+            status: of which runs; None for all.
+
+        Raises:
+            StateError: other levels.
+            ResultError: a file cannot be read.
+        """
+        at, found = _levels(levels), {}
+        titles = [title for title in self.columns if title not in OWN_COLUMNS and not title.startswith("drawn ")]
+        together = max(1, LARGEST_TABLE // len(self))
+        for k in range(0, len(titles), together):
+            some = titles[k : k + together]
+            parts = [
+                {title: part[title][(part["status"] == status) | (status is None)] for title in some}
+                for part in self.batches([*some, "status"])
+            ]
+            for title in some:
+                x = np.concatenate([part[title] for part in parts])
+                if len(x) and x.dtype.kind in "fi":
+                    found[title] = np.quantile(x, at, method="inverted_cdf")
+        return found
 
     def worst(self, title: str, count: int = 10, *, largest: bool = False) -> list[tuple[int, float]]:
         """Return runs with the smallest entries of a column, smallest first: (run, entry) each.
@@ -183,3 +210,15 @@ class Sweep:
             return read(path)
         except (OSError, arrow.ArrowException) as cause:
             raise ResultError(f"{path}: cannot be read; the same call of `sweep` computes it again") from cause
+
+
+def _levels(levels: Any) -> Array:
+    """Return levels of quantiles.
+
+    Raises:
+        StateError: they are none.
+    """
+    at = np.atleast_1d(numbers(levels, None, "levels", StateError))
+    if not ((at >= 0.0) & (at <= 1.0)).all():
+        raise StateError(f"levels: expected numbers from 0 to 1, got {levels!r}")
+    return at

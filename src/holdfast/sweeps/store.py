@@ -4,6 +4,9 @@
     runs_000000.parquet    a chunk's runs, a row each
     log.jsonl              when which process computed what, a line a chunk
     lock                   held by the process that writes here
+    scene.toml             of a scene's sweep: its text
+    robot_*.urdf           the robots that it takes from files, xacro expanded
+    robots.json            which arm is out of which of them
 
 Every chunk's file is moved into its place whole, so that one that is there is right, and one that is not is computed.
 """
@@ -47,7 +50,8 @@ class Store:
         self._lock = _locked(folder)
         try:
             found = _manifest(folder)
-            if found is None and any(path.name != LOCK for path in folder.iterdir()):
+            own = (LOCK, f"{MANIFEST}.part")  # the second where one died at its first file
+            if found is None and any(path.name not in own for path in folder.iterdir()):
                 raise ResultError(f"{folder}: expected a sweep's folder or an empty one, got other files; try another")
             if found is not None:
                 _require_same(folder, found["plan"], description)
@@ -72,6 +76,16 @@ class Store:
             "plan": self._description,
         }
         write_atomically(self.folder / MANIFEST, json.dumps(content, indent=2).encode() + b"\n")
+
+    def keep_beside(self, files: Mapping[str, bytes]) -> None:
+        """Write files that are not there yet; they are the same for every call of a plan.
+
+        Raises:
+            ResultError: they cannot be written.
+        """
+        for name, content in files.items():
+            if not (self.folder / name).exists():
+                write_atomically(self.folder / name, content)
 
     def holds(self, k: int, rows: int) -> bool:
         """Return whether chunk k is there and whole: a file that cannot be read, or is of another plan, is not."""
@@ -99,6 +113,19 @@ class Store:
     def close(self) -> None:
         """Let others write here."""
         self._lock.close()
+
+
+def stored_rank(folder: Path, plan: Plan) -> int:
+    """Return the generic rank that a folder has for a plan; nothing is written.
+
+    Raises:
+        ResultError: the folder has no sweep, or another plan's.
+    """
+    found = _manifest(folder)
+    if found is None:
+        raise ResultError(f"{folder}: has no {MANIFEST}; expected the folder of a sweep")
+    _require_same(folder, found["plan"], json.loads(json.dumps(plan.description())))
+    return found["generic_rank"]
 
 
 def chunk_path(folder: Path, k: int) -> Path:

@@ -14,21 +14,16 @@ from holdfast.control.controller import ControlLaw
 from holdfast.errors import StateError
 from holdfast.io.files import file_path
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.rollout.arguments import number, stop_margins, whole_steps
-from holdfast.simulation.rollout.compile_rollout import compile_rollout
-from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.state import State
 from holdfast.sweeps.chunk import Computed, Task, pyarrow
-from holdfast.sweeps.plan import Plan, bounded, find_generic_rank, parsed_outputs, parsed_samples
+from holdfast.sweeps.cluster import LOCAL, computed_by_cluster, require_dask
+from holdfast.sweeps.plan import OUTPUTS, Plan, bounded, find_generic_rank, made_by, plan_of
 from holdfast.sweeps.progress import Progress
 from holdfast.sweeps.result import Sweep
 from holdfast.sweeps.store import Store
 from holdfast.sweeps.workers import computed_by, computed_by_processes, computed_here
 
-OUTPUTS = ("object_pose", "object_twist", "grasp_wrench", "worst_margin")
 MOST_WORKERS = 4096
-LARGEST_CHUNK = 10**6
-LARGEST_SEED = 2**63
 
 
 def sweep(
@@ -45,6 +40,7 @@ def sweep(
     seed: int = 0,
     chunk: int = 1000,
     workers: int | Executor = 1,
+    cluster: str | None = None,
     ahead: int = 16,
     progress: Callable[[Progress], object] | None = None,
     scheme: str = "rk4",
@@ -73,7 +69,9 @@ def sweep(
         seed: of what is drawn, an integer >= 0.
         chunk: runs that are one piece of work and one file.
         workers: how many processes, 1 for this one; or an executor of `concurrent.futures`, or one that acts like it.
-        ahead: chunks that an executor is given at a time.
+        cluster: of Dask: the address of its scheduler, such as "tcp://10.0.0.1:8786", or "local" for one of `workers`
+            processes of this computer. A scheduler that died is waited for.
+        ahead: chunks that an executor or a cluster is given at a time.
         progress: called after every chunk; `print` shows a line.
         scheme: `rk4` or `midpoint`.
         least_margin: as for `Rollout.step`; 0 stops slipping runs.
@@ -89,64 +87,100 @@ def sweep(
         ResultError: the store is another sweep's, in use or cannot be written; processes died again and again.
         MissingExtra: pyarrow is not installed.
     """
-    pyarrow()
-    rollout = compile_rollout(chain, law, scheme=scheme)
-    if not isinstance(state, State):
-        raise StateError(
-            f"state: expected a State, got {type(state).__name__}; try what `close` or `assemble` returned"
-        )
-    if not isinstance(parameters, Mapping):
-        raise StateError(f"parameters: expected a mapping of names, got {type(parameters).__name__}")
-    options = {"least_margin": least_margin, "stop_at_limits": stop_at_limits, "largest_drift": largest_drift}
-    stop_margins(least_margin, stop_at_limits)
-    runs = bounded("count", count)
-    length, h = number("duration", duration), number("step", step)
-    if h <= 0.0:
-        raise StateError(f"step: expected a positive number of seconds, got {step!r}")
-    whole_steps(length, h)
-    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < LARGEST_SEED:
-        raise StateError(f"seed: expected an integer >= 0, got {seed!r}")
-    if not isinstance(workers, Executor) and not hasattr(workers, "submit"):
-        bounded("workers", workers, MOST_WORKERS)
-    plan = Plan(
-        rollout,
-        state,
-        parsed_samples(rollout, parameters, runs),
-        runs,
-        bounded("chunk", chunk, LARGEST_CHUNK),
-        seed,
-        length,
-        h,
-        parsed_outputs(outputs),
-        {name: x if name != "least_margin" else float(x) for name, x in options.items()},  # pyright: ignore[reportArgumentType]
+    plan = plan_of(
+        chain,
+        law,
+        state=state,
+        parameters=parameters,
+        count=count,
+        duration=duration,
+        step=step,
+        outputs=outputs,
+        seed=seed,
+        chunk=chunk,
+        scheme=scheme,
+        least_margin=least_margin,
+        stop_at_limits=stop_at_limits,
+        largest_drift=largest_drift,
     )
+    return carry_out(plan, store, workers=workers, cluster=cluster, ahead=ahead, progress=progress)
+
+
+def carry_out(
+    plan: Plan,
+    store: str | PathLike[str],
+    *,
+    workers: int | Executor = 1,
+    cluster: str | None = None,
+    ahead: int = 16,
+    progress: Callable[[Progress], object] | None = None,
+    kept: Mapping[str, bytes] | None = None,
+) -> Sweep:
+    """Compute what a folder has not of a plan; see `sweep`.
+
+    Args:
+        plan: which run begins how.
+        store: the folder.
+        workers: as for `sweep`.
+        cluster: as for `sweep`.
+        ahead: as for `sweep`.
+        progress: as for `sweep`.
+        kept: files that the folder keeps besides, by name.
+
+    Raises:
+        StateError, ResultError, MissingExtra: as for `sweep`.
+    """
+    pyarrow()
+    _require_workers(workers, cluster)
+    bounded("ahead", ahead, MOST_WORKERS)
     place = Store(file_path(store, "store"), plan)
     try:
-        settled = _settled(plan, place)
-        _compute_missing(settled, place, workers, bounded("ahead", ahead, MOST_WORKERS), progress)
+        if place.generic_rank is None:
+            place.settle(find_generic_rank(plan))
+        assert place.generic_rank is not None
+        place.keep_beside(kept or {})
+        settled = plan.settled(place.generic_rank)
+        _compute_missing(settled, place, workers, cluster, ahead, progress)
     finally:
         place.close()
     return Sweep(settled, place.folder)
 
 
-def _settled(plan: Plan, place: Store) -> Plan:
-    """Return the plan with the generic rank that all chunks take, as the store has it or finds it now."""
-    if place.generic_rank is None:
-        place.settle(find_generic_rank(plan))
-    old = plan.rollout
-    parts = (old.base_motion, old.options, old.inputs)
-    rollout = Rollout(old.chain, old.law, old.scheme, place.generic_rank, *parts)
-    return Plan(**{**vars(plan), "rollout": rollout})
+def _require_workers(workers: Any, cluster: Any) -> None:
+    """Refuse what computes nothing, and two that would.
+
+    Raises:
+        StateError: naming it.
+        MissingExtra: a cluster without distributed.
+    """
+    by_executor = isinstance(workers, Executor) or hasattr(workers, "submit")
+    if not by_executor:
+        bounded("workers", workers, MOST_WORKERS)
+    if cluster is None:
+        return
+    if not isinstance(cluster, str) or not cluster:
+        raise StateError(f"cluster: expected an address such as 'tcp://10.0.0.1:8786', or 'local', got {cluster!r}")
+    if by_executor or (cluster != LOCAL and workers != 1):
+        raise StateError(
+            f"workers: expected none beside cluster={cluster!r}, which has its own, got {workers!r}; try one of both,"
+            " or cluster='local'"
+        )
+    require_dask()
 
 
 def _compute_missing(
-    plan: Plan, place: Store, workers: Any, ahead: int, progress: Callable[[Progress], object] | None
+    plan: Plan,
+    place: Store,
+    workers: Any,
+    cluster: str | None,
+    ahead: int,
+    progress: Callable[[Progress], object] | None,
 ) -> None:
     sizes = {k: end - begin for k in range(plan.chunk_count) for begin, end in [plan.bounds(k)]}
     missing = [k for k, rows in sizes.items() if not place.holds(k, rows)]
     begun, fates = time.perf_counter(), Counter[str]()
     there = plan.count - sum(sizes[k] for k in missing)
-    for computed in _computed(_tasks(plan, place.digest, missing), workers, ahead, len(missing)):
+    for computed in _computed(_tasks(plan, place.digest, missing), workers, cluster, ahead, len(missing)):
         place.keep(computed)
         fates += computed.fates
         if progress is not None:
@@ -154,7 +188,9 @@ def _compute_missing(
             progress(Progress(there + fates.total(), plan.count, dict(fates), rate))
 
 
-def _computed(tasks: Iterator[Task], workers: Any, ahead: int, count: int) -> Iterator[Computed]:
+def _computed(tasks: Iterator[Task], workers: Any, cluster: str | None, ahead: int, count: int) -> Iterator[Computed]:
+    if cluster is not None:
+        return computed_by_cluster(cluster, workers, tasks, ahead) if count else iter(())
     if not isinstance(workers, int):
         return computed_by(workers, tasks, ahead)
     if workers == 1 or count == 0:
@@ -168,4 +204,5 @@ def _tasks(plan: Plan, digest: str, missing: Sequence[int]) -> Iterator[Task]:
     for k in missing:
         begin, end = plan.bounds(k)
         rows = plan.rows(begin, end)
-        yield Task(k, begin, rollout, rows, drawn, plan.duration, plan.step, plan.options, plan.outputs, digest)
+        how = (plan.duration, plan.step, plan.options, plan.outputs)
+        yield Task(k, begin, rollout, rows, drawn, *how, digest, made_by())

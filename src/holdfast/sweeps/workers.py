@@ -12,6 +12,7 @@ import pickle
 import signal
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as wait_for
 from typing import Any
@@ -96,12 +97,27 @@ def computed_by(executor: Executor, tasks: Iterator[Task], ahead: int) -> Iterat
             future.cancel()
 
 
+@contextlib.contextmanager
+def deaf_to_interrupts() -> Iterator[None]:
+    """Let processes that begin meanwhile never hear of Ctrl-C, which terminals tell all; this one hears of it after."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # as it begins, it unblocks what is blocked
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited by threads and processes
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _begun() -> tuple[Connection, Any]:
     """Return the pipe to a new process, and the process."""
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe()
     process = context.Process(target=_serve, args=(there,), daemon=True)
-    process.start()
+    with deaf_to_interrupts():
+        process.start()
     there.close()  # so that the pipe ends when the process does
     return here, process
 

@@ -15,7 +15,7 @@ from holdfast.compiled.externals import BASE_MOTION, LINKS, externals, shapes
 from holdfast.compiled.kernels import key_of
 from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.structure import Options, Structure
-from holdfast.compiled.traced_chain import traced
+from holdfast.compiled.traced_chain import Given, traced
 from holdfast.compiler.kernel import BatchKernel
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External, Schedule
@@ -107,6 +107,7 @@ class StepKernel:
         carried: shapes of what a system is between two steps.
         externals: the arrays its machine code takes and returns.
         parameters: the chain's own, by the machine code's names.
+        defaults: of inputs that need not be given.
     """
 
     def __init__(
@@ -137,11 +138,20 @@ class StepKernel:
         own = parameters_of(chain, generic_rank) | {"contact": _contact(chain), "limits": np.array(joint_limits(chain))}
         self.parameters = {name: own[name] for name, e in externals.items() if e.role == "parameter"}
         none = np.array(-np.inf)
-        self._defaults: Systems = {"least_margin": none, "least_joint_margin": none}
-        self._defaults |= {"keep_rows": np.array(0.0), "search": np.array(1.0)}
+        self.defaults: Systems = {"least_margin": none, "least_joint_margin": none}
+        self.defaults |= {"keep_rows": np.array(0.0), "search": np.array(1.0)}
         self._layout = {name: (row, e.size, len(e.shape)) for row, (name, e) in enumerate(externals.items())}
-        self._asked = self._layout.keys() - self.parameters.keys() - self._defaults.keys()
-        self._own, self._table = self._tabled(self.parameters | self._defaults, np.zeros((len(externals), 2), np.int64))
+        self._asked = self._layout.keys() - self.parameters.keys() - self.defaults.keys()
+        self._own, self._table = self._tabled(self.parameters | self.defaults, np.zeros((len(externals), 2), np.int64))
+
+    def schedule(self, tableau: Tableau) -> Schedule:
+        """Return what a step under inputs of its own computes, the slope at its beginning included."""
+        system = self.structure, self.law, self.motions, self.acting
+
+        def step(given: Given) -> dict[str, Any]:
+            return traced_step.step(*system, tableau, {**given, **traced_step.evaluation(*system, given)})
+
+        return traced(self.externals, step)
 
     def compiled(
         self, externals: Mapping[str, External], of: str, schedule: Callable[[], Schedule], quick: bool = False

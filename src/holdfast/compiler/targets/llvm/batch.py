@@ -13,8 +13,8 @@ from __future__ import annotations
 import math
 
 from holdfast.compiler.schedule import FIRST_BAD, NOT_FINITE, Role, Schedule
+from holdfast.compiler.targets.layout import Layout
 from holdfast.compiler.targets.llvm.functions import constant, declarations, number_type
-from holdfast.compiler.targets.llvm.layout import Layout
 from holdfast.compiler.targets.llvm.module import Module
 from holdfast.compiler.targets.llvm.templates import filled
 from holdfast.compiler.targets.llvm.transposition import transpositions

@@ -12,7 +12,9 @@ import functools
 import json
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any, NamedTuple
 
 import llvmlite
@@ -21,7 +23,8 @@ import llvmlite.binding as binding
 from holdfast.compiler import cache, collector
 from holdfast.compiler.errors import CompileError
 
-_LOCK = threading.Lock()  # LLVM's compiler is used by one thread at a time
+lock = threading.Lock()  # LLVM's compiler is used by one thread at a time
+_other: ContextVar[Target | None] = ContextVar("other", default=None)  # see `made_for`
 
 # Of code generation; no optimisation pass is needed. Level 1 leaves out the last scheduling of instructions, which
 # gains one percent at most and is a quarter of the time that LLVM takes: too much for long modules.
@@ -32,6 +35,7 @@ _QUICK_LEVEL = 0  # a third of LLVM's time, and half as long again to run; every
 _V2 = ("cx16", "popcnt", "sahf", "sse3", "sse4.1", "sse4.2", "ssse3")
 _V3 = (*_V2, "avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
 _V4 = (*_V3, "avx512bw", "avx512cd", "avx512dq", "avx512f", "avx512vl")
+_WIDE = "-prefer-256-bit"  # wide registers are used where LLVM would rather not
 LEVELS = {"x86-64-v2": _V2, "x86-64-v3": _V3, "x86-64-v4": _V4}
 
 
@@ -57,16 +61,25 @@ def target() -> Target:
     Raises:
         CompileError: `HOLDFAST_CPU` names no processor, or one that this machine's is not.
     """
-    return _target(os.environ.get("HOLDFAST_CPU") or "host")
+    return _other.get() or _target(os.environ.get("HOLDFAST_CPU") or "host")
+
+
+@contextmanager
+def made_for(other: Target) -> Iterator[None]:
+    """Let programs be written for another processor meanwhile, in this thread."""
+    token = _other.set(other)
+    try:
+        yield
+    finally:
+        _other.reset(token)
 
 
 @functools.cache
 def _target(name: str) -> Target:
-    host = features()
-    wide = "-prefer-256-bit"  # wide registers are used where LLVM would rather not
+    host = features() | ({"fma"} if binding.get_process_triple().startswith(("aarch64", "arm64")) else set())
     if name == "host":
         text = binding.get_host_cpu_features().flatten()
-        return Target(name, binding.get_host_cpu_name(), host, f"{text},{wide}" if "avx512f" in host else text)
+        return Target(name, binding.get_host_cpu_name(), host, f"{text},{_WIDE}" if "avx512f" in host else text)
     available = ", ".join(["host", *(level for level, needs in LEVELS.items() if host.issuperset(needs))])
     if name not in LEVELS:
         known = ", ".join(["host", *LEVELS])
@@ -76,7 +89,12 @@ def _target(name: str) -> Target:
     lacking = ", ".join(feature for feature in LEVELS[name] if feature not in host)
     if lacking:
         raise CompileError(f"HOLDFAST_CPU: {name} needs {lacking}, which this processor lacks. Available: {available}")
-    return Target(name, name, frozenset(LEVELS[name]), wide if "avx512f" in LEVELS[name] else "")
+    return level(name)
+
+
+def level(name: str) -> Target:
+    """Return a level of x86-64."""
+    return Target(name, name, frozenset(LEVELS[name]), _WIDE if "avx512f" in LEVELS[name] else "")
 
 
 @functools.cache
@@ -93,7 +111,7 @@ def lanes() -> int:
 
 def has_fma() -> bool:
     """Return whether there is an instruction for fma; without it, it is a call of the C library."""
-    return "fma" in target().features or binding.get_process_triple().startswith(("aarch64", "arm64"))
+    return "fma" in target().features
 
 
 def declare(name: str, address: int) -> None:
@@ -132,7 +150,7 @@ class Code:
             cache.store(key, stored)
         size = int.from_bytes(stored[:8], "little")
         self.notes: Notes = json.loads(stored[8 : 8 + size])
-        with _LOCK:
+        with lock:
             self._engine: Any = binding.create_mcjit_compiler(binding.parse_assembly(""), _target_machine())
             self._engine.add_object_file(binding.ObjectFileRef.from_data(stored[8 + size :]))
             self._engine.finalize_object()
@@ -163,7 +181,7 @@ def _made(source: Source) -> tuple[str, Notes]:
 def _compiled(text: str, notes: Notes, quick: bool) -> bytes:
     """Return the notes and the object file of a module."""
     head = json.dumps(notes).encode()
-    with _LOCK:
+    with lock:
         machine = _target_machine(_QUICK_LEVEL if quick else _LEVEL if len(text) < _LONG else _LEVEL_OF_LONG)
         try:
             module = binding.parse_assembly(text)

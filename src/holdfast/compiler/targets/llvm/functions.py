@@ -9,118 +9,40 @@ import struct
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from holdfast.compiler.cut import Pieces, by_length
 from holdfast.compiler.program import Program
+from holdfast.compiler.targets.split import LONGEST, Access, Part, SplitProgram, split
 
 _BINARY = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv"}
 _FUNCTIONS = {"absolute": "fabs", "sqrt": "sqrt"}
 _COMPARISONS = {"less": "olt", "less_equal": "ole"}
 
-# Longer functions are cut: LLVM's cost grows faster than their length, and so do its spills.
-LONGEST = 1000
-
-
-class Access(NamedTuple):
-    """How a function finds the numbers of one array.
-
-    Attributes:
-        step: doubles from one number to the next.
-        splat: one double for all lanes, rather than a vector of them.
-    """
-
-    step: int = 1
-    splat: bool = False
-
-
-class Number(NamedTuple):
-    """Where a function finds a number, or leaves it.
-
-    Attributes:
-        pointer: to an array.
-        place: there.
-        access: how the array lies.
-    """
-
-    pointer: str
-    place: int
-    access: Access
-
 
 class Function(NamedTuple):
     """A program in LLVM's language.
 
-    Its parameters are pointers: the inputs that are read, the outputs, and scratch memory.
-
     Attributes:
         lines: one or more LLVM functions.
         names: of the functions, to be called in this order with the same arguments.
-        reads: which of the program's inputs are parameters.
-        writes: which of its outputs are.
-        scratch: how many numbers the scratch memory has.
+        split: the program in as many parts.
     """
 
     lines: list[str]
     names: list[str]
-    reads: tuple[int, ...]
-    writes: tuple[int, ...]
-    scratch: int
+    split: SplitProgram
 
 
 def function(
     name: str, program: Program, lanes: int, inputs: Sequence[Access], outputs: Sequence[Access], longest: int = LONGEST
 ) -> Function:
-    """Return a program as one function, or several if it is long.
-
-    Args:
-        name: of the function.
-        program: what it computes.
-        lanes: how many systems or items it computes side by side.
-        inputs: how each input array lies in memory.
-        outputs: the same of the outputs.
-        longest: operations in one function.
-    """
-    pieces = by_length(program, longest)
-    sizes = [_size(shape) for shape in program.input_shapes]
-    of_array = [k for k, size in enumerate(sizes) for _ in range(size)]
-    used = {of_array[a] for p in pieces.programs for i in p.instructions for a in i.args if a < len(of_array)}
-    used |= {of_array[p] for o in program.outputs for p in o.places if 0 <= p < len(of_array)}
-    reads = tuple(sorted(used))
-    writes = tuple(k for k, o in enumerate(program.outputs) if o.places)
-    kept = _kept(pieces, lanes, outputs)
-    scratch = sum(number.pointer == "%scratch" for number in kept)
-    lines, names = [], []
-    parameters = [f"ptr noalias %in{k}" for k in reads] + [f"ptr noalias %out{k}" for k in writes]
-    if scratch:
-        parameters.append("ptr noalias %scratch")
-    given = [Number(f"%in{k}", e, access) for k, access in enumerate(inputs) for e in range(sizes[k])]
-    for k, part in enumerate(pieces.programs):
-        names.append(f"{name}.{k}")
-        start = sum(pieces.memory[:k])
-        results = [
-            [Number(f"%out{j}", e, a) for e in range(_size(o.shape))]
-            for j, (o, a) in enumerate(zip(program.outputs, outputs, strict=True))
-        ]
-        lines.append(f"define internal void @{name}.{k}({', '.join(parameters)}) noinline nounwind {{")
-        lines += _body(part, lanes, [*given, *kept[:start]], [*results, kept[start : start + pieces.memory[k]]])
-        lines += ["  ret void", "}"]
-    return Function(lines, names, reads, writes, scratch)
-
-
-def _kept(pieces: Pieces, lanes: int, outputs: Sequence[Access]) -> list[Number]:
-    """Return where the pieces keep what later ones need: in a result, if it is one, else in scratch memory."""
-    found: list[Number] = []
-    count = 0
-    for part in pieces.programs:
-        *results, memory = part.outputs
-        known = {
-            place: Number(f"%out{k}", e, outputs[k])
-            for k, output in enumerate(results)
-            for e, place in enumerate(output.places)
-        }
-        for place in memory.places:
-            found.append(known.get(place) or Number("%scratch", count, Access(lanes)))
-            count += place not in known
-    return found
+    """Return a program as one function, or several if it is long; arguments as for `split`."""
+    found = split(program, lanes, inputs, outputs, longest)
+    parameters = ", ".join(f"ptr noalias %{pointer}" for pointer in found.parameters)
+    names = [f"{name}.{k}" for k in range(len(found.parts))]
+    lines: list[str] = []
+    for own, part in zip(names, found.parts, strict=True):
+        lines.append(f"define internal void @{own}({parameters}) noinline nounwind {{")
+        lines += [*_body(part, lanes), "  ret void", "}"]
+    return Function(lines, names, found)
 
 
 def declarations(lanes: int) -> list[str]:
@@ -158,24 +80,13 @@ def _suffix(lanes: int) -> str:
     return "f64" if lanes == 1 else f"v{lanes}f64"
 
 
-def _body(program: Program, lanes: int, sources: Sequence[Number], targets: Sequence[Sequence[Number]]) -> list[str]:
-    """Return the operations; each input is read where it is first needed, each result stored at once.
-
-    Args:
-        program: the program.
-        lanes: values side by side.
-        sources: where the inputs are, one number after the other.
-        targets: per output, where its numbers go; those that two outputs have go there once.
-    """
+def _body(part: Part, lanes: int) -> list[str]:
+    """Return the operations; each input is read where it is first needed, each result stored at once."""
+    program, sources, wanted = part.program, part.sources, part.wanted
     T, truth, suffix = number_type(lanes), _truth_type(lanes), _suffix(lanes)
     lines: list[str] = []
     names: dict[int, str] = {}
     first_operation = program.input_size
-    wanted: dict[int, dict[Number, str]] = {}
-    for k, output in enumerate(program.outputs):
-        for e, place in enumerate(output.places):
-            if place >= 0:
-                wanted.setdefault(place, {}).setdefault(targets[k][e], f"%o{k}.{e}")
 
     def read(place: int) -> str:
         if place in names:
@@ -186,7 +97,7 @@ def _body(program: Program, lanes: int, sources: Sequence[Number], targets: Sequ
             return names[place]
         assert kind == "input"
         pointer, number, access = sources[place]
-        lines.append(f"  %i{place} = getelementptr double, ptr {pointer}, i64 {number * access.step}")
+        lines.append(f"  %i{place} = getelementptr double, ptr %{pointer}, i64 {number * access.step}")
         if access.splat and lanes > 1:
             lines.append(f"  %s{place} = load double, ptr %i{place}, align 8")
             lines.extend(splat(f"%v{place}", f"%s{place}", lanes))
@@ -198,8 +109,8 @@ def _body(program: Program, lanes: int, sources: Sequence[Number], targets: Sequ
     def store(place: int) -> None:
         for (pointer, number, access), at in wanted[place].items():
             result = read(place)
-            lines.append(f"  {at} = getelementptr double, ptr {pointer}, i64 {number * access.step}")
-            lines.append(f"  store {T} {result}, ptr {at}, align {8 * lanes}")
+            lines.append(f"  %{at} = getelementptr double, ptr %{pointer}, i64 {number * access.step}")
+            lines.append(f"  store {T} {result}, ptr %{at}, align {8 * lanes}")
 
     for place in sorted(p for p in wanted if p < first_operation):
         store(place)
@@ -225,10 +136,3 @@ def _body(program: Program, lanes: int, sources: Sequence[Number], targets: Sequ
         if place in wanted:
             store(place)
     return lines
-
-
-def _size(shape: Sequence[int]) -> int:
-    size = 1
-    for n in shape:
-        size *= n
-    return size

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from holdfast.compiler.schedule import Call
-from holdfast.compiler.targets.llvm.functions import Access, Function, function
-from holdfast.compiler.targets.llvm.layout import Address, Layout
+from holdfast.compiler.targets.layout import Address, Layout
+from holdfast.compiler.targets.llvm.functions import Function, function
 
 _UNROLLED = 2  # calls that are written out; more of them are a loop
 
@@ -43,26 +43,8 @@ class Module:
         return self._labels
 
     def _call(self, call: Call, lines: list[str], label: str) -> str:
-        layout, stage = self.layout, self.layout.schedule.groups[call.group].stage
         made = self._function(call)
-        out_ports = tuple(stage.outputs[call.phase])
-        count = len(stage.input_ports)
-        runs: list[list[Address | None]] = []
-        for item in layout.blocks(call.group, call.items):
-            places: list[Address | None] = []
-            for k in made.reads:
-                if k < count:
-                    places.append(layout.address(call.group, stage.input_ports[k], item))
-                else:
-                    places.append(layout.memory(call.group, k - count, item))
-            for k in made.writes:
-                if k < len(out_ports):
-                    places.append(layout.address(call.group, out_ports[k], item))
-                else:
-                    places.append(layout.memory(call.group, call.phase, item))
-            if made.scratch:
-                places.append(None)
-            runs.append(places)
+        runs = self.layout.places(call, made.split)
         if len(runs) <= _UNROLLED:
             for places in runs:
                 n = self.label()
@@ -97,20 +79,15 @@ class Module:
 
     def _function(self, call: Call) -> Function:
         """Return the function of a stage's phase for this layout, written once."""
-        layout, group = self.layout, self.layout.schedule.groups[call.group]
-        stage = group.stage
-        memory = layout.memory_access(call.group)
-        known = [port for phase in stage.inputs[: call.phase + 1] for port in phase]
-        later = len(stage.input_ports) - len(known)
-        inputs = [layout.access(call.group, port) for port in known] + [Access()] * later + [memory] * call.phase
-        outputs = [layout.access(call.group, port) for port in stage.outputs[call.phase]] + [memory]
+        layout, stage = self.layout, self.layout.schedule.groups[call.group].stage
+        inputs, outputs = layout.accesses(call)
         lanes = max(layout.systems, layout.width[call.group])
         key = (id(stage), call.phase, lanes, tuple(inputs), tuple(outputs))
         if key not in self._known:
             name = f"{stage.name}.{call.phase}.{len(self._known)}"
             made = function(name, stage.pieces.programs[call.phase], lanes, inputs, outputs)
             self.functions += made.lines
-            self.scratch = max(self.scratch, made.scratch * lanes)
+            self.scratch = max(self.scratch, made.split.scratch * lanes)
             self.lanes.add(lanes)
             self._known[key] = made
         return self._known[key]

@@ -3,7 +3,8 @@
     i64 single(i64 *table)    void prepare(i64 *table)
 
 `table` holds the addresses of the external arrays in order, then of working memory. `prepare` does
-what depends on parameters only. `single` returns the status as an integer, 0 if all is well.
+what depends on parameters only. `single` returns the status as an integer, 0 if all is well; what is
+carried is one step further afterwards.
 """
 
 from __future__ import annotations
@@ -11,34 +12,41 @@ from __future__ import annotations
 import math
 
 from holdfast.compiler.schedule import FIRST_BAD, NOT_FINITE, Schedule, Wire
+from holdfast.compiler.targets.layout import Area, Layout
 from holdfast.compiler.targets.llvm.functions import constant, declarations, number_type
-from holdfast.compiler.targets.llvm.layout import Area, Layout
 from holdfast.compiler.targets.llvm.module import Module
 from holdfast.compiler.targets.llvm.templates import filled
 
 _INLINE = 32  # numbers that are looked at one register after the other; more of them in a loop
 
 
-def single_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
-    """Return the module's source and how many doubles of working memory it needs."""
+def single_module(schedule: Schedule, lanes: int, names: tuple[str, str] = ("single", "prepare")) -> tuple[str, int]:
+    """Return the module's source and how many doubles of working memory it needs.
+
+    Args:
+        schedule: what it computes.
+        lanes: items computed side by side.
+        names: of its two functions.
+    """
     layout = Layout(schedule, lanes)
     module = Module(layout)
     roles = {name: external.role for name, external in schedule.externals.items()}
-    prepare, single = _head("void", "prepare", layout), _head("i64", "single", layout)
-    ends = {"parameter": "entry", "input": "entry"}
+    single, prepare = (_head(what, name, layout) for what, name in zip(("i64", "void"), names, strict=True))
+    prepared = begun = "entry"
+    returned: list[tuple[Wire, Area]] = []
     for (group, port), area in layout.packed.items():
-        wire = schedule.groups[group].wires[port]
-        role = roles[wire.array]
-        if role != "output":
-            lines = prepare if role == "parameter" else single
-            ends[role] = _move(lines, module, wire, area, ends[role], inward=True)
-    module.calls(schedule.prepare, prepare, ends["parameter"])
+        stage, wire = schedule.groups[group].stage, schedule.groups[group].wires[port]
+        if port not in stage.input_ports:
+            returned.append((wire, area))
+        elif roles[wire.array] == "parameter":
+            prepared = _move(prepare, module, wire, area, prepared, inward=True)
+        else:
+            begun = _move(single, module, wire, area, begun, inward=True)
+    module.calls(schedule.prepare, prepare, prepared)
     prepare += ["  ret void", "}"]
-    end = module.calls(schedule.calls, single, ends["input"])
-    for (group, port), area in layout.packed.items():
-        wire = schedule.groups[group].wires[port]
-        if roles[wire.array] == "output":
-            end = _move(single, module, wire, area, end, inward=False)
+    end = module.calls(schedule.calls, single, begun)
+    for wire, area in returned:
+        end = _move(single, module, wire, area, end, inward=False)
     declared = [line for n in sorted(module.lanes | {1, lanes}) for line in declarations(n)]
     if schedule.status is None:
         single += ["  ret i64 0", "}"]

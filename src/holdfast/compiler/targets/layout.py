@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from holdfast.compiler.schedule import Group, Schedule, Wire
-from holdfast.compiler.targets.llvm.functions import Access
+from holdfast.compiler.schedule import Call, Group, Schedule, Wire
+from holdfast.compiler.targets.split import Access, SplitProgram
 
 _LINE = 8  # doubles; areas begin at a cache line, which is the alignment of the widest vector
 
@@ -93,11 +93,42 @@ class Layout:
         assert width in (1, area.width), (group, port)
         return Access(area.width)
 
-    def memory_access(self, group: str) -> Access:
+    def accesses(self, call: Call) -> tuple[list[Access], list[Access]]:
+        """Return how the function of a stage's phase finds its inputs, and its outputs: memory last in both."""
+        stage = self._group(call.group).stage
+        memory = self._memory_access(call.group)
+        known = [port for phase in stage.inputs[: call.phase + 1] for port in phase]
+        later = len(stage.input_ports) - len(known)
+        inputs = [self.access(call.group, port) for port in known] + [Access()] * later + [memory] * call.phase
+        return inputs, [*(self.access(call.group, port) for port in stage.outputs[call.phase]), memory]
+
+    def places(self, call: Call, made: SplitProgram) -> list[list[Address | None]]:
+        """Return the arguments of a phase's function for every block of its items; None stands for scratch memory."""
+        stage = self._group(call.group).stage
+        ports, returned = stage.input_ports, tuple(stage.outputs[call.phase])
+
+        def found(item: int) -> list[Address | None]:
+            read = (
+                self.address(call.group, ports[k], item)
+                if k < len(ports)
+                else self._memory(call.group, k - len(ports), item)
+                for k in made.reads
+            )
+            written = (
+                self.address(call.group, returned[k], item)
+                if k < len(returned)
+                else self._memory(call.group, call.phase, item)
+                for k in made.writes
+            )
+            return [*read, *written, *([None] if made.scratch else [])]
+
+        return [found(item) for item in self.blocks(call.group, call.items)]
+
+    def _memory_access(self, group: str) -> Access:
         """Return how a stage's function finds its memory."""
         return Access(max(self.systems, self.width[group]))
 
-    def memory(self, group: str, phase: int, item: int) -> Address:
+    def _memory(self, group: str, phase: int, item: int) -> Address:
         """Return where the memory of a phase is for an item."""
         return self._at(self._memories[group, phase], item)
 

@@ -1,0 +1,119 @@
+"""`holdfast export-c`: a scene in; a folder with code for the robot out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from holdfast.cli.console import print_document, stdout
+from holdfast.cli.results import opened_scene, scene_name
+from holdfast.cli.standard import refuse_standard
+from holdfast.cli.streams import say
+from holdfast.codegen.export import ExportedCode, export_c
+from holdfast.codegen.functions import exported_function, exported_law
+from holdfast.compiled.chain import CompiledChain, compile
+from holdfast.errors import MethodNotApplicable, StateError
+from holdfast.scenario.build import Scenario
+
+CONTROL = "control"  # the function of the scene's controller
+BY_DEFAULT = ("forward_dynamics", "inverse_dynamics", "step", CONTROL)
+
+
+def export_code(
+    scene: Path,
+    out: Path | None,
+    name: str | None,
+    functions: Sequence[str],
+    target: str,
+    source: bool,
+    scheme: str,
+    of: Sequence[str],
+    by: Sequence[str],
+    overwrite: bool,
+    changes: Sequence[str],
+    as_json: bool,
+    trust_xacro: bool,
+) -> int:
+    """Write computations of a scene's chain, and its controller, as code that runs without Python.
+
+    Args:
+        scene: the scene file; `-` for stdin.
+        out: the folder; `code/<scene's name>` if None.
+        name: prefix of all names in C; made of the scene's if None.
+        functions: which; without any, those of `BY_DEFAULT` that this chain and its controller have.
+        target: the processor.
+        source: C11 rather than an object file.
+        scheme: of a step.
+        of: results of derivatives.
+        by: arguments of derivatives.
+        overwrite: replace an earlier export there.
+        changes: `key=value` each, of the scene's keys.
+        as_json: print one JSON document on stdout instead of a table.
+        trust_xacro: expand xacro files that the scene names.
+
+    Returns:
+        0.
+
+    Raises:
+        HoldfastError: bad input, or a function that this chain or controller has not.
+    """
+    refuse_standard(out, "--out")
+    folder = Path("code") / scene_name(scene) if out is None else out
+    scenario = opened_scene(scene, trust_xacro, changes)
+    compiled = compile(scenario.chain)
+    asked = list(functions) or _those_there_are(scenario, compiled, scheme)
+    laws = {CONTROL: scenario.controller} if CONTROL in asked else {}
+    made = export_c(
+        compiled,
+        folder,
+        name=_prefix(scene_name(scene)) if name is None else name,
+        functions=[one for one in asked if one != CONTROL],
+        laws=laws,
+        target=target,
+        source=source,
+        state=scenario.state,
+        of=tuple(of),
+        by=tuple(by),
+        scheme=scheme,
+        overwrite=overwrite,
+    )
+    _report(made, as_json)
+    return 0
+
+
+def _those_there_are(scenario: Scenario, compiled: CompiledChain, scheme: str) -> list[str]:
+    """Return the functions of `BY_DEFAULT` that can be exported; say on stderr why others cannot."""
+    found = []
+    for one in BY_DEFAULT:
+        try:
+            if one == CONTROL:
+                exported_law(one, scenario.controller, compiled)
+            else:
+                exported_function(one, compiled, scenario.state, scheme=scheme)
+            found.append(one)
+        except (MethodNotApplicable, StateError) as error:
+            say(f"note: without {one}: {error}")
+    return found
+
+
+def _prefix(name: str) -> str:
+    """Return the name of a scene's file as a prefix in C."""
+    plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in name.lower())[:40]
+    return plain if plain[:1].isalpha() else f"scene_{plain}"[:40]
+
+
+def _report(made: ExportedCode, as_json: bool) -> None:
+    from rich.table import Table
+
+    sizes: Mapping[str, dict[str, int | None]] = {
+        name: {"workspace": size.workspace, "stack": size.stack} for name, size in made.functions.items()
+    }
+    if as_json:
+        print_document({"folder": str(made.folder), "target": made.target, "files": made.files, "functions": sizes})
+        return
+    table = Table("function", "workspace [bytes]", "stack [bytes]")
+    for name, size in sizes.items():
+        table.add_row(name, str(size["workspace"]), "-" if size["stack"] is None else str(size["stack"]))
+    console = stdout()
+    console.print(table)
+    console.print(f"{made.folder}: {', '.join(made.files)}")

@@ -1,0 +1,135 @@
+"""`holdfast sweep`: a scene with a `[sweep]` table in; a folder of runs and a summary out."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.table import Table
+
+from holdfast.cli import INTERRUPTED, complain
+from holdfast.cli.console import print_document, stdout
+from holdfast.cli.results import opened_scene, scene_name
+from holdfast.cli.standard import is_standard, refuse_standard
+from holdfast.cli.streams import say
+from holdfast.errors import SceneError, StateError
+from holdfast.scenario.build import Scenario
+from holdfast.sweeps import Progress, Sweep, load_sweep, sweep_scene
+from holdfast.sweeps.of_scene import kept_scene
+
+SILENCE = 10.0  # seconds after which a line says how far a sweep is, where no bar can be drawn
+LEVELS = {"least": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "largest": 1.0}
+
+
+def sweep(
+    target: Path,
+    out: Path | None,
+    workers: int,
+    cluster: str | None,
+    run: int | None,
+    changes: Sequence[str],
+    as_json: bool,
+    trust_xacro: bool,
+) -> int:
+    """Compute what is missing of a sweep: progress on stderr, summary on stdout, everything in its folder.
+
+    Args:
+        target: a scene with a `[sweep]` table, `-` for stdin; or the folder of a sweep.
+        out: the folder of a scene's sweep; `results/<scene's name>_sweep` if None.
+        workers: processes of this computer.
+        cluster: address of a Dask scheduler, or `local`; None for none.
+        run: the number of a run to take again instead; it becomes a result folder in the sweep's.
+        changes: `key=value` each, of the scene's keys.
+        as_json: print one JSON document on stdout instead of tables.
+        trust_xacro: expand xacro files that the scene names.
+
+    Returns:
+        0, also where runs failed: the summary counts them; 130 if the user interrupted it.
+
+    Raises:
+        HoldfastError: bad input, a scene that cannot be swept, or a folder that cannot be used.
+    """
+    refuse_standard(out, "--out")
+    is_folder = not is_standard(target) and os.path.isdir(target)
+    if is_folder and (out is not None or changes):
+        option = "--set" if changes else "--out"
+        raise SceneError(f"{option}: expected a scene, got the folder {target}, which has its own; try without it")
+    folder = target if is_folder else Path("results") / f"{scene_name(target)}_sweep" if out is None else out
+    if run is not None:
+        if not is_folder:
+            raise SceneError(
+                f"--run: expected the folder of a sweep, got {target}; try holdfast sweep {folder} --run {run}"
+            )
+        return _again(load_sweep(folder), run, workers, cluster, as_json)
+    scenario = kept_scene(target) if is_folder else opened_scene(target, trust_xacro, changes)
+    try:
+        with _progress(scenario) as progress:
+            found = sweep_scene(scenario, folder, workers=workers, cluster=cluster, progress=progress)
+    except KeyboardInterrupt:
+        complain(f"interrupted; what was finished is in {folder}, and the same command goes on from there")
+        return INTERRUPTED
+    _report(found, as_json)
+    return 0
+
+
+def _again(found: Sweep, number: int, workers: int, cluster: str | None, as_json: bool) -> int:
+    """Take the steps of one run again, and write it as a result folder."""
+    if workers != 1 or cluster is not None:
+        raise StateError("--run: is taken in this process; try without --workers and --cluster")
+    run = found.run(number)
+    place = run.save(found.folder / f"run_{number}", overwrite=True)
+    if as_json:
+        print_document({"sweep": str(found.folder), "run": number, "result": str(place), "stopped": run.stopped})
+        return 0
+    stdout().print(f"{place}: {len(run)} samples, {run.stopped or 'complete'}", soft_wrap=True)
+    stdout().print(f"try `holdfast view {place}`", soft_wrap=True)
+    return 0
+
+
+def _report(found: Sweep, as_json: bool) -> None:
+    """Print how runs ended, and how what was kept of them is distributed."""
+    fates, rows = found.fates, found.table(list(LEVELS.values()))
+    if as_json:
+        kept = {"levels": list(LEVELS.values()), "quantiles": {title: x.tolist() for title, x in rows.items()}}
+        print_document({"sweep": str(found.folder), "runs": len(found), "statuses": fates, **kept})
+        return
+    console, statuses = stdout(), Table("status", "runs")
+    for name, count in sorted(fates.items()):
+        statuses.add_row(name.lower(), str(count))
+    console.print(statuses)
+    if rows:
+        table = Table("of running runs", *LEVELS)
+        for title, x in rows.items():
+            table.add_row(title, *(f"{value:.6g}" for value in x))
+        console.print(table)
+    console.print(f"{len(found)} runs in {found.folder}; --run NUMBER takes one again", soft_wrap=True)
+
+
+@contextmanager
+def _progress(scenario: Scenario) -> Iterator[Callable[[Progress], None]]:
+    """Yield what shows how far a sweep is: one line that changes on a terminal, a line now and then elsewhere."""
+    doing = f"sweeping {scenario.name}"
+    if not sys.stderr.isatty():
+        said = -SILENCE
+
+        def report(progress: Progress) -> None:
+            nonlocal said
+            if time.monotonic() - said >= SILENCE or progress.done == progress.count:
+                said = time.monotonic()
+                say(f"{doing}: {progress}")
+
+        yield report
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, TextColumn
+    from rich.progress import Progress as Bar
+
+    what, rate = (TextColumn(text, markup=False) for text in ("{task.description}", "{task.fields[said]}"))
+    with Bar(what, BarColumn(), rate, console=Console(stderr=True)) as bar:
+        count = 1 if scenario.sweep is None else scenario.sweep.count
+        task = bar.add_task(doing, total=count, said="")
+        yield lambda progress: bar.update(task, completed=progress.done, said=str(progress))

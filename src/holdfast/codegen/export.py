@@ -1,0 +1,251 @@
+"""`export_c`: a folder with C source or an object file, headers, and what build systems ask for."""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from os import PathLike
+from pathlib import Path
+from string import Template
+from typing import NamedTuple
+
+from holdfast.codegen.functions import EXPORTED, ExportedFunction, exported_function, exported_law
+from holdfast.codegen.header import CFunction, header
+from holdfast.codegen.wrapper import wrapper
+from holdfast.compiled.chain import CompiledChain, compile
+from holdfast.compiler.targets import OBJECT_TARGETS, ObjectTarget, cpu, object_file, single_module, single_source
+from holdfast.control.controller import ControlLaw, Controller
+from holdfast.errors import ModelError, ResultError
+from holdfast.io.files import file_path
+from holdfast.io.replaced_folder import replaced_folder
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.frozen import FrozenDict
+from holdfast.state import State
+
+# For GCC and Clang: no fma that the source has not. GCC 12 makes one of a product and a sum in neighbouring numbers
+# whatever -ffp-contract says, when it puts straight lines of operations into the lanes of registers.
+EXACT = "-ffp-contract=off -fno-tree-slp-vectorize -fno-math-errno"
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,40}")
+
+
+class ExportedSize(NamedTuple):
+    """What a call of an exported function needs.
+
+    Attributes:
+        workspace: bytes of working memory, the caller's.
+        stack: bytes of stack; None of C source, where the compiler decides.
+    """
+
+    workspace: int
+    stack: int | None
+
+
+class ExportedCode(NamedTuple):
+    """What `export_c` wrote.
+
+    Attributes:
+        folder: where.
+        files: their names.
+        functions: the C functions, and what a call of each needs.
+        target: the processor.
+    """
+
+    folder: Path
+    files: tuple[str, ...]
+    functions: Mapping[str, ExportedSize]
+    target: str
+
+
+def export_c(
+    chain: ClosedChain | CompiledChain,
+    folder: str | PathLike[str],
+    *,
+    name: str = "chain",
+    functions: Sequence[str] = ("forward_dynamics", "inverse_dynamics"),
+    laws: Mapping[str, Controller | ControlLaw] | None = None,
+    target: str = "x86-64-v3",
+    source: bool = False,
+    state: State | None = None,
+    of: Sequence[str] = ("qdd",),
+    by: Sequence[str] = ("q", "qd", "tau"),
+    scheme: str = "rk4",
+    overwrite: bool = False,
+) -> ExportedCode:
+    """Write a chain's computations as code that runs without Python, and return what was written.
+
+    The folder gets `name.o` (or `name.c`), a C header with sizes, layouts, units and one function per computation, a
+    C++17 wrapper, and files for CMake and pkg-config. Object files have no undefined symbol, ask for no memory and
+    keep no state; their results are those of this library's machine code to the bit, on every processor with fma. So
+    are those of the source under the options that the CMake file sets.
+
+    Args:
+        chain: the chain; compiled by `holdfast.compile` where link inertias or wrenches shall be arguments.
+        folder: where to.
+        name: prefix of all names in C: lower-case letters, digits, underscores.
+        functions: any of forward_dynamics, inverse_dynamics, mass_matrix, jacobian, closure, kinetic_energy,
+            potential_energy, momentum, centre_of_mass, object_mobility, tip_poses, link_poses, project,
+            forward_dynamics_vjp, forward_dynamics_jvp, forward_dynamics_jacobian, step.
+        laws: control laws by the names that their functions shall have.
+        target: the processor under Linux: x86-64-v2, x86-64-v3, x86-64-v4 or aarch64.
+        source: write C11 rather than an object file; `target` says whether products and sums are fused, and the
+            compiler's options.
+        state: what the memory holds at first; needed by a step, and for the generic rank of chains with fewer
+            independent constraint rows than rows.
+        of: results of derivatives.
+        by: arguments of derivatives.
+        scheme: of a step: rk4, midpoint, or imex for joints of stiff springs or dampers.
+        overwrite: replace what an earlier export wrote there.
+
+    Raises:
+        ModelError: a name that is none, an unknown function or target, a step without a state.
+        ResultError: the folder is in use or cannot be written.
+        MethodNotApplicable, CompileError: a law that cannot become machine code.
+        NotCompiledError: machine code has this function of other chains only.
+    """
+    compiled = chain if isinstance(chain, CompiledChain) else None
+    if compiled is None:
+        checks.instance(chain, ClosedChain, "export: chain")
+    checks.instance(name, str, "export: name")
+    if not _NAME.fullmatch(name):
+        raise ModelError(f"export: name: expected lower-case letters, digits and _, got {checks.short(name)}")
+    if target not in OBJECT_TARGETS:
+        known = ", ".join(OBJECT_TARGETS)
+        raise ModelError(f"export: target: expected one of {known}, got {checks.short(target)}")
+    place = file_path(folder, "export: folder")
+    if place.exists() and any(place.iterdir() if place.is_dir() else [place]) and not overwrite:
+        raise ResultError(f"{place}: is in use; try another folder, or overwrite")
+    asked = _asked(functions, laws or {})
+    made = compiled or compile(chain)  # type: ignore[arg-type]
+    found = [exported_function(one, made, state, of, by, scheme) for one in asked]
+    found += [exported_law(key, law, made) for key, law in (laws or {}).items()]
+    written = files_of(name, found, OBJECT_TARGETS[target], source, _about(made.chain))
+    with replaced_folder(place, lambda path: path.name in written.files) as beside:
+        for file, content in written.files.items():
+            (beside / file).write_bytes(content)
+    sizes = {f.name: ExportedSize(8 * f.workspace, f.stack) for f in written.functions}
+    return ExportedCode(place, tuple(written.files), FrozenDict(sizes), target)
+
+
+@dataclass(frozen=True, eq=False)
+class ExportedFiles:
+    """An export before it is written.
+
+    Attributes:
+        files: contents by name.
+        functions: of which they are.
+    """
+
+    files: dict[str, bytes]
+    functions: list[CFunction]
+
+
+def _asked(functions: Sequence[str], laws: Mapping[str, object]) -> list[str]:
+    """Return the functions' names, each once.
+
+    Raises:
+        ModelError: none at all, or a law of a name that is taken or is no identifier.
+    """
+    checks.instance(functions, (list, tuple), "export: functions")
+    checks.instance(laws, Mapping, "export: laws")
+    for one in functions:
+        if one not in EXPORTED:
+            raise ModelError(f"export: functions: no {one!r}.{checks.did_you_mean(str(one), EXPORTED)}")
+    for law in laws:
+        if not isinstance(law, str) or not _NAME.fullmatch(law) or law in EXPORTED:
+            raise ModelError(f"export: laws: expected a name of its own in lower-case letters, got {checks.short(law)}")
+    if not functions and not laws:
+        raise ModelError("export: expected functions or laws, got none")
+    return list(dict.fromkeys(functions))
+
+
+def files_of(
+    name: str,
+    found: Sequence[ExportedFunction],
+    target: ObjectTarget,
+    source: bool,
+    about: Mapping[str, str] | None = None,
+) -> ExportedFiles:
+    """Return the files of an export.
+
+    Args:
+        name: prefix of all names.
+        found: the functions.
+        target: the processor.
+        source: whether as source.
+        about: what the header says of the chain, by name.
+    """
+    with cpu.made_for(target.made_for):
+        code, functions = (_source if source else _objects)(name, found, target)
+    version = metadata.version("holdfast")
+    of_functions = ", ".join(f.name for f in functions)
+    says = {
+        "Written by holdfast": version,
+        **(about or {}),
+        "Processor": f"{target.name}, Linux",
+        "Units": "SI: m, rad, s, kg, N, N m. Twists, wrenches: angular part first, world axes",
+    }
+    kind = "source" if source else "objects"
+    values = {"name": name, "version": version, "flags": f"{target.flags} {EXACT}", "description": of_functions}
+    files = {
+        f"{name}.c" if source else f"{name}.o": code,
+        f"{name}.h": header(name, functions, says).encode(),
+        f"{name}.hpp": wrapper(name, functions).encode(),
+        "CMakeLists.txt": _filled("CMakeLists.txt", values),
+        f"{name}Config.cmake": _filled(f"{kind}.cmake", values),
+        f"{name}.pc": _filled(f"{kind}.pc", values),
+    }
+    return ExportedFiles(files, functions)
+
+
+def _about(chain: ClosedChain) -> dict[str, str]:
+    """Return what the header says of a chain."""
+    joints = [f"{name} {part.start}..{part.stop - 1}" for name, part in zip(chain.arms, chain.arm_joints, strict=True)]
+    return {
+        "Chain": f"{chain.joint_count} joints, {len(chain.arms)} arms; holding: {', '.join(chain.grasps) or 'none'}",
+        "Joints": "; ".join(joints),
+    }
+
+
+def _objects(name: str, found: Sequence[ExportedFunction], target: ObjectTarget) -> tuple[bytes, list[CFunction]]:
+    """Return the object file, and its functions."""
+    modules, workspaces = [], []
+    for one in found:
+        public = f"{name}_{one.name}"
+        text, workspace = single_module(one.schedule(), cpu.lanes(), (public, f"{public}_prepare"))
+        modules.append(text)
+        workspaces.append(workspace)
+    made = object_file(modules, target)
+    names = [f"{name}_{one.name}" for one in found]
+    stacks = [max(made.stack[x], made.stack[f"{x}_prepare"]) for x in names]
+    return made.content, [CFunction(name, *each) for each in zip(found, workspaces, stacks, strict=True)]
+
+
+def _source(name: str, found: Sequence[ExportedFunction], target: ObjectTarget) -> tuple[bytes, list[CFunction]]:
+    """Return the C source, and its functions."""
+    lines = [
+        f"/* Compile with: -std=c11 -O2 {target.flags} {EXACT} */",
+        f'#include "{name}.h"',
+        "",
+        "#define ONE_FUNCTION static __attribute__((noinline)) /* inlined, they would take compilers very long */",
+    ]
+    functions = []
+    for one in found:
+        draft = CFunction(name, one, 0, None)
+        names = (draft.name, f"{draft.name}_prepare")
+        text, workspace = single_source(one.schedule(), names, f"{draft.name}_arrays", draft.fields)
+        lines += ["", f"/* ---- {draft.name}: {one.summary} ---- */", text]
+        functions.append(CFunction(name, one, workspace, None))
+    return "\n".join(lines).encode(), functions
+
+
+def _filled(template: str, values: Mapping[str, str]) -> bytes:
+    return _template(template).substitute(values).encode()
+
+
+@functools.cache
+def _template(name: str) -> Template:
+    return Template((Path(__file__).parent / "templates" / f"{name}.in").read_text())

@@ -1,0 +1,207 @@
+"""The computations of a chain that can be exported."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from holdfast.compiled.arm_functions import COMPUTATIONS
+from holdfast.compiled.chain import CompiledChain
+from holdfast.compiled.compiled_derivatives import options_of
+from holdfast.compiled.derivative_schedule import UNITS
+from holdfast.compiled.forward_schedule import forward_externals, forward_schedule
+from holdfast.compiled.functions import require_inverse
+from holdfast.compiled.parameters import parameters_of
+from holdfast.compiled.result import INDETERMINATE, INVALID, OK, SINGULAR, UNDECIDED
+from holdfast.compiled.structure import Structure
+from holdfast.compiler.schedule import External, Schedule
+from holdfast.control.compiled_law import law_and_values, law_externals, law_schedule
+from holdfast.control.controller import ControlLaw, Controller, held_torques
+from holdfast.dynamics.rank import closed_near, constraint_rank, generic_rank_near
+from holdfast.errors import ModelError, StateError
+from holdfast.model import checks
+from holdfast.simulation.rollout.kernel import StepKernel
+from holdfast.simulation.rollout.rollout import Rollout
+from holdfast.simulation.rollout.traced_step import BROKEN, LIMITED, OPEN, RUNNING, SLIPPED
+from holdfast.simulation.rollout.traced_step import SINGULAR as PASSES_SINGULAR
+from holdfast.simulation.runge_kutta import IMEX
+from holdfast.simulation.runge_kutta import scheme as scheme_of
+from holdfast.spatial.scalar import Array
+from holdfast.state import State
+
+Kind = Literal["vjp", "jvp", "jacobian"]
+DERIVATIVES: dict[str, Kind] = {f"forward_dynamics_{kind}": kind for kind in ("vjp", "jvp", "jacobian")}
+STEP = "step"
+EXPORTED = ("forward_dynamics", *COMPUTATIONS, *DERIVATIVES, STEP)
+
+_ANSWERS = {
+    "ok": (OK, "everything is unique"),
+    "indeterminate": (INDETERMINATE, "the forces are one solution of many, all else is unique"),
+    "undecided": (UNDECIDED, "the rank is low, and the generic rank is not known"),
+    "singular": (SINGULAR, "a singular posture: no answer, results are not-a-number"),
+    "invalid": (INVALID, "faulty inputs: no answer, results are not-a-number"),
+}
+_STEPS = {
+    "running": (RUNNING, "the step was taken"),
+    "slipped": (SLIPPED, "not taken: a grasp's margin would fall below the least allowed"),
+    "passes_singular": (PASSES_SINGULAR, "not taken: the posture is singular, or becomes so"),
+    "open": (OPEN, "not taken: a grasp is open, or the step is too long"),
+    "broken": (BROKEN, "not taken: the state would not be finite"),
+    "limited": (LIMITED, "not taken: a joint would pass a limit"),
+}
+_SUMMARIES = {
+    "forward_dynamics": "Joint accelerations, the wrench at every grasp and the object's acceleration.",
+    "inverse_dynamics": "Joint torques of a motion under given grasp wrenches.",
+    "mass_matrix": "The arms' joint mass matrices.",
+    "jacobian": "The Jacobians of the arms' tips.",
+    "closure": "How far the grasps are from holding.",
+    "kinetic_energy": "Kinetic energy of links and object.",
+    "potential_energy": "Potential energy of links and object, zero at the world's origin.",
+    "momentum": "Momentum of links and object.",
+    "centre_of_mass": "The mass centre of links and object.",
+    "object_mobility": "The closed chain's mobility at the object's origin.",
+    "tip_poses": "Where the arms' tips are.",
+    "link_poses": "Where the links are.",
+    "project": "The state moved onto the grasps, positions and velocities.",
+    "forward_dynamics_vjp": "Forward dynamics, and gradients of sum(with . result).",
+    "forward_dynamics_jvp": "Forward dynamics, and how its results change along `with`.",
+    "forward_dynamics_jacobian": "Forward dynamics and its Jacobian, transposed: a row for each number varied.",
+    "step": "One step of the closed chain under torques that are held: the state in place, back on the grasps.",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class ExportedFunction:
+    """A computation that becomes a function in C.
+
+    Attributes:
+        name: of the function, without prefix.
+        summary: what it computes, a sentence.
+        externals: the arrays it takes and returns.
+        schedule: makes what is compiled.
+        values: what arrays hold at first; the others hold zeros.
+        statuses: what it returns: by name, the number and its meaning. Without them it returns 0.
+    """
+
+    name: str
+    summary: str
+    externals: Mapping[str, External]
+    schedule: Callable[[], Schedule]
+    values: Mapping[str, Array]
+    statuses: Mapping[str, tuple[int, str]]
+
+
+def exported_function(
+    name: str,
+    compiled: CompiledChain,
+    state: State | None = None,
+    of: Sequence[str] = ("qdd",),
+    by: Sequence[str] = ("q", "qd", "tau"),
+    scheme: str = "rk4",
+) -> ExportedFunction:
+    """Return one of the computations `EXPORTED`.
+
+    Args:
+        name: which.
+        compiled: the chain, and what was asked of its machine code.
+        state: where a step begins, and where the generic rank is found if it is not known.
+        of: results, of derivatives.
+        by: arguments, of derivatives.
+        scheme: of a step: rk4, midpoint, or imex for stiff joints.
+
+    Raises:
+        ModelError: no such computation; a step without a state.
+        NotCompiledError: the chain has none as machine code.
+    """
+    if name == STEP:
+        return _step(compiled, state, scheme)
+    chain, rank = compiled.chain, generic_rank_of(compiled, state)
+    own = parameters_of(chain, rank) | {"object_pose": np.eye(7)[0]} | ({} if state is None else _arrays(state))
+    if name == "forward_dynamics":
+        structure = Structure(chain, compiled.options)
+        return _function(name, forward_externals(structure), lambda: forward_schedule(structure), own, _ANSWERS)
+    if name in DERIVATIVES:
+        request = compiled.derivative_request(DERIVATIVES[name], of, by)
+        varied = Structure(chain, options_of(compiled.options, request, compiled.options.base_motion))
+        externals = request.externals(varied)
+        units = {UNITS: np.eye(externals[UNITS].shape[0])} if UNITS in externals else {}
+        return _function(name, externals, lambda: request.schedule(varied), own | units, _ANSWERS)
+    if name not in COMPUTATIONS:
+        raise ModelError(f"export: functions: no '{name}'.{checks.did_you_mean(name, EXPORTED)}")
+    if name == "inverse_dynamics":
+        require_inverse(chain)
+    computation = COMPUTATIONS[name]
+    seen = computation.structure(chain, compiled.options)
+    return _function(name, computation.externals(seen), lambda: computation.schedule(seen), own)
+
+
+def exported_law(name: str, law: Controller | ControlLaw, compiled: CompiledChain) -> ExportedFunction:
+    """Return a control law: torques of a state; what it remembers comes in as `memory` and leaves as `kept`.
+
+    Raises:
+        MethodNotApplicable: a function that cannot be traced.
+    """
+    chain = compiled.chain
+    traced, given = law_and_values(law, chain)
+    values = {"object_pose": np.eye(7)[0], "memory": traced.memory, **given}
+    externals = law_externals(traced, chain)
+    return _function(name, externals, lambda: law_schedule(traced, chain), values, summary="Torques of a control law.")
+
+
+def generic_rank_of(compiled: CompiledChain, state: State | None) -> int | None:
+    """Return the generic rank where it is known or can be found from a state."""
+    if compiled.generic_rank is not None or state is None:
+        return compiled.generic_rank
+    closed = closed_near(compiled.chain, state) or state
+    return generic_rank_near(compiled.chain, closed, constraint_rank(compiled.chain, closed))
+
+
+def _function(
+    name: str,
+    externals: Mapping[str, External],
+    schedule: Callable[[], Schedule],
+    values: Mapping[str, Array],
+    statuses: Mapping[str, tuple[int, str]] | None = None,
+    summary: str = "",
+) -> ExportedFunction:
+    own = {key: np.asarray(values[key]) for key, e in externals.items() if key in values and e.role != "output"}
+    return ExportedFunction(name, summary or _SUMMARIES[name], externals, schedule, own, statuses or {})
+
+
+def _arrays(state: State) -> dict[str, Array]:
+    """Return a state as arrays by the machine code's names."""
+    of_base = {} if state.base_pose is None else {"floating_pose": state.base_pose, "floating_twist": state.base_twist}
+    own = {"q": state.q, "qd": state.qd, "object_pose": state.object_pose, "object_twist": state.object_twist}
+    return {name: np.asarray(x) for name, x in (own | of_base).items()}
+
+
+def _step(compiled: CompiledChain, state: State | None, scheme: str) -> ExportedFunction:
+    """Return a step, its arrays those of a rollout that was started at the state."""
+    chain, options = compiled.chain, compiled.options
+    if state is None:
+        raise ModelError("export: 'step' begins at a state that closes the grasps; expected state=..., got none")
+    if options.base_motion:
+        raise StateError("export: 'step' is of bases at rest; expected the chain as `holdfast.compile` returns it")
+    tableau = IMEX if scheme == IMEX.name else scheme_of(scheme)
+    if tableau.adaptive:
+        raise ModelError(f"export: scheme: expected 'rk4', 'midpoint' or '{IMEX.name}', got '{scheme}'")
+    law = held_torques(chain.joint_count)
+    rollout = Rollout(chain, law, "rk4", generic_rank_of(compiled, state), {}, options)
+    names = {"q": "q", "qd": "qd", "object_pose": "object_pose", "object_twist": "object_twist"}
+    given = {name: getattr(state, field) for name, field in names.items()}
+    if chain.floats:
+        given |= {"floating_pose": state.base_pose, "floating_twist": state.base_twist}
+    begun: Any = rollout.start(**given, tau=np.zeros(chain.joint_count))
+    if not begun.running.all():
+        raise StateError(f"export: state: expected one from which steps can begin; it {begun.status[0].value}")
+    kernel = StepKernel(chain, law, tableau, rollout.generic_rank or 0, options=options)
+    values = kernel.parameters | kernel.defaults | {f"last.{name}": x[0] for name, x in begun.arrays.items()}
+    values |= {"step": np.array(1e-3)}
+
+    def schedule() -> Schedule:
+        return replace(kernel.schedule(tableau), status="last.code")  # returned, not only carried on
+
+    return _function(STEP, kernel.externals, schedule, values, _STEPS)

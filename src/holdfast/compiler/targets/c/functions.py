@@ -1,0 +1,108 @@
+"""A program as functions in C: one straight line of operations on doubles.
+
+`fma` is written where the program has it. With `-ffp-contract=off` a compiler adds none of its own, and reorders
+nothing, so the bits are the interpreter's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from holdfast.compiler.arithmetic import TRUTHS
+from holdfast.compiler.program import Program
+from holdfast.compiler.targets.split import Access, Number, Part, SplitProgram, split
+
+_OPERATIONS: dict[str, Callable[..., str]] = {
+    "add": lambda a, b: f"{a} + {b}",
+    "subtract": lambda a, b: f"{a} - {b}",
+    "multiply": lambda a, b: f"{a} * {b}",
+    "divide": lambda a, b: f"{a} / {b}",
+    "negate": lambda a: f"-({a})",
+    "absolute": lambda a: f"fabs({a})",
+    "sqrt": lambda a: f"sqrt({a})",
+    "fma": lambda a, b, c: f"fma({a}, {b}, {c})",
+    "less": lambda a, b: f"{a} < {b}",
+    "less_equal": lambda a, b: f"{a} <= {b}",
+    "select": lambda condition, a, b: f"{condition} ? {a} : {b}",
+}
+
+
+class Function(NamedTuple):
+    """A program in C.
+
+    Attributes:
+        lines: one or more functions.
+        names: of the functions, to be called in this order with the same arguments.
+        split: the program in as many parts.
+    """
+
+    lines: list[str]
+    names: list[str]
+    split: SplitProgram
+
+
+def function(name: str, program: Program, inputs: Sequence[Access], outputs: Sequence[Access]) -> Function:
+    """Return a program as one function, or several if it is long."""
+    found = split(program, 1, inputs, outputs)
+    pointers = [f"{'const ' if p.startswith('in') else ''}double *restrict {p}" for p in found.parameters]
+    names = [name if len(found.parts) == 1 else f"{name}_{k}" for k in range(len(found.parts))]
+    lines: list[str] = []
+    for own, part in zip(names, found.parts, strict=True):
+        lines += ["", f"ONE_FUNCTION void {own}({', '.join(pointers)})", "{"]
+        # a part need not read all that another one does
+        unused = [p for p in found.parameters if p not in _used(part)]
+        lines += [f"    (void){pointer};" for pointer in unused]
+        lines += [*(f"    {line}" for line in _body(part)), "}"]
+    return Function(lines, names, found)
+
+
+def constant(value: float) -> str:
+    """Return a number, exactly, as C writes it."""
+    if math.isnan(value):
+        return "NAN"
+    if math.isinf(value):
+        return "INFINITY" if value > 0 else "-INFINITY"
+    short = repr(value)
+    return short if len(short) < 8 else value.hex()
+
+
+def _used(part: Part) -> set[str]:
+    """Return the pointers that a part reads or writes."""
+    program = part.program
+    read = {a for i in program.instructions for a in i.args} | {p for o in program.outputs for p in o.places}
+    sources = {part.sources[a].pointer for a in read if 0 <= a < program.input_size}
+    return sources | {number.pointer for numbers in part.wanted.values() for number in numbers}
+
+
+def _body(part: Part) -> list[str]:
+    """Return the operations; results are stored at once."""
+    program, wanted = part.program, part.wanted
+    names: dict[int, str] = {}
+    lines: list[str] = []
+
+    def read(place: int) -> str:
+        if place not in names:
+            kind, _, value = program.instructions[place]
+            names[place] = constant(value) if kind == "constant" else _at(part.sources[place])
+        return names[place]
+
+    def store(place: int) -> None:
+        lines.extend(f"{_at(number)} = {read(place)};" for number in wanted[place])
+
+    for place in sorted(p for p in wanted if p < program.input_size):
+        store(place)
+    for place in range(program.input_size, len(program.instructions)):
+        kind, args, _ = program.instructions[place]
+        if kind != "constant":
+            text = _OPERATIONS[kind](*map(read, args))
+            names[place] = f"v{place}"
+            lines.append(f"const {'int' if kind in TRUTHS else 'double'} v{place} = {text};")
+        if place in wanted:
+            store(place)
+    return lines
+
+
+def _at(number: Number) -> str:
+    return f"{number.pointer}[{number.place * number.access.step}]"

@@ -1,0 +1,193 @@
+"""Chunks computed by a cluster of Dask: of other computers, or of this one. Its workers and its scheduler may die.
+
+Dask computes the chunks of dead workers again by itself. What a dead scheduler had is given to the one that comes after
+it at the same address; a local cluster is begun anew.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import tempfile
+import warnings
+from collections.abc import Iterator
+from concurrent.futures import CancelledError
+from typing import Any
+
+from holdfast.errors import HoldfastError, MissingExtra, ResultError
+from holdfast.io.files import one_line
+from holdfast.sweeps.chunk import Computed, Task, compute
+from holdfast.sweeps.workers import deaf_to_interrupts
+
+LOCAL = "local"  # a cluster of this computer's processes
+# of a local cluster: what Dask does beside the work, several per cent of a processor otherwise
+IDLE = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "5s",
+}
+MOST_LOSSES = 10  # of chunks or of the scheduler, without one chunk computed in between
+PATIENCE = 30.0  # for a scheduler to answer, and for its first worker [s]
+
+
+def require_dask() -> Any:
+    """Return `dask.distributed`.
+
+    Raises:
+        MissingExtra: it is not installed.
+    """
+    try:
+        import distributed
+    except ImportError as cause:
+        raise MissingExtra("a cluster needs Dask; try pip install 'holdfast[dask]'") from cause
+    return distributed
+
+
+def computed_by_cluster(cluster: str, workers: int, tasks: Iterator[Task], ahead: int) -> Iterator[Computed]:
+    """Yield what comes of chunks, computed by a cluster, at most so many ahead.
+
+    Args:
+        cluster: address of its scheduler, or `LOCAL`.
+        workers: processes of a local one.
+        tasks: the chunks.
+        ahead: how many are in its hands at a time.
+
+    Raises:
+        ResultError: no scheduler or no worker answers, or chunks are lost again and again.
+    """
+    left = _Left(tasks)
+    with _quiet():
+        while not left.done:
+            with _connected(cluster, workers) as client:
+                yield from _until_lost(client, left, ahead)
+
+
+class _Left:
+    """The chunks that are still to be computed.
+
+    Attributes:
+        again: those that were lost.
+        done: whether none are left.
+    """
+
+    def __init__(self, tasks: Iterator[Task]) -> None:
+        self.again: list[Task] = []
+        self.done, self._tasks, self._losses = False, tasks, 0
+
+    def next(self) -> Task | None:
+        """Return a chunk, None if all are computed or at work."""
+        return self.again.pop() if self.again else next(self._tasks, None)
+
+    def won(self) -> None:
+        """Forget losses: a chunk was computed."""
+        self._losses = 0
+
+    def lost(self, tasks: list[Task], cause: BaseException) -> None:
+        """Take back what a cluster lost.
+
+        Raises:
+            ResultError: too many times.
+        """
+        self.again += tasks
+        self._losses += 1
+        if self._losses > MOST_LOSSES:
+            raise ResultError(
+                f"sweep: the cluster lost its chunks {self._losses} times without finishing one"
+                f" ({type(cause).__name__}); what is finished is kept; try a smaller `chunk` if memory ran out"
+            ) from cause
+
+
+def _until_lost(client: Any, left: _Left, ahead: int) -> Iterator[Computed]:
+    """Yield what comes of chunks until all are computed, `left.done`, or the scheduler is gone."""
+    distributed = require_dask()
+    at_work: dict[Any, Task] = {}  # Dask's executor forgets a future whose result is on its way when the scheduler dies
+    while True:
+        try:
+            while len(at_work) < ahead and (task := left.next()) is not None:
+                at_work[client.submit(compute, task, pure=False)] = task
+            if not at_work:
+                left.done = True
+                return
+            with client.as_current():
+                ready = distributed.wait(list(at_work), return_when="FIRST_COMPLETED").done
+            found = [(at_work[future], _result(future)) for future in ready]
+        except (CancelledError, OSError) as cause:  # all futures are lost with their scheduler
+            left.lost(list(at_work.values()), cause)
+            return
+        for future in ready:
+            del at_work[future]
+        for task, one in found:
+            if isinstance(one, Computed):
+                left.won()
+                yield one
+            else:
+                left.lost([task], one)
+
+
+def _result(future: Any) -> Computed | BaseException:
+    """Return what came of a chunk; the error if its workers died and died.
+
+    Raises:
+        HoldfastError: the chunk's own refusal, or what its worker lacks.
+        CancelledError, OSError: the scheduler is gone.
+    """
+    try:
+        return future.result()
+    except require_dask().scheduler.KilledWorker as cause:
+        return cause
+    except (HoldfastError, CancelledError, OSError):
+        raise
+    except Exception as cause:
+        raise ResultError(
+            f"sweep: a chunk failed on the cluster: {type(cause).__name__}: {one_line(str(cause), 300)}; its workers"
+            " need holdfast in the same version"
+        ) from cause
+
+
+@contextlib.contextmanager
+def _connected(cluster: str, workers: int) -> Iterator[Any]:
+    """Yield a client of a cluster that has a worker; a local cluster ends with it.
+
+    Raises:
+        ResultError: there is none.
+    """
+    distributed = require_dask()
+    import dask.config
+
+    with contextlib.ExitStack() as ends:
+        try:
+            address: Any = cluster
+            if cluster == LOCAL:
+                scratch = ends.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
+                own = {"n_workers": workers, "threads_per_worker": 1, "local_directory": scratch}
+                own |= {"dashboard_address": None, "worker_dashboard_address": None, "memory_limit": 0}
+                ends.enter_context(dask.config.set(IDLE))
+                with deaf_to_interrupts():
+                    address = ends.enter_context(distributed.LocalCluster(silence_logs=logging.CRITICAL, **own))
+            client = ends.enter_context(distributed.Client(address, timeout=PATIENCE, set_as_default=False))
+            client.wait_for_workers(1, timeout=PATIENCE)
+        except Exception as cause:  # whatever its transports raise
+            reason = one_line(str(cause), 200) or type(cause).__name__
+            raise ResultError(
+                f"cluster {one_line(cluster, 100)!r}: no scheduler with a worker answers ({reason}); what is finished"
+                " is kept, and the same call goes on; try `dask scheduler` and `dask worker ADDRESS`, and"
+                " `if __name__ == '__main__':` around the call in a script"
+            ) from cause
+        yield client
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep Dask's log of deaths, and its advice on the size of chunks, from the user's terminal."""
+    names = [name for name in logging.root.manager.loggerDict if name.startswith("distributed")]
+    loggers = [logging.getLogger(name) for name in names]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", module="distributed")
+        try:
+            yield
+        finally:
+            for logger, level in zip(loggers, levels, strict=True):
+                logger.setLevel(level)

@@ -1,0 +1,219 @@
+"""Sweeps of scenes: the `[sweep]` table made a plan, and the folder that keeps the scene too."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from holdfast.control.controller import ControlLaw
+from holdfast.control.torque_schedule import TorqueSchedule
+from holdfast.control.traced_law import law_of
+from holdfast.errors import HoldfastError, ResultError
+from holdfast.io.files import file_path
+from holdfast.io.result_meta import RobotRecord, kept_files, kept_robots, read_bytes
+from holdfast.io.typed import Location
+from holdfast.scenario.build import Scenario, parse_scene
+from holdfast.scenario.robots import RobotFiles
+from holdfast.scenario.scene import NearPoseData, NormalData, UniformData
+from holdfast.sweeps.distributions import NearPose, Normal, Uniform
+from holdfast.sweeps.plan import OUTPUTS, Plan, plan_of
+from holdfast.sweeps.progress import Progress
+from holdfast.sweeps.result import Sweep
+from holdfast.sweeps.store import stored_rank
+from holdfast.sweeps.sweep import carry_out
+
+SCENE, ROBOTS = "scene.toml", "robots.json"
+# what of `[simulation]` a rollout does, in its own words
+STEADY = {"sample_time": None, "on_singular": "stop"}
+LEAST_MARGIN = {"stop": 0.0, "record": -float("inf")}
+AT_LIMITS = {"stop": True, "record": False}
+
+
+def sweep_scene(
+    scenario: Scenario,
+    store: str | PathLike[str],
+    *,
+    workers: int | Executor = 1,
+    cluster: str | None = None,
+    ahead: int = 16,
+    progress: Callable[[Progress], object] | None = None,
+) -> Sweep:
+    """Compute what a folder has not of the sweep that a scene's `[sweep]` describes; the folder keeps the scene.
+
+    Args:
+        scenario: what `load_scene` returned.
+        store: the folder; made if need be.
+        workers: as for `sweep`.
+        cluster: as for `sweep`.
+        ahead: as for `sweep`.
+        progress: as for `sweep`.
+
+    Returns:
+        The sweep: summaries, and any run again.
+
+    Raises:
+        SceneError: no `[sweep]`, one that does not fit, or a scene that rollouts do not do.
+        StateError, ResultError, MissingExtra: as for `sweep`.
+    """
+    plan = scene_plan(scenario)
+    how: dict[str, Any] = {"workers": workers, "cluster": cluster, "ahead": ahead, "progress": progress}
+    return carry_out(plan, store, kept=_kept(scenario), **how)
+
+
+def load_sweep(folder: str | PathLike[str]) -> Sweep:
+    """Return the sweep of a scene from its folder, as far as it is computed; nothing is written.
+
+    Args:
+        folder: what `sweep_scene` or `holdfast sweep` wrote.
+
+    Raises:
+        ResultError: no sweep, one that was made in Python, or one whose scene has changed.
+        SceneError, ClosureError: its scene cannot be read.
+    """
+    place = file_path(folder, "folder")
+    plan = scene_plan(kept_scene(place))
+    return Sweep(plan.settled(stored_rank(place, plan)), place)
+
+
+def kept_scene(folder: Path) -> Scenario:
+    """Return the scenario of the scene that a sweep's folder keeps, of the robots there.
+
+    Raises:
+        ResultError: it keeps none, or a robot is not the one of the sweep.
+        SceneError, ClosureError: the scene cannot be read.
+    """
+    for name in (SCENE, ROBOTS):
+        if not (folder / name).is_file():
+            raise ResultError(
+                f"{folder}: has no {name}; expected the folder of a scene's sweep; one made in Python goes on by the"
+                " same call of `holdfast.sweep`"
+            )
+    try:
+        records = msgspec.json.decode(read_bytes(folder / ROBOTS), type=dict[str, RobotRecord])
+    except (msgspec.MsgspecError, UnicodeDecodeError) as cause:
+        raise ResultError(f"{folder / ROBOTS}: expected which arm is out of which file: {cause}") from cause
+    if any(Path(one.file).name != one.file for one in records.values()):
+        raise ResultError(f"{folder / ROBOTS}: expected names of files beside it, got a path")
+    files = RobotFiles(folder, False, kept_robots(folder, records))
+    return parse_scene(read_bytes(folder / SCENE), str(folder / SCENE), folder.name, files)
+
+
+def scene_plan(scenario: Scenario) -> Plan:
+    """Return the plan that a scene's `[sweep]` describes.
+
+    Raises:
+        SceneError: there is none, it does not fit, or the scene is one that rollouts do not do.
+    """
+    at, data = Location(scenario.name), scenario.sweep
+    if data is None:
+        raise (at / "sweep").refuse(
+            "expected a table that says how many runs and what differs, got none; try [sweep] with count = 100 and"
+            ' parameters.object_mass = { type = "uniform", low = 2.0, high = 4.0 }'
+        )
+    how = scenario.options
+    _require_steady(scenario, at)
+    law, torques = _law(scenario, at / "controller")
+    parameters = {
+        name: _sample(name, one, scenario, at / "sweep" / "parameters") for name, one in data.parameters.items()
+    }
+    try:
+        plan = plan_of(
+            scenario.chain,
+            law,
+            state=scenario.state,
+            parameters=torques | parameters,
+            count=data.count,
+            duration=scenario.duration,
+            step=scenario.step,
+            outputs=OUTPUTS if data.outputs is None else data.outputs,
+            seed=data.seed,
+            chunk=data.chunk,
+            scheme=how["scheme"],
+            least_margin=LEAST_MARGIN[how["on_slip"]],
+            stop_at_limits=AT_LIMITS[how["on_limit"]],
+            largest_drift=how["largest_drift"],
+        )
+        plan.rows(0, 1)  # distributions say now what does not fit
+    except HoldfastError as cause:
+        raise (at / "sweep").refuse(str(cause)) from cause
+    return plan
+
+
+def _require_steady(scenario: Scenario, at: Location) -> None:
+    """Refuse what happens in the middle of a run, and what rollouts do not do.
+
+    Raises:
+        SceneError: with the place of the first.
+    """
+    how = scenario.options
+    if how["inputs"] is not None:
+        raise (at / "wrenches").refuse("expected none in a sweep; try sweep.parameters.object_wrench, for whole runs")
+    if how["base_motion"]:
+        moving = ", ".join(how["base_motion"])
+        raise (at / "base_motion").refuse(f"expected bases that stand still in a sweep, got {moving} moving")
+    for name in ("events", "breakpoints"):
+        if how[name]:
+            raise (at / name).refuse(f"expected none in a sweep, got {len(how[name])}; try `holdfast simulate`")
+    known = {"scheme": ("rk4", "midpoint"), "on_slip": LEAST_MARGIN, "on_limit": AT_LIMITS, **STEADY}
+    for name, choices in known.items():
+        choices = choices if isinstance(choices, Mapping | tuple) else (choices,)
+        if how[name] not in choices:
+            words = " or ".join(f"'{one}'" for one in choices if one is not None) or "none"
+            raise (at / "simulation" / name).refuse(f"expected {words} in a sweep, got {how[name]!r}")
+
+
+def _law(scenario: Scenario, at: Location) -> tuple[ControlLaw | None, dict[str, Any]]:
+    """Return the law of a scene's controller and its parameters; None, and torques, where these are held.
+
+    Raises:
+        SceneError: it becomes no machine code.
+    """
+    drive = scenario.controller
+    if isinstance(drive, TorqueSchedule):
+        (first, *more), table = drive.knots, drive.coefficients[0]
+        if drive.beside is None and not more and first <= 0.0 and not table[:, 1:].any():
+            return None, {"tau": table[:, 0]}
+        raise at.refuse(
+            "expected gravity_compensation, object_tracking, or torques that are the same all the time, got a"
+            " torque_schedule that changes"
+        )
+    try:
+        law = law_of(drive, scenario.chain)
+    except HoldfastError as cause:
+        raise at.refuse(str(cause)) from cause
+    if law is None:
+        raise at.refuse("expected a controller that becomes machine code, got one that cannot be traced")
+    return law, {}
+
+
+def _sample(name: str, data: Any, scenario: Scenario, at: Location) -> Any:
+    """Return what a parameter is drawn from, or its numbers for all runs."""
+    if isinstance(data, UniformData):
+        return Uniform(data.low, data.high)
+    if isinstance(data, NormalData):
+        return Normal(data.mean, data.deviation)
+    if not isinstance(data, NearPoseData):
+        return data
+    chain, state = scenario.chain, scenario.state
+    poses = {
+        "grasp_pose": lambda: np.array([grasp.frame.wxyz_xyz for grasp in chain.grasps.values()]),
+        "base_pose": lambda: np.array([arm.base.wxyz_xyz for arm in chain.arms.values()]),
+        "object_pose": lambda: state.object_pose,
+        "floating_pose": lambda: state.base_pose,
+    }
+    if name not in poses or (pose := poses[name]()) is None or not pose.size:
+        there = ", ".join(poses)
+        raise (at / name).refuse(f"near_pose: expected one of the scene's poses ({there}), got a parameter without")
+    return NearPose(pose, data.turn, data.shift)
+
+
+def _kept(scenario: Scenario) -> dict[str, bytes]:
+    """Return the files by which a folder needs no other: the scene's text and its robots."""
+    records, files = kept_files(scenario.sources)
+    return {SCENE: scenario.text.encode(), ROBOTS: msgspec.json.encode(records) + b"\n", **files}
