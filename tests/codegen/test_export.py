@@ -43,7 +43,7 @@ def test_headers_compile_strictly(tmp_path):
     require("gcc", "g++")
     chain, state = chain_and_state("one")
     law = hf.ControlLaw(lambda t, s, m, given: (given["double"] * s.q, m), parameters={"double": ()})
-    functions = ["forward_dynamics", "kinetic_energy", "step"]
+    functions = ["kinetic_energy", "step"]
     export_c(chain, tmp_path, functions=functions, laws={"hold": law}, state=state, overwrite=True)
     (tmp_path / "a.c").write_text('#include "chain.h"\n')
     (tmp_path / "a.cpp").write_text(
@@ -54,6 +54,7 @@ def test_headers_compile_strictly(tmp_path):
         subprocess.run(arguments, cwd=tmp_path, check=True, timeout=60)
 
 
+@pytest.mark.long
 def test_every_array_is_explained():
     """What a header says of each array of each function."""
     for name in ("one holds", "floating"):
@@ -81,6 +82,9 @@ def refusals():
         ({"name": "Pandas"}, hf.ModelError, "name: expected lower-case"),
         ({"name": 3}, hf.ModelError, "name"),
         ({"target": "riscv"}, hf.ModelError, "target: expected one of x86-64-v2"),
+        ({"target": ["aarch64"]}, hf.ModelError, "target"),
+        ({"state": np.zeros(7)}, hf.ModelError, "state"),
+        ({"functions": ["step"], "scheme": None}, hf.ModelError, "scheme"),
         ({"functions": ["forward"]}, hf.ModelError, "did you mean|Available"),
         ({"functions": "forward_dynamics"}, hf.ModelError, "functions"),
         ({"functions": []}, hf.ModelError, "expected functions or laws, got none"),
@@ -147,6 +151,7 @@ def test_command(tmp_path, capsys):
     assert not (tmp_path / "b").exists()
 
 
+@pytest.mark.long
 def test_command_says_what_it_leaves_out(tmp_path, capsys):
     """A scene whose chain floats has no inverse dynamics: the note says so."""
     scene = str(ROOT / "examples" / "free_flyer.toml")

@@ -84,14 +84,25 @@ def test_none_is_left_out(tmp_path):
         for name, function in public.items()
         if any("path" in f"{p.name} {p.annotation}".lower() for p in inspect.signature(function).parameters.values())
     }
-    assert takes_a_path <= tried | {"project", "identify", "sweep"}, takes_a_path
+    assert takes_a_path <= tried | {"project", "identify", *APART}, takes_a_path
 
 
+APART = {  # what computes for long once it has a path
+    "sweep": small_sweep,
+    "load_sweep": hf.sweeps.load_sweep,
+    "sweep_scene": lambda path: hf.sweeps.sweep_scene(path, "store"),  # a scene is no path
+    "export_c": lambda path: hf.codegen.export_c(problem("one")[0], path, functions=["kinetic_energy"]),
+}
+
+
+@pytest.mark.parametrize("name", APART)
 @pytest.mark.parametrize("given", NO_PATHS)
-def test_store_of_a_sweep(given):
+def test_paths_of_what_computes(given, name, tmp_path, monkeypatch):
     """What is no path is refused before anything is computed."""
+    monkeypatch.chdir(tmp_path)
     with pytest.raises(hf.HoldfastError):
-        small_sweep(given)
+        APART[name](given)
+    assert not list(tmp_path.iterdir())
 
 
 def test_read_by_text_and_by_path(tmp_path):

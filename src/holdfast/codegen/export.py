@@ -19,7 +19,7 @@ from holdfast.compiled.chain import CompiledChain, compile
 from holdfast.compiler.targets import OBJECT_TARGETS, ObjectTarget, cpu, object_file, single_module, single_source
 from holdfast.control.controller import ControlLaw, Controller
 from holdfast.errors import ModelError, ResultError
-from holdfast.io.files import file_path
+from holdfast.io.files import file_path, names_in
 from holdfast.io.replaced_folder import replaced_folder
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -110,13 +110,16 @@ def export_c(
     if compiled is None:
         checks.instance(chain, ClosedChain, "export: chain")
     checks.instance(name, str, "export: name")
+    checks.instance(target, str, "export: target")
+    checks.instance(scheme, str, "export: scheme")
+    checks.instance(state, (State, type(None)), "export: state")
     if not _NAME.fullmatch(name):
         raise ModelError(f"export: name: expected lower-case letters, digits and _, got {checks.short(name)}")
     if target not in OBJECT_TARGETS:
         known = ", ".join(OBJECT_TARGETS)
         raise ModelError(f"export: target: expected one of {known}, got {checks.short(target)}")
     place = file_path(folder, "export: folder")
-    if place.exists() and any(place.iterdir() if place.is_dir() else [place]) and not overwrite:
+    if names_in(place, "a folder of exported code") and not overwrite:
         raise ResultError(f"{place}: is in use; try another folder, or overwrite")
     asked = _asked(functions, laws or {})
     made = compiled or compile(chain)  # type: ignore[arg-type]

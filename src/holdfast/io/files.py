@@ -55,6 +55,23 @@ def read_bounded(path: Path, most: int) -> bytes:
         raise OSError(str(cause)) from cause
 
 
+def names_in(folder: Path, what: str) -> list[str]:
+    """Return what is in a folder, sorted; of one that is not there nothing.
+
+    Args:
+        folder: the folder.
+        what: it shall be, for the message.
+
+    Raises:
+        ResultError: it is none, or cannot be read.
+    """
+    try:
+        return sorted(path.name for path in folder.iterdir()) if folder.exists() else []
+    except (OSError, ValueError) as cause:
+        reason = reason_of(cause) if isinstance(cause, OSError) else str(cause)
+        raise ResultError(f"{one_line(str(folder), LONGEST_NAME)}: cannot be {what}: {reason}") from cause
+
+
 def reason_of(cause: OSError) -> str:
     """Return why a file cannot be read or written, as the operating system says it."""
     return cause.strerror or str(cause)

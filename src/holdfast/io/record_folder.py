@@ -12,7 +12,7 @@ import numpy as np
 
 from holdfast.compiled.externals import state_fields
 from holdfast.errors import ResultError, StateError
-from holdfast.io.files import LONGEST_NAME, file_path, one_line, reason_of, write_atomically
+from holdfast.io.files import LONGEST_NAME, file_path, names_in, one_line, write_atomically
 from holdfast.io.model_data import model_data, model_of
 from holdfast.io.replaced_folder import replaced_folder
 from holdfast.io.result_chunk import Damage, read_arrays, write_arrays
@@ -117,11 +117,7 @@ def load_record(folder: str | PathLike[str], rollout: Rollout | None = None) -> 
 
 
 def _require_free(place: Path, overwrite: bool) -> None:
-    try:
-        names = sorted(path.name for path in place.iterdir()) if place.exists() else []
-    except (OSError, ValueError) as cause:
-        reason = reason_of(cause) if isinstance(cause, OSError) else str(cause)
-        raise ResultError(f"{one_line(str(place), LONGEST_NAME)}: cannot be a folder of a record: {reason}") from cause
+    names = names_in(place, "a folder of a record")
     if names and RECORD not in names:
         raise ResultError(f"{place}: expected a new or empty folder, or an earlier record; found '{names[0]}' in it")
     if names and not overwrite:

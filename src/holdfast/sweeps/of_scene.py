@@ -14,10 +14,11 @@ import numpy as np
 from holdfast.control.controller import ControlLaw
 from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.control.traced_law import law_of
-from holdfast.errors import HoldfastError, ResultError
-from holdfast.io.files import file_path
+from holdfast.errors import HoldfastError, ResultError, SceneError
+from holdfast.io.files import file_path, names_in
 from holdfast.io.result_meta import RobotRecord, kept_files, kept_robots, read_bytes
 from holdfast.io.typed import Location
+from holdfast.model import checks
 from holdfast.scenario.build import Scenario, parse_scene
 from holdfast.scenario.robots import RobotFiles
 from holdfast.scenario.scene import NearPoseData, NormalData, UniformData
@@ -61,6 +62,7 @@ def sweep_scene(
         SceneError: no `[sweep]`, one that does not fit, or a scene that rollouts do not do.
         StateError, ResultError, MissingExtra: as for `sweep`.
     """
+    checks.instance(scenario, Scenario, "sweep_scene: scenario", SceneError)
     plan = scene_plan(scenario)
     how: dict[str, Any] = {"workers": workers, "cluster": cluster, "ahead": ahead, "progress": progress}
     return carry_out(plan, store, kept=_kept(scenario), **how)
@@ -88,8 +90,9 @@ def kept_scene(folder: Path) -> Scenario:
         ResultError: it keeps none, or a robot is not the one of the sweep.
         SceneError, ClosureError: the scene cannot be read.
     """
+    there = names_in(folder, "the folder of a sweep")
     for name in (SCENE, ROBOTS):
-        if not (folder / name).is_file():
+        if name not in there:
             raise ResultError(
                 f"{folder}: has no {name}; expected the folder of a scene's sweep; one made in Python goes on by the"
                 " same call of `holdfast.sweep`"
