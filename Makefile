@@ -6,14 +6,17 @@ BIN := $(VENV)/bin
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test test-portable acceptance bars lint counts capabilities bench drift pictures robots docs clean
+.PHONY: demo style test test-portable acceptance bars lint counts capabilities bench drift pictures robots docs clean
 
 demo: $(VENV)/.plot
 	$(BIN)/holdfast simulate examples/two_pandas.toml --out results/two_pandas --overwrite
 
 # Machine code for tests is compiled quickly: the same bits, in half the time. The other targets compile it in full.
-test: lint
-	HOLDFAST_COMPILE=quick $(BIN)/python -m pytest -n 2 --dist worksteal -m "not long"
+# Types are checked meanwhile, which takes one processor the better part of a minute.
+test: style
+	@$(BIN)/pyright & types=$$!; \
+	HOLDFAST_COMPILE=quick $(BIN)/python -m pytest -n 2 --dist worksteal -m "not long"; tests=$$?; \
+	wait $$types && exit $$tests
 
 # The tests under other processors' BLAS kernels, machine code for each level of x86-64 and for 64-bit ARM (some 21 minutes).
 # The last needs QEMU: apt-get install qemu-user gcc-aarch64-linux-gnu libc6-dev-arm64-cross
@@ -29,9 +32,11 @@ RUNS ?= 1000000
 bars: $(VENV)/.dev
 	$(BIN)/python benchmarks/sweep_million.py $(RUNS)
 
-lint: $(VENV)/.dev
+style: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+lint: style
 	$(BIN)/pyright
 
 # Operation counts of every algorithm, into docs/operation_counts.md.

@@ -77,8 +77,8 @@ def survive(seeds: range, folder: Path, capsys: pytest.CaptureFixture[str]) -> N
 
 
 def test_some_scenes(tmp_path, capsys):
-    """A few quick ones: one that slips, one that no arm reaches, one with impossible events, one flung too fast."""
-    for seed in (1, 18, 19, 938):
+    """Two quick ones: one that slips, one flung too fast; those out of reach and with impossible events are below."""
+    for seed in (1, 938):
         outcome(seed, tmp_path, capsys)
 
 
