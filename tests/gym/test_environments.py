@@ -13,9 +13,9 @@ from gymnasium.vector import AutoresetMode
 
 import holdfast as hf
 from holdfast.errors import HoldfastError, MethodNotApplicable, ModelError, StateError
-from tests.gym.problems import carry, hand_over, short_carry
+from tests.gym.problems import careless_hand_over, carry, short_carry
 
-IDS = {"holdfast/Carry-v0": carry, "holdfast/HandOver-v0": hand_over}
+IDS = {"holdfast/Carry-v0": carry, "holdfast/HandOver-v0": careless_hand_over}
 
 
 @pytest.mark.parametrize("name", IDS)
@@ -90,6 +90,7 @@ def test_results_are_the_callers():
     assert all((x == y).all() for x, y in zip(held, copies, strict=True))
 
 
+@pytest.mark.long
 def test_tasks_travel():
     """A task can be pickled: another process makes the same environment."""
     task = pickle.loads(pickle.dumps(short_carry()))

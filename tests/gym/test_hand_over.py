@@ -23,6 +23,7 @@ def by_hand(task: hf.gym.HandOverTask, seen: np.ndarray, q: np.ndarray, phase: f
     return np.r_[tau / task.joint_torque, 1.0, 1.0]
 
 
+@pytest.mark.long
 def test_a_hand_over():
     """The receiver reaches, grips, takes over and brings the object to its goal, in the order of the phases."""
     env = hf.gym.HandOver(hand_over())
@@ -82,6 +83,7 @@ def test_grip_and_release():
         assert envs.state(row).object_twist == pytest.approx(held[row].object_twist, abs=1e-9)
 
 
+@pytest.mark.long
 def test_nothing_happens_out_of_reach():
     """A receiver that is too far away does not grip, and a giver that holds alone does not let go."""
     env = hf.gym.HandOver(hand_over())
