@@ -194,14 +194,14 @@ class Deadly:
         return os._exit, (1,)
 
 
-LARGE = {"count": 4000, "chunk": 20, "duration": 0.02}
+LARGE = {"count": 20000, "chunk": 100, "duration": 0.2}  # seconds of work: nobody is done before being killed
 
 
 @pytest.mark.long
 def test_by_dask(tmp_path):
     """A cluster of Dask is an executor like any other: one of its workers dies, and the bytes are the same."""
     distributed = pytest.importorskip("distributed", reason="needs distributed: pip install 'holdfast[dask]'")
-    several = LARGE | {"count": 600}
+    several = {"count": 600, "chunk": 20, "duration": 0.02}
     expected = data(small_sweep(tmp_path / "undisturbed", **several).folder)
     local = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "local_directory": str(tmp_path)}
     with distributed.LocalCluster(**local) as cluster, distributed.Client(cluster) as client:
