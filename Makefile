@@ -5,8 +5,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
+# Hundreds of processes import the library, which Python is to compile once.
+unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo style test test-portable acceptance bars lint counts capabilities bench drift pictures robots docs clean
+.PHONY: demo style test test-slow test-portable acceptance bars lint counts capabilities bench drift pictures robots docs clean
 
 demo: $(VENV)/.plot
 	$(BIN)/holdfast simulate examples/two_pandas.toml --out results/two_pandas --overwrite
@@ -15,8 +17,12 @@ demo: $(VENV)/.plot
 # Types are checked meanwhile, which takes one processor the better part of a minute.
 test: style
 	@$(BIN)/pyright & types=$$!; \
-	HOLDFAST_COMPILE=quick $(BIN)/python -m pytest -n 2 --dist worksteal -m "not long"; tests=$$?; \
+	HOLDFAST_COMPILE=quick $(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow and not long"; tests=$$?; \
 	wait $$types && exit $$tests
+
+# Tests of seconds each: whole examples and pages of the documentation, further chains and schemes (some 6 minutes).
+test-slow: $(VENV)/.dev
+	HOLDFAST_COMPILE=quick $(BIN)/python -m pytest -n 2 --dist worksteal -m "slow and not long"
 
 # The tests under other processors' BLAS kernels, machine code for each level of x86-64 and for 64-bit ARM (some 21 minutes).
 # The last needs QEMU: apt-get install qemu-user gcc-aarch64-linux-gnu libc6-dev-arm64-cross

@@ -144,6 +144,7 @@ def killed_in_flush(run: Run, name: str, flush: int, file: int) -> None:
     assert list((run.place / name).glob("*.part"))
 
 
+@pytest.mark.slow
 def test_two_kills(tmp_path):
     """In short: one at some moment, one inside a flush."""
     run = remembering_run(tmp_path, 0.024)

@@ -76,6 +76,7 @@ def survive(seeds: range, folder: Path, capsys: pytest.CaptureFixture[str]) -> N
             print(f"{times:6d}  {words}")
 
 
+@pytest.mark.slow
 def test_some_scenes(tmp_path, capsys):
     """Two quick ones: one that slips, one flung too fast; those out of reach and with impossible events are below."""
     for seed in (1, 938):

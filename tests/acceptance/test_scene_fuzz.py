@@ -115,6 +115,7 @@ def fuzz(seeds: range, folder: Path, capsys: pytest.CaptureFixture[str]) -> tupl
     return ends, longest
 
 
+@pytest.mark.slow
 def test_mutated_scenes(folder, capsys):
     """A few: none escapes as another exception."""
     ends, _ = fuzz(range(12), folder, capsys)

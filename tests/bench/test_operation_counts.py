@@ -23,6 +23,7 @@ def test_linear_in_arms_and_their_joints(kind, floating, fewest):
     assert np.diff(by_joints, 2).tolist() == [0, 0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "floating", "least"),
     mostly_long(
@@ -39,6 +40,7 @@ def test_linear_in_the_trunk(kind, floating, least):
         assert np.diff(counts, 2).tolist() == [0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("floating", "first"), mostly_long([(False, 6), (True, 3)], [(True, 3)]))
 def test_every_joint_costs_the_same_below_all_arms(floating, first):
     """Where all arms stand on the last body, second differences are 0 from where joints are taken one by one."""

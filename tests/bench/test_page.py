@@ -12,6 +12,7 @@ from holdfast.bench.tables import Table, number
 from tests.bench.tiny import tiny_document
 
 
+@pytest.mark.slow
 def test_readme_is_a_pure_function_of_the_document():
     """The same document gives the same text and is left as it was; its numbers are the document's."""
     document = tiny_document()
@@ -24,6 +25,7 @@ def test_readme_is_a_pure_function_of_the_document():
     assert "| 3 x 6 |" not in text  # not among the sizes of the README
 
 
+@pytest.mark.slow
 def test_page_has_everything():
     """Every system, entry and version is on the page; no date."""
     document = tiny_document()
@@ -38,6 +40,7 @@ def test_page_has_everything():
     assert "images/bench_arms.png" in text
 
 
+@pytest.mark.slow
 def test_absent_and_skipped_are_on_the_page():
     """What was not compared is said, with the reason."""
     document = copy.deepcopy(tiny_document())
@@ -72,6 +75,7 @@ def test_numbers():
     assert [number(x) for x in (0.1234, 1.234, 12.34, 123.4, 12345.6)] == ["0.123", "1.23", "12.3", "123", "12,346"]
 
 
+@pytest.mark.slow
 def test_disturbed_times_are_marked():
     """Quartiles that are far apart tell that others used the machine."""
     document = copy.deepcopy(tiny_document())
@@ -90,6 +94,7 @@ def bench_plots(monkeypatch):
     return bench_plots
 
 
+@pytest.mark.slow
 def test_figures(bench_plots, tmp_path):
     """Three pictures, log-log, our line in each."""
     names = bench_plots.save(tiny_document(), tmp_path)

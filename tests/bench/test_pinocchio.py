@@ -93,6 +93,7 @@ def test_floor_is_no_competitor():
     assert relative_error(entry.answers().qdd, truth.qdd) > 0.1
 
 
+@pytest.mark.slow
 def test_one_thread():
     """Pinocchio's threads are one after the benchmark has set them, even if the caller had not."""
     import os

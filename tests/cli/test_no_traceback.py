@@ -154,6 +154,7 @@ def half_written(folder):
     return sorted(str(path) for path in folder.rglob("*.part"))
 
 
+@pytest.mark.slow
 def test_refused(made):
     """Exit 2, one line, which is an error of ours; nothing on stdout, no file left."""
     table = list(cases())
@@ -180,6 +181,7 @@ def test_refused(made):
     assert half_written(made) == []
 
 
+@pytest.mark.slow
 def test_odd_surroundings(made):
     """Exit 0 without a home, a locale, a width or a good MPLBACKEND, with a cache that cannot be written."""
     table = list(fine())
@@ -250,6 +252,7 @@ def full_disk(tmp_path):
     subprocess.run(["umount", place], check=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("problem", ["No space left on device", "Read-only file system"])
 def test_a_disk_that_takes_nothing(made, full_disk, problem):
     """A full disk, and one that nobody may write to: the error is said, and nothing half-written stays."""

@@ -79,6 +79,7 @@ def test_sampled(scene, capsys):
     assert "$.simulation.sample_time: expected > 0, got -0.004" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_step_too_long(scene, capsys):
     """Feedback that the step cannot follow: 3, and one line with the joint and a step that can."""
     text = TEXT.replace("squeeze = 20.0", "squeeze = 20.0\njoint_damping = 5000.0")
@@ -124,6 +125,7 @@ def test_interrupted_at_once(scene, capsys, monkeypatch):
     assert not Path("results").exists()
 
 
+@pytest.mark.slow
 def test_stopped_by_physics(scene, capsys, monkeypatch):
     """A run that turns singular: 3, the last good time, and a result that can be read and seen."""
     monkeypatch.setattr(command, "run_simulation", simulate_until(0.011, SingularChainError("the rank drops")))
@@ -136,6 +138,7 @@ def test_stopped_by_physics(scene, capsys, monkeypatch):
     assert found.trajectory.stopped == "stopped after t = 0.01 s: the rank drops"
 
 
+@pytest.mark.slow
 def test_without_matplotlib(scene, capsys, monkeypatch):
     """Said before anything is simulated, with the command that brings it and the one that does without."""
     monkeypatch.setitem(sys.modules, "matplotlib", None)
@@ -193,6 +196,7 @@ def test_slip_stops_the_run(scene, capsys):
     assert "t = 0 s" in said.out
 
 
+@pytest.mark.slow
 def test_events_of_a_scene(scene, capsys):
     """An arm lets go and the table says so; without it the other carries on."""
     release = '\n[[events]]\ntype = "release"\nt = 0.005\narm = "right"\n'
@@ -222,6 +226,7 @@ def interrupted_in_the_middle(scene, monkeypatch):
         assert main(["simulate", str(scene), "--out", "left", "--no-plots"]) == 130
 
 
+@pytest.mark.slow
 def test_resume(scene, capsys, monkeypatch):
     """The same samples, the same summary; a second time it says that the run is complete."""
     assert main(["simulate", str(scene), "--out", "whole", "--no-plots"]) == 0
@@ -236,6 +241,7 @@ def test_resume(scene, capsys, monkeypatch):
     assert "left: nothing to resume: the run is complete, 11 samples up to t = 0.02 s" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_resume_refused(scene, capsys, monkeypatch):
     """Another text of the scene is another run; what is there stays there."""
     interrupted_in_the_middle(scene, monkeypatch)
@@ -248,6 +254,7 @@ def test_resume_refused(scene, capsys, monkeypatch):
     assert load_result("left").samples == 7
 
 
+@pytest.mark.slow
 def test_resume_of_nothing(scene, capsys):
     """Where nothing was flushed yet it begins."""
     assert main(["simulate", str(scene), "--out", "none", "--resume", "--no-plots"]) == 0

@@ -82,6 +82,7 @@ def applies(method: str, tags: dict) -> bool:
     return tags["omega_regular"] and (tags["all_rigid"] or not METHODS[method].rigid_only)
 
 
+@pytest.mark.slow
 def test_all_cases_by_all_methods(solve):
     """42 cases: every algorithm within 1e-9 where it applies, refused by name where it does not."""
     code, answers = solve(FILE, "--method", "all")

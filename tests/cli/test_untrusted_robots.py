@@ -62,6 +62,7 @@ def test_a_scene_expands_xacro_on_a_word_only(folder, capsys):
     assert load_scene(scene, trust_xacro=True).chain.names == ("left", "right")
 
 
+@pytest.mark.slow
 def test_a_result_is_opened_without_expanding(folder, result, capsys):
     """`plot`, `view` and `export` draw the model that the result keeps, wherever the folder was moved."""
     shutil.move(folder / "robots", folder / "gone")

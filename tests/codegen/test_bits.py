@@ -8,6 +8,7 @@ from holdfast.compiler.targets import OBJECT_TARGETS, cpu
 from tests.codegen.exported import APART, built, outputs, require
 from tests.codegen.problems import NAMES, truths
 from tests.compiler.programs import same_bits
+from tests.longer import mostly_slow
 
 HERE = [name for name, needs in cpu.LEVELS.items() if "fma" in needs and cpu.features().issuperset(needs)]
 COMPILERS = {"aarch64": ["aarch64-linux-gnu-gcc"]}
@@ -37,7 +38,7 @@ def check(name, target, source, compilers, folder, count, derivatives=True, with
                     )
 
 
-@pytest.mark.parametrize("source", [False, True])
+@pytest.mark.parametrize("source", mostly_slow((False, True), (True,)))
 def test_one_chain(source, tmp_path):
     """Object file and source of two arms, one of which holds."""
     if not HERE:

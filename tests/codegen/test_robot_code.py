@@ -37,6 +37,7 @@ def build(source: Path, folder: Path, **definitions: Path) -> None:
     subprocess.run(["cmake", "--build", folder], check=True, timeout=300, capture_output=True)
 
 
+@pytest.mark.slow
 def test_carry(code, tmp_path, monkeypatch):
     """Two seconds of controller and plant, 1,000 times a second: the box where Python's run has it, to the bit."""
     require("cmake", "gcc", "g++")
@@ -61,6 +62,7 @@ def carried_by_python() -> np.ndarray:
     return systems.object_pose[0]
 
 
+@pytest.mark.slow
 def test_ros2_controller(code, tmp_path):
     """Torques of the ros2_control example, from joint states alone, are the controller's; a faulty state is refused."""
     require("g++")

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 ROOT = Path(__file__).parents[2]
 
@@ -43,6 +44,7 @@ def run(cache: Path) -> list:
     return json.loads(done.stdout)
 
 
+@pytest.mark.slow
 def test_next_process(tmp_path):
     """Nothing is traced or compiled the second time; a damaged entry is made again, and only that one."""
     cache = tmp_path / "cache"

@@ -94,6 +94,7 @@ def prescott(tmp_path_factory) -> dict:
     return run(tmp_path_factory.mktemp("prescott") / "cache", OPENBLAS_CORETYPE="Prescott")
 
 
+@pytest.mark.slow
 def test_other_blas(prescott, tmp_path):
     """Parameters, the text to compile, its key on disk, and every bit of the answers are those of other kernels."""
     assert run(tmp_path / "cache", OPENBLAS_CORETYPE="Haswell", **without_dispatch()) == prescott

@@ -104,6 +104,7 @@ def test_by_the_builtin(monkeypatch):
         fast.forward_dynamics(*arguments, floating_pose=base["floating_pose"], out=out)
 
 
+@pytest.mark.slow
 def test_not_unique_forces():
     """The generic rank is found, and accelerations are the reference's."""
     case = cases()["many_forces_links_3joint_rigid"]
@@ -126,6 +127,7 @@ def test_refused():
         fast.forward_dynamics(*arguments, **parameters, base_twist=np.ones((2, 6)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("floating", mostly_long([False, True], [True]))
 def test_other_functions(floating):
     """Energies, momentum, mass centre, frames, Jacobians, mobility, closure and projection are the reference's."""
@@ -175,6 +177,7 @@ def test_other_functions(floating):
         assert np.allclose(many, [hf.dynamics.momentum(chain, s)] * 2, rtol=1e-11, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_a_joint_without_inertia():
     """Two trunk joints about one axis, nothing between them: the reference refuses, machine code says INVALID."""
     p = random_on_trunk(3, 2, floating=False)

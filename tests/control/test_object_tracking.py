@@ -63,6 +63,7 @@ def test_tracking_converges_critically_damped():
     assert np.array(turns) == pytest.approx(left[:, None] * turn, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_path_is_followed_from_its_start():
     """A path that starts at the object is followed to the integrator's accuracy, squeeze held."""
     chain, state = two_pandas("rigid", "hinge")

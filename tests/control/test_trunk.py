@@ -54,6 +54,7 @@ def test_undriven_trunk_joints():
     assert np.abs(hf.forward_dynamics(p.chain, p.state, tau).qdd).max() < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("floating", [False, True])
 def test_tracking(floating):
     """The object follows a path exactly, while the trunk's joints are slowed down and a floating base gives way."""

@@ -51,6 +51,7 @@ def test_against_differences(trunk):
         assert one_way == pytest.approx(other_way, rel=1e-11)
 
 
+@pytest.mark.slow
 def test_machine_code():
     """Products and the matrix are the reference's."""
     p, rng, of = held_by_rubber(False), np.random.default_rng(1), ("qdd", "grasp_wrench")

@@ -207,6 +207,7 @@ def test_names_of_trunks():
         hf.forward_dynamics_vjp(fixed.chain, fixed.state, fixed.tau, floating_acceleration=np.ones(6))
 
 
+@pytest.mark.slow
 def test_a_floating_base_is_an_input():
     """Its pose and twist are asked for by name; a bound call has them among its arrays; bits are a batch's."""
     p = random_chain(200, "floating")

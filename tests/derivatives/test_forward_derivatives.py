@@ -119,6 +119,7 @@ def require_stored(case: Stored, way: str, some: tuple[str, ...] | None = None) 
     print(f"\n{way}: {worst:.1e}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", mostly_long(names(), (SOME[-1], *NOT_UNIQUE)))
 def test_reference_along_the_manifold(name):
     """The reference along the state manifold's tangent; of the least forces where these are not unique."""

@@ -66,6 +66,7 @@ def test_the_oracle(seed):
     assert max(off.values()) < TOLERANCE, off
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", mostly_long(range(STATES), (3,)))
 def test_machine_code(seed):
     """The compiled Jacobian times the tangent."""

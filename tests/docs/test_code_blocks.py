@@ -24,6 +24,7 @@ from sybil.parsers.myst import CodeBlockParser, PythonCodeBlockParser, SkipParse
 from holdfast.cli import main
 from holdfast.scenario.build import load_scene
 from tests.docs.pages import PAGES, fences, name
+from tests.longer import mostly_slow
 
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 RUN = {"python", "console", "toml", "xml"}
@@ -75,8 +76,11 @@ BLOCKS = Sybil(
 )
 
 
+RUNNING = [page for page in PAGES if any(language in RUN for language, _ in fences(page))]
+
+
 @pytest.mark.parametrize(
-    "page", [page for page in PAGES if any(language in RUN for language, _ in fences(page))], ids=name
+    "page", mostly_slow(RUNNING, [page for page in RUNNING if page.parent.name != "how_to"]), ids=name
 )
 def test_blocks_run(page, tmp_path, monkeypatch):
     """What a reader copies works, and prints what the page says."""

@@ -62,6 +62,7 @@ def test_motions_nearby(kinds):
     assert second < 1e-3 * 5e-4 * np.linalg.norm(z) * 100
 
 
+@pytest.mark.slow
 def test_a_basis_that_does_not_jump():
     """Turned towards a neighbour's, the basis is as near to it as the states are."""
     p = as_chain(random_system(1, arms=2, joints=7, grasps="rigid", moving_base=False))
@@ -76,6 +77,7 @@ def test_a_basis_that_does_not_jump():
         hf.linearise(p.chain, near, p.tau, inputs=p.inputs, basis=first.basis[:, :3])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("floating", mostly_long((False, True), (False,)))
 def test_motions_on_a_trunk(floating):
     """In motion, two runs that begin apart by T z stay apart by what A makes of it, but for the square of z."""

@@ -35,6 +35,7 @@ def test_all_are_listed():
         assert len((FOLDER / f"{name}.py").read_text().splitlines()) <= 120, name
 
 
+@pytest.mark.slow
 def test_four_bar(capsys):
     """The published angle and eigenvalues to 1e-9, and those of the one equation of the linkage in 30 digits."""
     four_bar = script("four_bar")
@@ -61,6 +62,7 @@ def test_four_bar(capsys):
     assert found["damper"].imag == pytest.approx(float(mp.sqrt(stiffness - resistance**2 / 4)), abs=1e-11)
 
 
+@pytest.mark.slow
 def test_andrews(capsys):
     """The published angles within 1e-9 of the largest, and the published accelerations at the start to 1e-13."""
     andrews = script("andrews")
@@ -86,6 +88,7 @@ def test_bricard(capsys):
     assert found["gap"] < 1e-14
 
 
+@pytest.mark.slow
 def test_n_four_bar_folds(capsys):
     """Two flat postures, where two more freedoms open, are passed when the parallelogram's one equation says so."""
     run = script("n_four_bar").main(2.0)

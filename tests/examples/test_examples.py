@@ -62,6 +62,7 @@ def test_two_arms_one_box(run):
     assert "mobility 8" in printed
 
 
+@pytest.mark.slow
 def test_forces_at_each_hand(run):
     """They sum to m (a - g); what squeezes sums to nothing; at rest each hand has half the weight."""
     found, _ = run("03")
@@ -90,6 +91,7 @@ def test_soft_fingers_slipping(run):
     assert "slips at t = 0.385243" in printed
 
 
+@pytest.mark.slow
 def test_hand_over(run):
     """The box's change of momentum is the hands' impulses; the whole chain's is that of wrenches and bases."""
     found, _ = run("06")
@@ -143,6 +145,7 @@ def test_your_own_robot(run):
     assert 0 < found["use"] < 1
 
 
+@pytest.mark.slow
 def test_balance(run):
     """What falls without control, as fast as the linearisation says, is held with it."""
     found, _ = run("11")
@@ -151,6 +154,7 @@ def test_balance(run):
     assert found["regulated"] < 0.5 * found["start"]
 
 
+@pytest.mark.slow
 def test_identify(run):
     """Mass and mass centre from a motion without turns, which names the inertia as the model's; all with turns."""
     found, printed = run("12")
@@ -165,6 +169,7 @@ def test_identify(run):
     assert "the model's" in printed
 
 
+@pytest.mark.slow
 def test_learn_gains(run):
     """Gains that were learnt hold the box ten times as well, judged by what was asked for."""
     found, printed = run("13")

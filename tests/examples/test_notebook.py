@@ -20,6 +20,7 @@ def cells() -> list[dict[str, Any]]:
     return [cell for cell in stored["cells"] if cell["cell_type"] == "code"]
 
 
+@pytest.mark.slow
 def test_in_python(monkeypatch):
     """Every cell, in one namespace; a thousand systems go on, and the one that is looked at is among them."""
     for extra in ("matplotlib", "viser"):

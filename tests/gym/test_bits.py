@@ -63,6 +63,7 @@ def test_carry(mode):
     assert {("SLIPPED", False), ("RUNNING", True)} <= fates
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", AutoresetMode)
 def test_hand_over(mode):
     """Over a hundred steps through all phases: episodes of one batch are in several of them."""

@@ -55,6 +55,7 @@ def test_exact(model, short, by):
     assert np.abs(found.residuals).max() < 1e-7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", BY)
 @pytest.mark.parametrize("seeds", [25, pytest.param(400, marks=pytest.mark.long)])
 def test_noisy_recordings(model, swung, by, seeds):

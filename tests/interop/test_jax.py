@@ -129,6 +129,7 @@ def test_vmaps(problem):
         assert np.allclose(rows[j], exact["qdd", "gravity"], rtol=1e-10, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_forward_mode():
     """Columns of a Jacobian in forward mode are its rows in reverse mode, by a pose too."""
     fast, values = compiled(5)

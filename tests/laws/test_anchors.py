@@ -53,6 +53,7 @@ def test_fifty_digits(kind):
         assert relative_gap(getattr(one, name), truth) <= 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "floating"), mostly_long(itertools.product(range(3), [False, True]), [(0, True), (2, False)])
 )
@@ -236,6 +237,7 @@ def test_a_batch_and_bound_arrays():
     assert relative_gap(fast.tip_poses(p.state.q)["pin1"].p, touched.p) < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", mostly_long(["ball", "hinge"], ["hinge"]))
 def test_a_run(kind):
     """On an anchor that sways: what it puts in is what the chain gains, grasps stay closed; rollouts do the same."""

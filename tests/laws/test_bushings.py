@@ -243,6 +243,7 @@ def test_sag():
     assert p.solved()["pin"].grasp_wrench == pytest.approx([0, 0, 0, 0, 0, 2.0 * 9.81], rel=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("floating", mostly_long([False, True], [True]))
 def test_on_a_trunk(floating):
     """Arms on a trunk hold by bushings, and an anchor on it does: as the dense equations and machine code say."""
@@ -257,6 +258,7 @@ def test_on_a_trunk(floating):
     assert relative_gap(torques, p.tau, np.abs(found.grasp_wrench).max()) <= 1e-11
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damped", mostly_long([True, False], [True]))
 def test_runs(damped):
     """Energy is kept, or lost as the dampers say; rollouts take the same steps."""

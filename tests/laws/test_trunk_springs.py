@@ -7,7 +7,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.simulation.stepper import ReferenceStepper
-from tests.longer import mostly_long
+from tests.longer import mostly_long, mostly_slow
 from tests.systems.problems import relative_gap
 from tests.systems.trunk_runs import one_long_arm, still_base
 
@@ -31,6 +31,7 @@ def held(tau):
     return lambda t, state, memory: (tau, memory)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("floating", mostly_long([False, True], [True]))
 def test_methods_agree(floating):
     """The filter, the dense equations and machine code; springs are external wrenches to all of them."""
@@ -52,7 +53,7 @@ def test_methods_agree(floating):
     assert relative_gap(tau, p.tau, np.abs(found.grasp_wrench).max()) < 1e-10
 
 
-@pytest.mark.parametrize("floating", [False, True])
+@pytest.mark.parametrize("floating", mostly_slow((False, True), (True,)))
 def test_balances(floating):
     """Energy with what springs store and lose, momentum with what those to the world pull; free flight keeps it."""
     arms = {"arms": 3, "joints": 7, "grasps": "rigid", "gravity": (0.0, 0.0, 0.0)}

@@ -88,6 +88,7 @@ def test_what_is_refused(tmp_path, old, new, said):
     assert said in refusal(tmp_path / "scene.toml", SCENE.replace(old, new))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", [SCENE, BESIDE_A_PANDA], ids=["alone", "beside an arm"])
 def test_run_kept_shown_and_exported(tmp_path, monkeypatch, capsys, text):
     """A scene whose anchor sways runs from the command line; its folder opens, resumes, is drawn and exported."""

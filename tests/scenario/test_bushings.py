@@ -92,6 +92,7 @@ def test_what_is_refused(tmp_path, bushing, said):
     assert said in refusal(tmp_path / "scene.toml", soft(bushing))
 
 
+@pytest.mark.slow
 def test_a_run(tmp_path, monkeypatch, capsys):
     """From the command line; the folder is drawn and exported, a coil in the pictures from tip to contact."""
     monkeypatch.chdir(tmp_path)

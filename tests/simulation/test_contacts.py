@@ -183,6 +183,7 @@ def test_joint_limits():
     assert stopped.stopped == f"joint 'left/x' reaches its position limit at t = {found['position'].t:.12g} s"
 
 
+@pytest.mark.slow
 def test_not_unique_forces():
     """Where internal forces are unknown a margin is a range; the run ends only where none of them would hold."""
     e = 0.02

@@ -15,7 +15,7 @@ from holdfast.compiler.errors import CompileError
 from holdfast.simulation.balance import WORK_TERMS
 from holdfast.simulation.external_inputs import take_state
 from holdfast.simulation.stepper import ReferenceStepper
-from tests.longer import mostly_long
+from tests.longer import mostly_long, mostly_slow
 from tests.simulation.runs import limp
 from tests.systems import well_conditioned_system
 from tests.systems.as_chain import as_chain
@@ -33,6 +33,7 @@ WAYS = [  # of taking steps, and the damping of every joint [N m s/rad]
     ({"scheme": "midpoint", "largest_drift": 1e-9}, 0.0),
     ({}, 3e3),
 ]
+ONCE, AGAIN = ([(*way, (limp, FREE)[(k + again) % 2]) for k, way in enumerate(WAYS)] for again in (0, 1))
 
 
 def sprung(damping: float = 0.0) -> tuple[hf.ClosedChain, hf.State]:
@@ -57,9 +58,7 @@ def compared(found: hf.Trajectory, expected: hf.Trajectory) -> float:
 
 @pytest.mark.parametrize(
     ("options", "damping", "controller"),
-    mostly_long(
-        [(*way, law) for way in WAYS for law in (limp, FREE)], [(*WAYS[k], (limp, FREE)[k % 2]) for k in range(5)]
-    ),
+    [*mostly_slow(ONCE, ONCE[::2][:2]), *mostly_long(AGAIN, ())],
 )
 def test_a_spring_by_hand(options: dict[str, Any], damping: float, controller: Any):
     """Is the library's spring: the same motion, forces and books, but that what it stores counts as work done on it."""
@@ -114,6 +113,7 @@ def test_what_is_recorded():
     assert {round(t / 0.5e-3, 9) for t, _ in asked} == set(range(21))  # stages of rk4
 
 
+@pytest.mark.slow
 def test_slips_events_and_limits():
     """A hand that lets go, one that grips and a contact that slips under the spring: all at the same instants."""
     rubber = hf.Friction(mu=0.8, torsion_radius=0.02)
@@ -167,6 +167,7 @@ def test_resumed_to_the_bit(make: Any):
         assert getattr(resumed, name)[-1].tobytes() == getattr(whole, name)[-1].tobytes()
 
 
+@pytest.mark.slow
 def test_on_a_trunk():
     """Wrenches on a trunk's bodies and on the arms' links, where steps are machine code: the reference's."""
     p = still_base(3, 1, floating=True, in_world=0.0, arms={"joints": (3, 2), "grasps": ("ball", None)})

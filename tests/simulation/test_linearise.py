@@ -39,6 +39,7 @@ def difference(a: hf.State, b: hf.State) -> np.ndarray:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kinds", mostly_long(GRASPS, (GRASPS[0],)))
 def test_runs_nearby(kinds):
     """z' = A z but for the square of z; each step goes on with the basis that the one before ended with."""
@@ -72,6 +73,7 @@ def test_limit():
     assert set(state_arrays(p.chain, model.end)) == {"q", "qd", "object_pose", "object_twist"}
 
 
+@pytest.mark.slow
 def test_torques():
     """B by five-point differences of the step that `simulate` takes."""
     p, random = held(GRASPS[0]), np.random.default_rng(1)

@@ -51,6 +51,7 @@ def test_printed_figure(converged):
     assert converged.position_gap.max() < 1e-9 and converged.condition.max() < 100
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("turns", "controller"),
     [(MODELS[0], FREE), (MODELS[1], free), pytest.param(MODELS[2], free, marks=pytest.mark.long)],
@@ -67,6 +68,7 @@ def test_order(converged, turns, controller):
     assert errors[1] * (2e-3 / 1e-2) ** 4 < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", mostly_long([1, 3], [3]))
 def test_line_symmetric_loops(seed):
     """With a freedom left, energy and closure determine the motion; half the step has a sixteenth of the error."""
@@ -103,6 +105,7 @@ def test_soft_fingers():
     assert np.abs(systems.q[0] - run.q[-1]).max() < 1e-11
 
 
+@pytest.mark.slow
 def test_all_steppers_and_rollouts_agree():
     """The reference, machine code stage by stage, whole steps of it, and rollouts, which choose rows themselves."""
     chain, state = bricard(MODELS[1])

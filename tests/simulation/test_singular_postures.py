@@ -59,6 +59,7 @@ def test_continuing_through_singular_postures(options):
     assert energy_error(run) < 4.0 * np.abs(energy[before] - energy[0]).max() + 1e-9
 
 
+@pytest.mark.slow
 def test_what_no_step_sees():
     """The posture lies where a grid time is, as near as a step can hardly end: it is found all the same."""
     chain, state = n_four_bar(2)
@@ -139,6 +140,7 @@ def test_unknown_policies():
         hf.simulate(chain, state, free, 0.1, 1e-2, on_singular="go on")
 
 
+@pytest.mark.slow
 def test_rollouts_do_not_leap_from_branch_to_branch():
     """Steps that are too long for a motion that folds say so; shorter ones follow it."""
     unlike, start = with_longer_crank(*n_four_bar(2), 1e-2)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import mpmath
+import pytest
 from scipy.integrate import solve_ivp
 
 import holdfast as hf
@@ -74,6 +75,7 @@ def test_thirty_digits():
     assert differences(books.last.state, unsprung).max() > 1e-3  # the springs do count
 
 
+@pytest.mark.slow
 def test_a_second():
     """The same two equations on floats, by SciPy's order 8: a second of it to 1e-9."""
     motion = Motion(BAR, (0.2, -0.5), (1.0, -2.0), pulls)

@@ -64,6 +64,7 @@ def test_an_arms_first_joints_as_a_trunk(below):
         assert getattr(second, name) == pytest.approx(getattr(first, name), rel=1e-9, abs=1e-8), name
 
 
+@pytest.mark.slow
 def test_free_flight_keeps_momentum():
     """Without gravity and wrenches, torques of all kinds move no momentum; an arm that grips in flight neither."""
     arms = {"arms": 3, "grasps": "rigid", "joints": 7, "gravity": (0, 0, 0)}
@@ -82,6 +83,7 @@ def test_free_flight_keeps_momentum():
     assert not np.any(gripped.trunk_base_impulse)
 
 
+@pytest.mark.slow
 def test_gripping_on_a_trunk_in_the_world():
     """The impulse at the trunk's base is in the books of momentum."""
     p = still_base(9, 2, floating=False, arms={"arms": 2, "grasps": "rigid", "joints": 7})
@@ -105,6 +107,7 @@ def test_resumed_to_the_bit():
         assert np.array_equal(getattr(rest, name), getattr(whole, name)[3:]), name
 
 
+@pytest.mark.slow
 def test_states_between_samples():
     """Quintics in time for the floating base as well: exact at samples, off by less than h^5 between."""
     p = still_base(1, 2, floating=True)

@@ -58,6 +58,7 @@ def test_arms_that_are_led_beyond_their_reach():
     assert "nearest: left" in readout(film, len(film) - 1) or "nearest: right" in readout(film, len(film) - 1)
 
 
+@pytest.mark.slow
 def test_a_parallelogram_that_flattens():
     """The grasp constraint itself gets singular; the meter says so, and the run's end names force and arms."""
     p = as_chain(planar_parallelogram(0.6, crank_rate=-1.5))

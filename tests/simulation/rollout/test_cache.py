@@ -10,6 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest
 from holdfast.simulation.rollout.compiled_steppers import law_of
@@ -55,6 +57,7 @@ def run(cache: Path, key: str, *names: str) -> list:
     return json.loads(done.stdout)
 
 
+@pytest.mark.slow
 def test_next_process(tmp_path):
     """With a key and without one; another list of parameters under the same key is other code."""
     compilations, traces, bits = run(tmp_path, "keyed", "gain")

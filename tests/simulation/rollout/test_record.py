@@ -34,6 +34,7 @@ def agree(run, expected):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("floating", mostly_long((True, False), (True,)))
 def test_as_simulate(floating):
     """On a base that floats, or one that moves; wrenches on the links and a payload of its own, given to `run`."""

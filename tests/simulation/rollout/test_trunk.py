@@ -106,6 +106,7 @@ def test_steppers(fused):
         assert difference(mine, theirs) <= 1e-12
 
 
+@pytest.mark.slow
 def test_bits_and_travel():
     """Threads, the number of systems, and a way through a pickle change no bit."""
     p = problem(True)
@@ -124,6 +125,7 @@ def test_bits_and_travel():
     assert many.floating_pose[3] == pytest.approx(one.floating_pose[0], abs=1e-15)
 
 
+@pytest.mark.slow
 def test_a_grip_in_flight():
     """Systems taken over by a rollout with one more grasp: as `Attach`, without loss of momentum."""
     p = problem(True, gravity=(0.0, 0.0, 0.0), grasps="rigid")
