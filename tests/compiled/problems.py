@@ -141,8 +141,8 @@ def interpreted(fast: CompiledChain, given: Given) -> tuple[Array, ...]:
         fast = fast.moving
     if "base_twist" in given or "base_acceleration" in given:
         fast = fast.moving
-    own = fast._own | given
-    return tuple(interpret_schedule(fast._kernel.schedule, own).values())
+    own = fast.calls.own | given
+    return tuple(interpret_schedule(fast.calls.kernel.schedule, own).values())
 
 
 def outputs(result: CompiledResult, i: Any = None) -> tuple[Array, ...]:

@@ -32,6 +32,12 @@ def floats(name: str, value: Any, shape: tuple[int, ...]) -> Array:
     return np.require(a, np.float64, ["C", "A"])
 
 
+def require_threads(threads: Any) -> None:
+    """Refuse what is no number of threads."""
+    if not isinstance(threads, int) or isinstance(threads, bool) or threads < 1:
+        raise StateError(f"threads: expected an integer >= 1, got {threads!r}")
+
+
 def batch_of(found: Mapping[str, Array], externals: Mapping[str, External]) -> int | None:
     """Return how many systems the arrays hold; None if none of them has a batch axis.
 

@@ -7,11 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from holdfast.compiled.bound_call import BoundCall
+from holdfast.compiled.calls import Calls
 from holdfast.compiled.externals import FLOATING, MOVING
-from holdfast.compiled.parameters import parse_parameters
-from holdfast.compiled.result import UNDECIDED, CompiledResult, ResultLayout
-from holdfast.compiler.kernel import Kernel
-from holdfast.dynamics.result import Status
 from holdfast.errors import FrozenError, StateError
 from holdfast.model import checks
 from holdfast.spatial.real_numbers import is_masked
@@ -21,7 +19,7 @@ if TYPE_CHECKING:
     from holdfast.compiled.chain import CompiledChain
 
 
-class BoundDynamics:
+class BoundDynamics(BoundCall):
     """Write into the inputs, call, read `result`; for one thread at a time. Made by `CompiledChain.bind`.
 
     Nothing is checked and nothing is raised: the call returns the `Status`, and where that is
@@ -35,27 +33,17 @@ class BoundDynamics:
         run: the bare call without arguments: a number, 0 if the status is OK.
     """
 
-    def __init__(
-        self, compiled: CompiledChain, kernel: Kernel, parameters: Mapping[str, Array], given: Mapping[str, Any]
-    ) -> None:
-        self._compiled, self._bound = compiled, kernel.bind()
-        self._externals = kernel.externals
-        inputs = [name for name, e in kernel.externals.items() if e.role == "input"]
-        own = {name: _usable(name, x, kernel.externals[name].shape) for name, x in given.items() if name in inputs}
-        self._bound.use(own)
-        for name, x in parameters.items():
-            if name not in own:
-                self._bound.arrays[name][...] = x
+    def __init__(self, compiled: CompiledChain, calls: Calls, given: Mapping[str, Any]) -> None:
+        super().__init__(compiled, calls)
+        shapes = {name: e.shape for name, e in self._externals.items() if e.role == "input"}
+        self._bound.use({name: _usable(name, x, shapes[name]) for name, x in given.items() if name in shapes})
         arrays = self._bound.arrays
         self.q, self.qd, self.tau = arrays["q"], arrays["qd"], arrays["tau"]
         self.object_pose, self.object_twist = arrays["object_pose"], arrays["object_twist"]
         self.object_wrench, self.link_wrench = arrays["object_wrench"], arrays.get("link_wrench")
         self.floating_pose, self.floating_twist = (arrays.get(name) for name in FLOATING)
-        layout = ResultLayout(kernel.externals)
-        self.result = CompiledResult(compiled.chain, layout, None)
-        self._bound.use({name: self.result.array(name) for name in layout.shapes})
-        self.run = self._bound.run
-        self.set(**{name: x for name, x in given.items() if name not in inputs})
+        self.result = self._written
+        self.set(**{name: x for name, x in given.items() if name not in shapes})
         self._made = True
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -63,15 +51,6 @@ class BoundDynamics:
         if "_made" in vars(self) and not name.startswith("_") and value is not vars(self).get(name, self):
             raise FrozenError(_refusal(name, vars(self)))
         object.__setattr__(self, name, value)
-
-    def __call__(self) -> Status:
-        """Compute `result` from the inputs."""
-        code = self.run()
-        if code == 0:
-            return Status.OK
-        if code == UNDECIDED:
-            self._decide()
-        return self.result.status
 
     def set(self, **parameters: Any) -> None:
         """Change run-time parameters, named as in `CompiledChain.forward_dynamics`.
@@ -81,13 +60,7 @@ class BoundDynamics:
         """
         if any(name in parameters and name not in self._externals for name in MOVING):
             self._move(self._compiled.moving)
-        found = parse_parameters(parameters, self._externals, self._compiled.chain)
-        for name, x in found.items():
-            if x.ndim > len(self._externals[name].shape):
-                raise StateError(f"set: {name}: expected numbers of one system, got a batch of {len(x)}")
-        for name, x in found.items():
-            self._bound.arrays[name][...] = x
-        self._bound.prepare()
+        super().set(**parameters)
 
     def _move(self, moving: CompiledChain) -> None:
         """Change to the code for bases that move; arrays stay what they are."""
@@ -98,15 +71,6 @@ class BoundDynamics:
             else:
                 self._bound.use({name: x})
         vars(self)["run"] = self._bound.run
-
-    def _decide(self) -> None:
-        """Find the generic rank, and compute again."""
-        from holdfast.compiled import statuses
-
-        statuses.settle(self._compiled, self._bound.arrays, self.result)
-        self._bound.arrays["generic_rank"][...] = float(self._compiled.generic_rank or 0)
-        self._bound.prepare()
-        self.run()
 
 
 def _refusal(name: str, known: Mapping[str, Any]) -> str:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
-import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -13,17 +11,17 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 
 from holdfast.compiled import arrays, statuses
-from holdfast.compiled.arrays import Addresses
 from holdfast.compiled.bound_dynamics import BoundDynamics
+from holdfast.compiled.calls import Calls
 from holdfast.compiled.derivatives import ChainDerivatives
 from holdfast.compiled.externals import FLOATING, MOVING
 from holdfast.compiled.forward_schedule import forward_externals, forward_schedule
 from holdfast.compiled.functions import ChainFunctions
 from holdfast.compiled.kernels import kernel
 from holdfast.compiled.parameters import parameters_of, parse_parameters, require_floating
-from holdfast.compiled.result import CompiledResult, ResultLayout
+from holdfast.compiled.result import CompiledResult
 from holdfast.compiled.structure import Options, Structure, optional_parameters
-from holdfast.compiler.kernel import Bound, Kernel
+from holdfast.compiler.kernel import Bound
 from holdfast.compiler.schedule import External
 from holdfast.compiler.targets import Builtin
 from holdfast.dynamics.closed.tip_response import Route
@@ -99,27 +97,20 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
         chain: the chain.
         options: what was chosen when it was compiled.
         generic_rank: rank of the grasp constraint in general, or None while it is not known.
+        calls: of forward dynamics.
     """
 
     def __init__(self, chain: ClosedChain, options: Options, generic_rank: int | None) -> None:
         self.chain, self.options, self.generic_rank = chain, options, generic_rank
         structure = Structure(chain, options)
         self._externals = forward_externals(structure)
-        self._kernel: Kernel = kernel("forward", structure, self._externals, lambda: forward_schedule(structure))
-        self._lock = threading.Lock()
-        self._bound = self._kernel.bind()
-        own = parameters_of(chain, generic_rank)
-        self._own = {name: x for name, x in self._bound.arrays.items() if name in own}
-        for name, x in self._own.items():
-            x[...] = own[name]
-        self._bound.prepare()
-        self._layout = ResultLayout(self._externals)
-        self._addresses = Addresses(self._externals, self._own)
+        code = kernel("forward", structure, self._externals, lambda: forward_schedule(structure))
+        self.calls = Calls(code, parameters_of(chain, generic_rank))
         by_name = FLOATING if chain.floats else ()
         self._inputs = *_INPUTS, *by_name  # the first of the externals
         self._builtin = Builtin(
-            self._kernel.single_address,
-            np.array(self._bound.table),
+            code.single_address,
+            self.calls.own_table(),
             [self._externals[name].size for name in self._inputs],
             self._forward,
             "forward_dynamics",
@@ -127,7 +118,6 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
             _DOC,
             by_name,
         )
-        self._run = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(self._kernel.single_address)
         # the builtin takes the calls that repeat `out`; all others come back to `_forward`
         self.forward_dynamics = self._builtin.function  # type: ignore[method-assign]
 
@@ -184,7 +174,7 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
         """
         if not self.options.base_motion and any(name in arrays_or_parameters for name in MOVING):
             return self.moving.bind(**arrays_or_parameters)
-        return BoundDynamics(self, self._kernel, self._own, arrays_or_parameters)
+        return BoundDynamics(self, self.calls, arrays_or_parameters)
 
     def export(self, folder: str | PathLike[str], **options: Any) -> ExportedCode:
         """Write computations of the chain as C or object files that run without Python.
@@ -212,7 +202,7 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
     @property
     def operation_count(self) -> int:
         """Arithmetic operations of one system's forward dynamics, all run-time parameters in."""
-        return self._kernel.operation_count
+        return self.calls.kernel.operation_count
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what makes the object again: machine code is compiled, or found on disk."""
@@ -245,39 +235,19 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
         if parameters:
             found |= parse_parameters(parameters, self._externals, self.chain)
         batch = arrays.batch_of(found, self._externals)
-        if not isinstance(threads, int) or threads < 1:
-            raise StateError(f"threads: expected an integer >= 1, got {threads!r}")
-        result = CompiledResult(self.chain, self._layout, batch) if out is None else out
+        arrays.require_threads(threads)
+        result = CompiledResult(self.chain, self.calls.layout, batch) if out is None else out
         if out is not None:
             arrays.require_fit(out, self.chain, batch, list(found.values()))
-        table = self._addresses.table(found, result)
-        if batch is not None:
-            self._kernel.run_batch(table, batch, threads)
-            if result.array("status").any():
-                statuses.settle(self, self._own | found | _origins(parameters), result)
-            return result
-        if any(self._externals[name].role == "parameter" for name in found):
-            sound = self._apart(found, result)
-        else:
-            # all addresses, and that of working memory
-            whole = np.append(table[:, 0], self._bound.table[-1])
-            if out is not None and len(found) == len(self._inputs):
-                self._builtin.expect(out, out.memory, whole[len(self._inputs) :].tolist())
-            sound = self._run(whole.ctypes.data) == 0
-        if not sound:
-            found = self._own | found | _origins(parameters)
+            if batch is None and len(found) == len(self._inputs):
+                addresses = self.calls.table(found, result)
+                self._builtin.expect(out, out.memory, addresses[len(self._inputs) :].tolist())
+        if not self.calls(found, result, threads):
+            found = self.calls.own | found | _origins(parameters)
             statuses.settle(self, found, result)
-            statuses.require_answer(self, found, result)
+            if batch is None:
+                statuses.require_answer(self, found, result)
         return result
-
-    def _apart(self, found: dict[str, Array], result: CompiledResult) -> bool:
-        """Run one system with parameters of its own, apart from what other calls use; return whether all is well."""
-        with self._lock:
-            self._spare.use({name: result.array(name) for name in self._layout.shapes})
-            for name, x in (self._own | found).items():
-                self._spare.arrays[name][...] = x
-            self._spare.prepare()
-            return self._spare.run() == 0
 
     @property
     def externals(self) -> dict[str, External]:
@@ -286,20 +256,13 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
 
     def bound(self) -> Bound:
         """Return the machine code tied to arrays of its own, parameters those of the chain."""
-        bound = self._kernel.bind()
-        for name, x in self._own.items():
-            bound.arrays[name][...] = x
-        return bound
-
-    @cached_property
-    def _spare(self) -> Bound:
-        return self._kernel.bind()
+        return self.calls.bind()
 
     def know_rank(self, generic_rank: int) -> None:
         """Take a generic rank that was found; later calls decide by it at once."""
         self.generic_rank = generic_rank
-        self._own["generic_rank"][...] = float(generic_rank)
-        self._bound.prepare()
+        self.calls.own["generic_rank"][...] = float(generic_rank)
+        self.calls.prepare()
 
 
 def _origins(parameters: Mapping[str, Any]) -> dict[str, Array]:

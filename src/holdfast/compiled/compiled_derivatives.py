@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import ctypes
-import threading
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from holdfast.compiled import arrays, statuses
-from holdfast.compiled.arrays import Addresses
+from holdfast.compiled.calls import Calls
 from holdfast.compiled.derivative_schedule import FOUND, UNITS, WITH, Request, derivative_shapes
 from holdfast.compiled.externals import FLOATING, LINKS, MOVING
 from holdfast.compiled.kernels import kernel
 from holdfast.compiled.parameters import WRENCHES, parameters_of, parse_parameters, require_floating
-from holdfast.compiled.result import INDETERMINATE, CompiledResult, ResultLayout
+from holdfast.compiled.result import INDETERMINATE, CompiledResult
 from holdfast.compiled.structure import Options, Structure
-from holdfast.compiler.kernel import Bound
 from holdfast.dynamics.closed.forward_derivatives import results_of
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -66,7 +62,13 @@ class Derivatives:
 
 
 class CompiledDerivatives:
-    """Derivatives of forward dynamics as machine code."""
+    """Derivatives of forward dynamics as machine code.
+
+    Attributes:
+        request: which.
+        externals: the arrays that are given and returned.
+        calls: of the code.
+    """
 
     def __init__(self, compiled: CompiledChain, request: Request, moving: bool) -> None:
         """Compile, or find what is compiled already.
@@ -79,15 +81,11 @@ class CompiledDerivatives:
         self._compiled, self.request, chain = compiled, request, compiled.chain
         structure = Structure(chain, options_of(compiled.options, request, moving))
         self.externals = request.externals(structure)
-        self.kernel = kernel(request.name, structure, self.externals, lambda: request.schedule(structure))
-        self._lock = threading.Lock()
         own = parameters_of(chain, compiled.generic_rank)
         if UNITS in self.externals:
             own[UNITS] = np.eye(self.externals[UNITS].shape[0])
-        self.own = {name: np.array(x, order="C") for name, x in own.items() if name in self.externals}
-        self.layout = ResultLayout(self.externals)
-        self._addresses = Addresses(self.externals, self.own)
-        self._run = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(self.kernel.single_address)
+        code = kernel(request.name, structure, self.externals, lambda: request.schedule(structure))
+        self.calls = Calls(code, own)
 
     def __call__(
         self, given: Mapping[str, Any], parameters: Mapping[str, Any], out: Derivatives | None, threads: int
@@ -108,10 +106,9 @@ class CompiledDerivatives:
             found |= parse_parameters(parameters, self.externals, chain)
         require_floating(FLOATING if chain.floats else (), found)
         batch = arrays.batch_of(found, self.externals)
-        if not isinstance(threads, int) or threads < 1:
-            raise StateError(f"threads: expected an integer >= 1, got {threads!r}")
+        arrays.require_threads(threads)
         if out is None:
-            result = CompiledResult(chain, self.layout, batch)
+            result = CompiledResult(chain, self.calls.layout, batch)
         else:
             checks.instance(out, Derivatives, "out", StateError)
             result = out.result
@@ -119,34 +116,16 @@ class CompiledDerivatives:
                 raise StateError("out: expected earlier derivatives of the same names; leave it out first")
             arrays.require_fit(result, chain, batch, list(found.values()))
         rank = -1.0 if compiled.generic_rank is None else float(compiled.generic_rank)
-        if rank != self.own["generic_rank"]:
-            self.own["generic_rank"][...] = rank
-            self.__dict__.pop("_bound", None)
-        if batch is not None:
-            self.kernel.run_batch(self._addresses.table(found, result), batch, threads)
-            sound = not result.array("status").any()
-        elif any(self.externals[name].role == "parameter" for name in found):
-            sound = self._apart(found, result)
-        else:
-            with self._lock:
-                whole = np.append(self._addresses.table(found, result)[:, 0], self._bound.table[-1])
-                sound = self._run(whole.ctypes.data) == 0
-        if not sound:
+        if rank != self.calls.own["generic_rank"]:
+            self.calls.own["generic_rank"][...] = rank
+            self.calls.prepare()
+        if not self.calls(found, result, threads):
             self._settle(found, result)
         return Derivatives(result, self.request)
 
-    def _apart(self, found: Mapping[str, Array], result: CompiledResult) -> bool:
-        """Run one system with parameters of its own; return whether all is well."""
-        with self._lock:
-            self._spare.use({name: result.array(name) for name in self.layout.shapes})
-            for name, x in (self.own | dict(found)).items():
-                self._spare.arrays[name][...] = x
-            self._spare.prepare()
-            return self._spare.run() == 0
-
     def _settle(self, found: Mapping[str, Array], result: CompiledResult) -> None:
         """Decide open statuses; refuse derivatives of what is not unique, or leave them not-a-number in a batch."""
-        own = self.own | dict(found)
+        own = self.calls.own | dict(found)
         statuses.settle(self._compiled, own, result)
         if result.batch is None:
             statuses.require_answer(self._compiled, own, result)
@@ -163,20 +142,6 @@ class CompiledDerivatives:
         for name in self.request.found(result.chain):
             if self.request.kind == "vjp" or name.partition(".")[0] in choices:
                 result.array(f"{FOUND}{name}")[low] = np.nan
-
-    @cached_property
-    def _bound(self) -> Bound:
-        """What single calls with the chain's own parameters run on: its working memory."""
-        bound = self.kernel.bind()
-        for name, x in self.own.items():
-            bound.arrays[name][...] = x
-        bound.prepare()
-        return bound
-
-    @cached_property
-    def _spare(self) -> Bound:
-        """What single calls with other parameters run on."""
-        return self.kernel.bind()
 
 
 def options_of(options: Options, request: Request, moving: bool) -> Options:

@@ -78,7 +78,7 @@ def forward_code(compiled: CompiledChain, of: Sequence[str], parameters: Sequenc
         raise NotCompiledError(f"to_jax: a floating base, whose {lacking} are a state of their own, is not there yet")
     moves = not compiled.options.base_motion and any(name in MOVING for name in parameters)
     code = compiled.moving if moves else compiled
-    return ForeignCode(code._kernel, _judged(code._own, compiled), {name: name for name in of})
+    return ForeignCode(code.calls.kernel, _judged(code.calls.own, compiled), {name: name for name in of})
 
 
 def derivative_code(
@@ -98,7 +98,7 @@ def derivative_code(
     """
     code = compiled._derivatives(kind, of, by, dict.fromkeys(by))
     names = by if kind == "vjp" else of
-    return ForeignCode(code.kernel, _judged(code.own, compiled), {name: f"{FOUND}{name}" for name in names})
+    return ForeignCode(code.calls.kernel, _judged(code.calls.own, compiled), {name: f"{FOUND}{name}" for name in names})
 
 
 def handler() -> Any:

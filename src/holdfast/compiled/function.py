@@ -16,7 +16,6 @@ from holdfast.compiled.kernels import kernel
 from holdfast.compiled.parameters import parameters_of, parse_parameters, require_floating
 from holdfast.compiled.structure import Options
 from holdfast.compiler.kernel import Bound
-from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 
@@ -69,8 +68,7 @@ class CompiledFunction:
             StateError: wrong shapes, unknown parameters; of a single system also numbers that are
                 not finite, angles beyond 1e5 rad and a quaternion that is not of unit length.
         """
-        if not isinstance(threads, int) or threads < 1:
-            raise StateError(f"threads: expected an integer >= 1, got {threads!r}")
+        arrays.require_threads(threads)
         inputs = {
             name: arrays.floats(name, x, self.externals[name].shape)
             for name, x in zip(self._inputs, given, strict=True)

@@ -159,8 +159,7 @@ class CompiledLaw:
             StateError: wrong shapes or names, something missing; of one system also numbers that are not finite,
                 angles beyond 1e5 rad and a quaternion not of unit length. In a batch such a system gets not-a-number.
         """
-        if not isinstance(threads, int) or isinstance(threads, bool) or threads < 1:
-            raise StateError(f"threads: expected an integer >= 1, got {threads!r}")
+        arrays.require_threads(threads)
         given = {"t": t, "q": q, "qd": qd, "object_pose": object_pose, "object_twist": object_twist}
         if len(self.law.memory):
             given["memory"] = self.law.memory if memory is None else memory

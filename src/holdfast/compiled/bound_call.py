@@ -1,0 +1,58 @@
+"""Machine code tied to arrays that stay: the call without arguments, its status, and its parameters."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from holdfast.compiled import statuses
+from holdfast.compiled.calls import Calls
+from holdfast.compiled.parameters import parse_parameters
+from holdfast.compiled.result import UNDECIDED, CompiledResult
+from holdfast.dynamics.result import Status
+from holdfast.errors import StateError
+
+if TYPE_CHECKING:
+    from holdfast.compiled.chain import CompiledChain
+
+
+class BoundCall:
+    """A call that writes one result over and over; for one thread at a time.
+
+    Nothing is checked and nothing is raised: the call returns the `Status`, and where that is SINGULAR or INVALID the
+    results are not-a-number.
+
+    Attributes:
+        run: the bare call without arguments: a number, 0 if the status is OK.
+    """
+
+    def __init__(self, compiled: CompiledChain, calls: Calls) -> None:
+        self._compiled, self._externals, self._bound = compiled, calls.kernel.externals, calls.bind()
+        self._written = CompiledResult(compiled.chain, calls.layout, None)
+        self._bound.use({name: self._written.array(name) for name in calls.layout.shapes})
+        self.run = self._bound.run
+
+    def __call__(self) -> Status:
+        """Compute the results from the inputs."""
+        code = self.run()
+        if code == 0:
+            return Status.OK
+        if code == UNDECIDED:
+            statuses.settle(self._compiled, self._bound.arrays, self._written)
+            self._bound.arrays["generic_rank"][...] = float(self._compiled.generic_rank or 0)
+            self._bound.prepare()
+            self.run()
+        return self._written.status
+
+    def set(self, **parameters: Any) -> None:
+        """Change run-time parameters, named as in `CompiledChain.forward_dynamics`.
+
+        Raises:
+            StateError: an unknown name, a wrong shape, a number that is not finite.
+        """
+        found = parse_parameters(parameters, self._externals, self._compiled.chain)
+        for name, x in found.items():
+            if x.ndim > len(self._externals[name].shape):
+                raise StateError(f"set: {name}: expected numbers of one system, got a batch of {len(x)}")
+        for name, x in found.items():
+            self._bound.arrays[name][...] = x
+        self._bound.prepare()
