@@ -84,7 +84,7 @@ def imported_rooms(path: Path) -> set[str]:
 def test_imports_go_left(path):
     """No room imports one to its right; only the top and the command line know the whole package."""
     here = room(path)
-    if here == "__init__":
+    if here in ("__init__", "__main__"):
         return
     assert here in MAY_IMPORT, f"a new room: say in MAY_IMPORT where {here} belongs"
     called = ON_CALL.get(path.relative_to(ROOT).as_posix(), set())

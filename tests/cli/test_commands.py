@@ -17,7 +17,10 @@ from tests.io.mutations import CASES, small_case
 from tests.systems import two_collinear_stretched_6r
 
 FILE = str(Path(__file__).parents[1] / "data" / "cases.json")
-COMMANDS = ("solve", "diagnose", "simulate", "summary", "view", "plot", "export", "bench", "methods", "doctor")
+COMMANDS = (
+    "solve", "diagnose", "simulate", "sweep", "summary", "view", "plot", "export", "export-c", "bench", "methods",
+    "doctor",
+)  # fmt: skip
 
 
 def test_help(capsys):
@@ -193,7 +196,9 @@ def test_console_entry():
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert json.loads(done.stdout)[0]["error_vs_expected"] < 1e-9
-    done = subprocess.run([*program(), "solve", "none.json"], capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-m", "holdfast", "solve", "none.json"], capture_output=True, text=True, timeout=60
+    )
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == "holdfast: error: none.json: cannot be read: No such file or directory\n"
 
