@@ -152,11 +152,28 @@ def through_steps(c: Case) -> Any:
 def of_texts(c: Case) -> Any:
     """Return gradients of torques by joint positions, and of both energies."""
     found = solved(c)
-    given = c.chain, c.state, found.qdd, found.grasp_wrench
+    base = found.base_acceleration if c.chain.floats else None
+    given = c.chain, c.state, found.qdd, found.grasp_wrench, c.inputs, base
     return [
-        hf.inverse_dynamics_vjp(*given, inputs=c.inputs, tau=np.ones(c.chain.joint_count), by=("q",)).q,
+        hf.inverse_dynamics_vjp(*given, tau=np.ones(c.chain.joint_count), by=("q",)).q,
         dynamics.kinetic_energy_vjp(c.chain, c.state, inputs=c.inputs, by=("q",)).q,
         dynamics.potential_energy_vjp(c.chain, c.state, by=("q",)).q,
+    ]
+
+
+def of_margins(c: Case) -> Any:
+    """Return gradients by joint positions of the gaps of the grasps, of margins, and of wrenches at wrists."""
+    found, bar = solved(c), np.ones(c.chain.joint_count)
+    gaps = [gap.position for gap in dynamics.closure(c.chain, c.state, c.inputs).values()]
+    of_gaps = np.ones(sum(map(len, gaps)))
+    wrists = np.ones((len(c.chain.arms), 6))
+    return [
+        dynamics.closure_vjp(c.chain, c.state, c.inputs, position=of_gaps, by=("q",)).q,
+        forces.joint_margins_vjp(c.chain, c.state, c.tau, position=bar, by=("q",)).q,
+        forces.wrist_wrenches_vjp(c.chain, c.state, found, wrist_wrenches=wrists, by=("q",)).q,
+        forces.grasp_margins_vjp(
+            c.chain, c.state, found.grasp_wrench, grasp_margins=np.ones(len(c.chain.grasps))
+        ).grasp_wrench,
     ]
 
 
@@ -234,6 +251,7 @@ DERIVATIVES = [
     Question("`linearise`", lambda c: hf.linearise(c.chain, c.state, c.tau, inputs=c.inputs).A, quick=False),
     Question("derivatives as machine code", gradients_by_machine_code, quick=False),
     Question("of inverse dynamics and energies", of_texts, quick=False),
+    Question("of closure, margins, wrists", of_margins, quick=False),
     Question("a time step", lambda c: hf.linearise(c.chain, c.state, c.tau, inputs=c.inputs, step=STEP).A, quick=False),
     Question("through rollouts", through_steps, quick=False),
     Question("`regressor`", parameters_rows, quick=False),

@@ -1,178 +1,153 @@
-"""Derivatives of inverse dynamics and of energies: differences, laws, and what is refused."""
+"""Derivatives of the functions that solve nothing, such as inverse dynamics and energies: differences, and laws."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import holdfast as hf
 from holdfast import dynamics
-from tests.derivatives.asked import NAMES, size_of
-from tests.derivatives.moved import moved_problem
-from tests.derivatives.products import flat_direction, random_directions
-from tests.systems.as_chain import Problem
-from tests.systems.bushed import random_bushed
-from tests.systems.problems import random_problem, relative_gap
-from tests.systems.sprung import with_springs
-from tests.systems.trunk_problems import random_on_trunk
+from tests.derivatives.asked import names_for
+from tests.derivatives.products import random_directions
+from tests.derivatives.texts import Asked, asked, open_grasp, problem
+from tests.longer import mostly_slow
+from tests.systems.problems import relative_gap
 
-FIVE_POINTS = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}
-STEP, TRUNCATED, EXACT = 1e-3, 3e-9, 1e-12
-OWN = ("qdd", "grasp_wrench")
-OF_ENERGY = ("object_mass", "object_com", "object_inertia", "link_mass", "link_com", "link_inertia", "base_pose")
-EVERY = {
-    "inverse_dynamics": (*(name for name in NAMES if name != "tau"), *OWN),
-    "kinetic_energy": ("q", "qd", "object_pose", "object_twist", "base_twist", "armature", *OF_ENERGY),
-    "potential_energy": ("q", "object_pose", "gravity", "grasp_pose", *OF_ENERGY),
-}
-RESULT = {"inverse_dynamics": "tau"}
+TRUNCATED, EXACT = 1e-8, 1e-12
+SOLVED = ("inverse_dynamics", "kinetic_energy", "potential_energy")
+KINDS = ("plain", "springs", "bushing", "trunk", "floating")
+GRASPS = ("rigid", "hinge", "softfinger", "universal", "slider", "cylinder", "screw", "planar", "two slides")
+OF_FORCES = [("grasp_margins", "limits"), ("joint_margins", "limits"), ("wrist_wrenches", "limits")]
+CASES = [
+    *((name, kind) for name in (*SOLVED, "closure") for kind in KINDS),
+    *OF_FORCES,
+    *((name, kind) for name in ("grasp_margins", "wrist_wrenches") for kind in ("trunk", "floating")),
+]
+ALL = pytest.mark.parametrize(("name", "kind"), CASES)
 
 
-class Asked(NamedTuple):
-    """A function at a problem.
-
-    Attributes:
-        name: its name.
-        p: the problem.
-        own: what it is given besides.
-    """
-
-    name: str
-    p: Problem
-    own: Mapping[str, np.ndarray]
-
-    @property
-    def result(self) -> str:
-        """The name of what it returns."""
-        return RESULT.get(self.name, self.name)
-
-    @property
-    def by(self) -> tuple[str, ...]:
-        """All of its arguments."""
-        return EVERY[self.name]
-
-    def called(self, suffix: str = "", **options: Any) -> Any:
-        """Return what the function, or one of its derivatives, returns."""
-        function: Callable[..., Any] = getattr(hf if self.name == "inverse_dynamics" else dynamics, self.name + suffix)
-        inputs = {} if self.name == "potential_energy" else {"inputs": self.p.inputs}
-        return function(self.p.chain, self.p.state, **self.own, **inputs, **options)
-
-    def directions(self, random: np.random.Generator) -> dict[str, np.ndarray]:
-        """Return a direction of every argument; wrenches that are not the caller's to choose stay."""
-        found = random_directions(self.p, random, [name for name in self.by if name not in OWN])
-        return found | {name: random.normal(size=x.shape) * (x != 0.0) for name, x in self.own.items()}
-
-    def moved(self, name: str, flat: np.ndarray) -> Asked:
-        """Return the same with one argument displaced."""
-        if name in OWN:
-            return self._replace(own={**self.own, name: self.own[name] + flat.reshape(self.own[name].shape)})
-        return self._replace(p=displaced(self.p, {name: flat}))
-
-
-def displaced(p: Problem, by: Mapping[str, Any]) -> Problem:
-    """Return a problem with some arguments displaced, by name, flat."""
-    ends = np.cumsum([0, *(size_of(p, x) for x in NAMES)])
-    at = {x: slice(a, b) for x, a, b in zip(NAMES, ends, ends[1:], strict=False)}
-    along = np.zeros(ends[-1])
-    for name, flat in by.items():
-        along[at[name]] = flat
-    return moved_problem(p, at, along)
-
-
-def problem(kind: str) -> Problem:
-    """Return arms that hold rigidly and by a ball, on moving bases; with springs; or one by a bushing."""
-    if kind == "bushing":
-        return displaced(random_bushed(2), {"armature": 0.1, "damping": 0.1})  # none is on the bound, at 0
-    p = random_problem(3, joints=(4, 6, 2), grasps=("rigid", "ball", None), moving_base=True)
-    return p if kind == "plain" else Problem(with_springs(p.chain), p.state, p.tau, p.inputs)
-
-
-def asked(name: str, kind: str) -> Asked:
-    """Return a function at one of the problems, accelerations and wrenches at random."""
-    p, random = problem(kind), np.random.default_rng(5)
-    if name != "inverse_dynamics":
-        return Asked(name, p, {})
-    free = [name not in p.chain.grasps or p.chain.grasps[name].kind == "bushing" for name in p.chain.arms]
-    f = np.where(np.array(free)[:, None], 0.0, random.normal(size=(len(p.chain.arms), 6)))
-    return Asked(name, p, {"qdd": random.normal(size=p.chain.joint_count), "grasp_wrench": f})
-
-
-ALL = pytest.mark.parametrize(
-    ("name", "kind"), [(name, kind) for name in EVERY for kind in ("plain", "springs", "bushing")]
-)
+def size_of_terms(of: Asked, result: str) -> float:
+    """Return the largest finite entry of a result, which differences lose digits of."""
+    values = of.values()[result]
+    return float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
 
 
 @ALL
 def test_rates_are_five_point_differences(name, kind):
     of, random = asked(name, kind), np.random.default_rng(7)
     for by, along in of.directions(random).items():
-        flat = np.ravel(along) if by in OWN else flat_direction(of.p, by, along)
-        size = max(1.0, float(np.abs(flat).max()))
-        far = [w * np.asarray(of.moved(by, k * STEP / size * flat).called()) for k, w in FIVE_POINTS.items()]
-        got = of.called("_jvp", along={by: along})[of.result]
-        assert relative_gap(got, sum(far) * size / STEP, floor=1e-2 * np.abs(of.called()).max()) < TRUNCATED, by
+        expected, got = of.differences(by, along), of.called("_jvp", along={by: along})
+        for result in of.results:
+            floor = 1e-2 * size_of_terms(of, result)
+            assert relative_gap(got[result], expected[result], floor=floor) < TRUNCATED, (by, result)
 
 
 @ALL
 def test_a_gradient_along_a_direction_is_a_cotangent_along_the_rates(name, kind):
     of, random = asked(name, kind), np.random.default_rng(8)
     along = of.directions(random)
-    value = np.asarray(of.called())
-    bar = random.normal(size=value.shape)
-    pulled, pushed = of.called("_vjp", by=of.by, **{of.result: bar}), of.called("_jvp", along=along)
+    bars = {result: random.normal(size=value.shape) for result, value in of.values().items()}
+    pulled, pushed = of.called("_vjp", by=of.by, **bars), of.called("_jvp", along=along)
     parts = [float(np.sum(pulled[by] * x)) for by, x in along.items()]
-    assert sum(parts) == pytest.approx(float(np.sum(bar * pushed[of.result])), abs=1e-13 * np.abs(parts).sum())
-    assert np.array_equal(pulled.result, value)
-    assert np.array_equal(pushed.result, value)
+    expected = sum(float(np.sum(bar * pushed[result])) for result, bar in bars.items())
+    assert sum(parts) == pytest.approx(expected, abs=1e-13 * np.abs(parts).sum())
 
 
-@pytest.mark.parametrize("name", EVERY)
-def test_the_jacobian_holds_the_rates_of_all_directions(name):
-    of, random = asked(name, "springs"), np.random.default_rng(9)
+@pytest.mark.parametrize(("name", "kind"), CASES)
+def test_derivatives_come_with_what_the_function_returns(name, kind):
+    of = asked(name, kind)
+    bars = {result: np.zeros(value.shape) for result, value in of.values().items()}
+    nothing = {by: 0.0 * x for by, x in of.directions(np.random.default_rng(0)).items()}
+    for found in (of.called("_vjp", by=of.by, **bars), of.called("_jvp", along=nothing)):
+        if name == "closure":
+            assert all(
+                np.array_equal(x, y) for g in of.called() for x, y in zip(found.result[g], of.called()[g], strict=True)
+            )
+        else:
+            assert np.array_equal(found.result, of.called())
+        assert not any(np.any(x) for x in found.parts.values())
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"), mostly_slow([*((name, "floating") for name in (*SOLVED, "closure")), *OF_FORCES], OF_FORCES)
+)
+def test_the_jacobian_holds_the_rates_of_all_directions(name, kind):
+    of, random = asked(name, kind), np.random.default_rng(9)
     along = of.directions(random)
     matrix = of.called("_jacobian", by=of.by)
-    several = of.called("_jvp", along={by: np.stack([x, 0.5 * x, 0.0 * x]) for by, x in along.items()})[of.result]
-    value = np.asarray(of.called())
-    expected = sum(np.tensordot(matrix[of.result, by], x, np.ndim(x)) for by, x in along.items())
-    assert several.shape == (3, *value.shape)
-    assert relative_gap(several[0], expected) < EXACT
-    assert relative_gap(several[1], 0.5 * expected) < EXACT
-    assert not several[2].any()
+    several = of.called("_jvp", along={by: np.stack([x, 0.5 * x, 0.0 * x]) for by, x in along.items()})
+    for result, value in of.values().items():
+        expected = sum(np.tensordot(matrix[result, by], x, np.ndim(x)) for by, x in along.items())
+        assert several[result].shape == (3, *value.shape)
+        assert relative_gap(several[result][0], expected) < EXACT
+        assert relative_gap(several[result][1], 0.5 * expected) < EXACT
+        assert not several[result][2].any()
 
 
-@pytest.mark.parametrize("kind", ["plain", "springs"])
+@pytest.mark.parametrize("kind", ["plain", "springs", "trunk", "floating"])
 def test_inverse_after_forward_dynamics_returns_the_change_of_torques(kind):
     """tau = inverse(theta, qdd(theta, tau), f(theta, tau)) for all theta: its total derivative is tau's own."""
     p, random = problem(kind), np.random.default_rng(10)
-    along = random_directions(p, random)
+    along = random_directions(p, random, names_for(p))
     there = hf.forward_dynamics_jvp(p.chain, p.state, p.tau, inputs=p.inputs, along=along)
+    results = ("qdd", "grasp_wrench", *(["floating_acceleration"] if p.chain.floats else []))
     back = hf.inverse_dynamics_jvp(
         p.chain,
         p.state,
         there.result.qdd,
         there.result.grasp_wrench,
         p.inputs,
-        along={name: x for name, x in along.items() if name != "tau"} | {name: there[name] for name in OWN},
+        there.result.base_acceleration,
+        along={name: x for name, x in along.items() if name != "tau"} | {name: there[name] for name in results},
     )
     # terms that cancel are larger than what is left of them
     assert relative_gap(back.tau, along["tau"], floor=np.abs(there.grasp_wrench).max()) < 1e-10
 
 
-@pytest.mark.parametrize("kind", ["plain", "springs"])
+@pytest.mark.parametrize("kind", ["plain", "springs", "trunk", "floating"])
 def test_energy_changes_by_the_power(kind):
     p = problem(kind)
-    still = hf.Inputs(object_wrench=p.inputs.object_wrench)
+    still = hf.Inputs(object_wrench=p.inputs.object_wrench, trunk_link_wrenches=p.inputs.trunk_link_wrenches)
     chain, state = p.chain, dynamics.project_velocity(p.chain, p.state)
     result = hf.forward_dynamics(chain, state, p.tau, inputs=still)
     motion = {"q": state.qd, "object_pose": state.object_twist}
     faster = {"qd": result.qdd, "object_twist": result.object_acceleration}
+    if chain.floats:
+        motion |= {"floating_pose": state.base_twist}
+        faster |= {"floating_twist": result.base_acceleration}
     rate = dynamics.kinetic_energy_jvp(chain, state, still, along=motion | faster)["kinetic_energy"]
     rate = rate + dynamics.potential_energy_jvp(chain, state, along=motion)["potential_energy"]
     power = dynamics.power(chain, state, p.tau, result, still)
     assert float(rate) == pytest.approx(sum(power), abs=1e-11 * np.abs(power).sum())
+
+
+@pytest.mark.parametrize("kind", ["plain", "trunk", "floating"])
+def test_positions_open_as_fast_as_velocities_say(kind):
+    """Of a closed chain in any motion, for rows that positions and velocities both have."""
+    p, random = problem(kind), np.random.default_rng(11)
+    chain = p.chain
+    loose = {"qd": p.state.qd + random.normal(size=chain.joint_count)}
+    state = replace(p.state, **loose, object_twist=random.normal(size=6))
+    motion = {"q": state.qd, "object_pose": state.object_twist}
+    motion |= {"floating_pose": state.base_twist} if chain.floats else {}
+    still = replace(p.inputs, base_twists=None, trunk_base_twist=None)
+    found = dynamics.closure_jvp(chain, state, still, along=motion)
+    now = np.concatenate([gap.velocity for gap in dynamics.closure(chain, state, still).values()])
+    assert np.abs(now).max() > 0.1
+    assert relative_gap(found.position, now) < 1e-9
+
+
+@pytest.mark.parametrize("kind", GRASPS)
+def test_closure_of_every_kind_of_grasp(kind):
+    """Open grasps, far from closed ones: angles are large, threads have turned."""
+    of, random = open_grasp(kind), np.random.default_rng(12)
+    assert max(np.abs(x).max() for x in of.values().values()) > 0.3
+    for by, along in of.directions(random).items():
+        expected, got = of.differences(by, along), of.called("_jvp", along={by: along})
+        for result in of.results:
+            assert relative_gap(got[result], expected[result], floor=1.0) < TRUNCATED, (by, result)
 
 
 def test_what_torques_do_not_depend_on_has_a_gradient_of_nothing():
@@ -198,14 +173,3 @@ def test_names_and_shapes_that_do_not_fit_are_refused():
         of.called("_jvp", along={"q": np.ones(n + 1)})
     with pytest.raises(hf.StateError, match="kinetic_energy_jacobian: no 'gravity'"):
         asked("kinetic_energy", "plain").called("_jacobian", by=["gravity"])
-
-
-@pytest.mark.parametrize("name", EVERY)
-def test_a_trunk_is_refused_by_name(name):
-    p = random_on_trunk(1, 2)
-    n, l = p.chain.joint_count, len(p.chain.arms)
-    own = {"qdd": np.zeros(n), "grasp_wrench": np.zeros((l, 6))} if name == "inverse_dynamics" else {}
-    for suffix, options in (("_vjp", {}), ("_jvp", {"along": {"q": np.ones(n)}}), ("_jacobian", {})):
-        more = {"tau": np.ones(n)} if own and suffix == "_vjp" else {}
-        with pytest.raises(hf.MethodNotApplicable, match=f"{name}{suffix}.*trunk"):
-            Asked(name, p, own).called(suffix, **options, **more)

@@ -8,6 +8,7 @@ import numpy as np
 
 import holdfast as hf
 from holdfast.dynamics import project_velocity
+from holdfast.model.spring import SpringEnd
 from holdfast.spatial import rotation
 from tests.systems.as_chain import Problem
 from tests.systems.problems import random_problem
@@ -45,13 +46,31 @@ def one_long_arm(seed: int, below: int) -> tuple[Problem, Problem]:
     """Return a chain of two arms, and the same chain with the first joints of one of them as the trunk of its rest."""
     p = random_problem(seed, arms=2, joints=8, moving_base=False)
     p = replace(p, state=project_velocity(p.chain, p.state), inputs=hf.Inputs())
+    return p, with_first_joints_as_trunk(p, below)[0]
+
+
+def with_first_joints_as_trunk(p: Problem, below: int) -> tuple[Problem, np.ndarray]:
+    """Return a chain with the first joints of its second arm as the trunk of that arm's rest, and its joints' order."""
     name = p.chain.names[1]
     arm, part = p.chain.arms[name], p.chain.joints[name]
     trunk = hf.Trunk(arm.joints[:below], arm.links[:below], arm.base)
     rest = replace(arm, joints=arm.joints[below:], links=arm.links[below:], base=hf.Pose.identity())
     order = np.r_[part.start : part.start + below, : part.start, part.start + below : p.chain.joint_count]
+
+    def end(of: SpringEnd) -> SpringEnd:
+        if of.body != name:
+            return of
+        k = of.link_number()
+        return SpringEnd("trunk", of.point, k) if k < below else SpringEnd(name, of.point, k - below)
+
     chain = hf.ClosedChain(
-        {**p.chain.arms, name: rest}, p.chain.held_object, p.chain.grasps, p.chain.gravity, trunk, {name: below - 1}
+        {**p.chain.arms, name: rest},
+        p.chain.held_object,
+        p.chain.grasps,
+        p.chain.gravity,
+        trunk,
+        {name: below - 1},
+        springs=[replace(spring, a=end(spring.a), b=end(spring.b)) for spring in p.chain.springs],
     )
     state = replace(p.state, q=p.state.q[order], qd=p.state.qd[order])
-    return p, Problem(chain, state, p.tau[order], p.inputs)
+    return Problem(chain, state, p.tau[order], p.inputs), order

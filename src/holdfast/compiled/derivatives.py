@@ -12,7 +12,7 @@ from holdfast.compiled.externals import MOVING
 from holdfast.compiled.not_compiled import NotCompiledError
 from holdfast.compiled.structure import Options
 from holdfast.dynamics.closed.forward_derivatives import arguments_of, results_of
-from holdfast.dynamics.derivatives import STATE_AND_TORQUES, without_derivatives
+from holdfast.dynamics.derivatives import STATE_AND_TORQUES
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -200,9 +200,6 @@ class ChainDerivatives:
             NotCompiledError: machine code has none of this chain.
         """
         what = f"forward_dynamics_{kind}"
-        lacking = without_derivatives(self.chain)
-        if lacking:
-            raise NotCompiledError(f"compile: '{what}' of a chain with {lacking} is not there yet")
         if self.chain.springs:
             raise NotCompiledError(
                 f"compile: '{what}' of a chain with springs between bodies runs as reference only, since their wrenches"

@@ -1,6 +1,9 @@
 """The algorithms: open chain (`arm`), closed chain (`closed`), and what is asked of them."""
 
 from .closing import project_velocity as project_velocity
+from .closure_derivatives import closure_jacobian as closure_jacobian
+from .closure_derivatives import closure_jvp as closure_jvp
+from .closure_derivatives import closure_vjp as closure_vjp
 from .consistency import GraspResidual as GraspResidual
 from .consistency import closure as closure
 from .contact_attitude import ContactAttitude as ContactAttitude

@@ -11,8 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
-from holdfast.dynamics.closed.contact import Contact
+from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.velocity import link_twists, tip_twist
+from holdfast.dynamics.closed.chain_motion import ChainMotion
+from holdfast.dynamics.closed.contact import Contact, contact
+from holdfast.dynamics.trunk.trunk_motion import standing
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.pose import Pose
@@ -93,8 +96,20 @@ def closure(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> d
         StateError: a state or inputs of the wrong shape for the chain.
     """
     state.fits(chain)
-    motion = chain_motion(chain, state, np.zeros(chain.joint_count), (inputs or Inputs()).shaped(chain))
-    return residuals(motion, state)
+    return residuals_at(chain, state, (inputs or Inputs()).shaped(chain))
+
+
+def residuals_at(chain: ClosedChain, state: State, inputs: Inputs) -> dict[str, GraspResidual]:
+    """Return position and velocity residuals of every grasp, inputs shaped, on varied numbers too; see `closure`."""
+    stand, frame, found = standing(chain, state, inputs), state.object_frame, {}
+    for name, grasp in chain.grasps.items():
+        row, part = chain.names.index(name), chain.joints[name]
+        arm, base_twist = stand.arms[row], stand.base_twists[row]
+        at = posture(arm, state.q[part])
+        moving = tip_twist(arm, at, link_twists(arm, at, state.qd[part], base_twist), base_twist)
+        c = contact(grasp, frame, state.object_twist, at.tip, moving)
+        found[name] = GraspResidual(position_residual(c, frame.p + c.origin, at.tip), c.velocity_gap)
+    return found
 
 
 def require_closed(

@@ -4,37 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
-from holdfast.dynamics.closed.forward_derivatives import (
-    VirtualPower,
-    arguments_of,
-    arm_residual_rates,
-    backward,
-    forward,
-    results_of,
-)
-from holdfast.dynamics.closed.forward_jacobian import (
-    direction,
-    gradient_shapes,
-    jacobian,
-    unit_wrenches,
-    units_needed,
-)
+from holdfast.dynamics.closed.forward_derivatives import VirtualPower, arguments_of, backward, forward, results_of
+from holdfast.dynamics.closed.forward_jacobian import direction, gradient_shapes, jacobian, units_needed
 from holdfast.dynamics.closed.second_solve import Point, point
 from holdfast.dynamics.closed.sequential import sequential
-from holdfast.dynamics.closed.stacked import Stacked
-from holdfast.dynamics.closed.virtual_power import Unknowns
-from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.forward import forward_dynamics
-from holdfast.dynamics.indeterminate import free_wrenches
+from holdfast.dynamics.least_forces import LeastForces, least_forces
+from holdfast.dynamics.linear_text import LinearText
 from holdfast.dynamics.result import ForwardResult, Status
-from holdfast.dynamics.spring_rates import SpringRates, spring_rates
-from holdfast.errors import MethodNotApplicable, StateError
+from holdfast.dynamics.spring_rates import pushed, spring_rates
+from holdfast.dynamics.varied_case import VariedCase
+from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.frozen import Frozen
@@ -109,13 +95,12 @@ def forward_dynamics_vjp(
     Raises:
         StateError: wrong names, shapes or numbers; the state breaks a grasp.
         SingularChainError: the constraint's rank drops here.
-        MethodNotApplicable: a trunk with springs between bodies, or with indeterminate forces.
     """
     what = "forward_dynamics_vjp"
     checks.instance(chain, ClosedChain, "chain")
     require_names(what, by, arguments_of(chain))
     require_names(what, cotangents, results_of(chain))
-    at, result, least = _point(what, chain, state, tau, inputs, check, generic_rank)
+    at, result, least = _point(chain, state, tau, inputs, check, generic_rank)
     bars = {
         name: checks.numbers(x, np.shape(result_named(result, name)), name, StateError)
         for name, x in cotangents.items()
@@ -123,10 +108,10 @@ def forward_dynamics_vjp(
     also: tuple[VirtualPower, ...] = ()
     if least is not None:
         bars, also = least.backward(at, bars)
-    wrenches = spring_rates(chain, state, (inputs or Inputs()).shaped(chain), by)
-    names = tuple(by) if wrenches is None else tuple(dict.fromkeys((*by, "object_wrench", "link_wrench")))
+    springs = spring_rates(VariedCase(chain, state, with_link_wrenches(chain, inputs), {}), by)
+    names = tuple(by) if springs is None else tuple(dict.fromkeys((*by, *springs.text.results)))
     found, shapes = backward(at, bars, names, also), gradient_shapes(chain)
-    more = {} if wrenches is None else wrenches.backward(found["object_wrench"], found["link_wrench"])
+    more = {} if springs is None else springs.gradient({name: found[name] for name in springs.text.results})
     return Derivatives(result, {name: (found[name] + more.get(name, 0.0)).reshape(shapes[name]) for name in by})
 
 
@@ -159,18 +144,17 @@ def forward_dynamics_jvp(
     Raises:
         StateError: wrong names, shapes or numbers; the state breaks a grasp.
         SingularChainError: the constraint's rank drops here.
-        MethodNotApplicable: a trunk with springs between bodies, or with indeterminate forces.
     """
     what = "forward_dynamics_jvp"
     checks.instance(chain, ClosedChain, "chain")
     checks.instance(along, Mapping, f"{what}: along", StateError)
     require_names(what, along, arguments_of(chain))
-    at, result, least = _point(what, chain, state, tau, inputs, check, generic_rank)
+    at, result, least = _point(chain, state, tau, inputs, check, generic_rank)
     given = directions(what, along, gradient_shapes(chain))
-    wrenches = spring_rates(chain, state, (inputs or Inputs()).shaped(chain), list(along))
+    springs = spring_rates(VariedCase(chain, state, with_link_wrenches(chain, inputs), {}), list(along))
     if isinstance(given, dict):
-        return Derivatives(result, _forward(at, given, wrenches, least))
-    each = [_forward(at, one, wrenches, least) for one in given]
+        return Derivatives(result, _forward(at, given, springs, least))
+    each = [_forward(at, one, springs, least) for one in given]
     return Derivatives(result, {name: np.array([one[name] for one in each]) for name in results_of(chain)})
 
 
@@ -203,20 +187,19 @@ def forward_dynamics_jacobian(
     Raises:
         StateError: wrong names, shapes or numbers; the state breaks a grasp.
         SingularChainError: the constraint's rank drops here.
-        MethodNotApplicable: a trunk with springs between bodies, or with indeterminate forces.
     """
     what = "forward_dynamics_jacobian"
     checks.instance(chain, ClosedChain, "chain")
     require_names(what, of, results_of(chain))
     require_names(what, by, arguments_of(chain))
-    at, result, least = _point(what, chain, state, tau, inputs, check, generic_rank)
+    at, result, least = _point(chain, state, tau, inputs, check, generic_rank)
     shapes = gradient_shapes(chain)
-    wrenches = spring_rates(chain, state, (inputs or Inputs()).shaped(chain), by)
-    if wrenches is not None or least is not None:
+    springs = spring_rates(VariedCase(chain, state, with_link_wrenches(chain, inputs), {}), by)
+    if springs is not None or least is not None:
         columns: dict[tuple[str, str], Array] = {}
         for name in by:
             units = np.eye(int(np.prod(shapes[name])))
-            found = [_forward(at, {name: direction(e, name, shapes[name])}, wrenches, least) for e in units]
+            found = [_forward(at, {name: direction(e, name, shapes[name])}, springs, least) for e in units]
             columns |= {(o, name): np.array([one[o].ravel() for one in found]) for o in of}
     else:
         columns = jacobian(at, of, by, np.eye(units_needed(chain, by)))
@@ -225,91 +208,17 @@ def forward_dynamics_jacobian(
     )
 
 
-class LeastForces(NamedTuple):
-    """The least of the forces that are not unique, f = W^-1 B^T mu with B f = (J^T f, -A^T f, H f).
-
-    Attributes:
-        N: (6 l, k) wrenches that nothing feels, N^T W N = 1.
-        W: (6 l,) the metric.
-        mu: by arm that holds, the multipliers.
-    """
-
-    N: Array
-    W: Array
-    mu: Mapping[str, Unknowns]
-
-    def forward(self, at: Point, found: dict[str, Array], tangents: Mapping[str, Array]) -> dict[str, Array]:
-        """Return rates of change with those of the least forces: df = P df_any + N N^T (dB^T) mu.
-
-        Args:
-            at: where, its wrenches being the least.
-            found: rates of change, the wrenches' being those of any choice.
-            tangents: by argument.
-        """
-        chain = at.motion.chain
-        rows = [list(chain.arms).index(name) for name in chain.grasps]
-        none = {name: Unknowns(*(0.0 * x for x in z)) for name, z in at.unknowns.items()}
-        turned, still = (arm_residual_rates(at, none | dict(z), tangents) for z in (self.mu, {}))
-        f = np.concatenate([found["grasp_wrench"][row] for row in rows])
-        B_mu = np.concatenate([turned[row].wrench - still[row].wrench for row in rows])
-        more = (self.N @ (self.N.T @ (B_mu - self.W * f))).reshape(-1, 6)
-        wrench, base = found["grasp_wrench"].copy(), found["base_wrench"].copy()
-        for row, name, x in zip(rows, chain.grasps, more, strict=True):
-            wrench[row] += x
-            base[row] += unit_wrenches(at.tips[name], at.motion.arms[name]).base @ x
-        return found | {"grasp_wrench": wrench, "base_wrench": base}
-
-    def backward(self, at: Point, bars: Mapping[str, Array]) -> tuple[dict[str, Array], tuple[VirtualPower, ...]]:
-        """Return the cotangents of one choice of forces that are those of the least ones, and what is added."""
-        chain = at.motion.chain
-        rows = {name: list(chain.arms).index(name) for name in chain.grasps}
-        none = np.zeros((len(chain.arms), 6))
-        of_f, of_base = (bars.get(name, none) for name in ("grasp_wrench", "base_wrench"))
-        felt = [
-            of_f[row] + of_base[row] @ unit_wrenches(at.tips[name], at.motion.arms[name]).base
-            for name, row in rows.items()
-        ]
-        v = self.N @ (self.N.T @ np.concatenate(felt))
-        other = of_f.copy()
-        for row, less in zip(rows.values(), (self.W * v).reshape(-1, 6), strict=True):
-            other[row] -= less
-        of_v = dict(zip(chain.grasps, v.reshape(-1, 6), strict=True))
-        z = {name: at.unknowns[name]._replace(wrench=x) for name, x in of_v.items()}
-        without = {name: x._replace(wrench=np.zeros(6)) for name, x in z.items()}
-        also = (VirtualPower(1.0, z, self.mu), VirtualPower(-1.0, without, self.mu))
-        return {**bars, "grasp_wrench": other}, also
-
-
-def least_forces(at: Point) -> LeastForces:
-    """Return the least forces at a point whose wrenches they are."""
-    motion, chain = at.motion, at.motion.chain
-    length = length_scale([c.offset for c in motion.contacts])
-    W = np.tile(np.r_[np.full(3, 1 / length**2), np.ones(3)], len(motion.contacts))
-    N = free_wrenches(motion, length, None if at.found.rank is None else int(at.found.rank))
-    s = Stacked(motion)
-    f = np.concatenate([at.unknowns[name].wrench for name in chain.grasps])
-    solved = np.linalg.lstsq(np.hstack([s.J, -s.A, s.HT]), W * f, rcond=1e-10)[0]
-    counts = [chain.arms[name].joint_count for name in chain.grasps]
-    ends = np.cumsum([*counts, 6, *(len(grasp.free) for grasp in chain.grasps.values())])[:-1]
-    parts = np.split(solved, ends)
-    qdd, alpha, rates = parts[: len(counts)], parts[len(counts)], parts[len(counts) + 1 :]
-    none = np.zeros(6)
-    mu = {name: Unknowns(a, none, W_dot, alpha, none) for name, a, W_dot in zip(chain.grasps, qdd, rates, strict=True)}
-    return LeastForces(N, W, mu)
-
-
 def _forward(
-    at: Point, tangents: Mapping[str, Array], wrenches: SpringRates | None, least: LeastForces | None
+    at: Point, tangents: Mapping[str, Array], springs: LinearText | None, least: LeastForces | None
 ) -> dict[str, Array]:
     """Return the rates of change of all results."""
-    if wrenches is not None:
-        tangents = wrenches.forward(tangents)
+    if springs is not None:
+        tangents = pushed(springs, tangents)
     found = forward(at, tangents)
     return found if least is None else least.forward(at, found, tangents)
 
 
 def _point(
-    what: str,
     chain: ClosedChain,
     state: State,
     tau: ArrayLike,
@@ -318,7 +227,6 @@ def _point(
     generic_rank: int | None,
 ) -> tuple[Point, ForwardResult, LeastForces | None]:
     """Return where derivatives are taken, forward dynamics there, and the least forces where they are not unique."""
-    require_derivatives(what, chain)
     result = forward_dynamics(chain, state, tau, inputs=inputs, check=check, generic_rank=generic_rank)
     given = with_link_wrenches(chain, inputs)
     motion: ChainMotion = chain_motion(chain, state, checks.numbers(tau, (chain.joint_count,), "tau"), given)
@@ -327,10 +235,7 @@ def _point(
     rows = dict(zip(chain.arms, result.grasp_wrench, strict=True))
     held = {n: z if n in chain.bushings else z._replace(wrench=rows[n]) for n, z in at.unknowns.items()}
     at = replace(at, unknowns=held)
-    least = result.status is Status.INDETERMINATE_FORCES
-    if least and chain.trunk is not None:
-        raise MethodNotApplicable(f"{what}: forces that are not unique, with a trunk, have no derivatives yet")
-    return at, result, least_forces(at) if least else None
+    return at, result, least_forces(at) if result.status is Status.INDETERMINATE_FORCES else None
 
 
 def with_link_wrenches(chain: ClosedChain, inputs: Inputs | None) -> Inputs:
@@ -340,23 +245,6 @@ def with_link_wrenches(chain: ClosedChain, inputs: Inputs | None) -> Inputs:
         return given
     links = sum(arm.joint_count for arm in chain.arms.values())
     return replace(given, link_wrenches=np.zeros((links, 6)))
-
-
-def require_derivatives(what: str, chain: ClosedChain) -> None:
-    """Refuse a chain whose derivatives are not there yet.
-
-    Raises:
-        MethodNotApplicable: saying why.
-    """
-    if lacking := without_derivatives(chain):
-        raise MethodNotApplicable(f"{what}: derivatives of a chain with {lacking} are not there yet")
-
-
-def without_derivatives(chain: ClosedChain) -> str:
-    """Return what of a chain has no derivatives yet, in words; empty if all has."""
-    if chain.trunk is not None and chain.springs:
-        return "a trunk and springs between bodies"
-    return ""
 
 
 def result_named(found: ForwardResult, name: str) -> Array:

@@ -9,8 +9,10 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.derivatives import Derivatives
 from holdfast.dynamics.energy import total_kinetic_energy, total_potential_energy
-from holdfast.dynamics.text_derivatives import Text, case_of, require_no_trunk, text_jacobian, text_jvp, text_vjp
+from holdfast.dynamics.linear_text import Text
+from holdfast.dynamics.text_derivatives import case_of, text_jacobian, text_jvp, text_vjp
 from holdfast.dynamics.varied_case import VariedCase
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Scalar
 from holdfast.state import Inputs, State
@@ -38,7 +40,7 @@ def kinetic_energy_vjp(
         state: positions and velocities.
         inputs: base motion, if the bases move.
         by: the arguments: q, qd, object_pose, object_twist, base_pose, base_twist, armature, and mass, com
-            and inertia of object_ and link_.
+            and inertia of object_ and link_; with a trunk floating_pose and floating_twist, or trunk_base_twist.
         kinetic_energy: the cotangent T_bar; with 1 gradients are T's own.
 
     Returns:
@@ -46,9 +48,8 @@ def kinetic_energy_vjp(
 
     Raises:
         StateError: wrong names, shapes or numbers.
-        MethodNotApplicable: the chain has a trunk.
     """
-    case, found = _case(KINETIC, "vjp", chain, state, inputs)
+    case, found = _case(KINETIC, chain, state, inputs)
     return text_vjp(KINETIC, case, found, by, {"kinetic_energy": kinetic_energy})
 
 
@@ -74,9 +75,8 @@ def kinetic_energy_jvp(
 
     Raises:
         StateError: wrong names, shapes or numbers.
-        MethodNotApplicable: the chain has a trunk.
     """
-    case, found = _case(KINETIC, "jvp", chain, state, inputs)
+    case, found = _case(KINETIC, chain, state, inputs)
     return text_jvp(KINETIC, case, found, along)
 
 
@@ -102,9 +102,8 @@ def kinetic_energy_jacobian(
 
     Raises:
         StateError: wrong names, shapes or numbers.
-        MethodNotApplicable: the chain has a trunk.
     """
-    case, found = _case(KINETIC, "jacobian", chain, state, inputs)
+    case, found = _case(KINETIC, chain, state, inputs)
     return text_jacobian(KINETIC, case, found, of, by)
 
 
@@ -124,7 +123,7 @@ def potential_energy_vjp(
         chain: the chain.
         state: positions; velocities do not enter.
         by: the arguments: q, object_pose, gravity, base_pose, grasp_pose, and mass, com and inertia of object_
-            and link_.
+            and link_; with a floating base also floating_pose.
         potential_energy: the cotangent U_bar; with 1 gradients are U's own.
 
     Returns:
@@ -132,9 +131,8 @@ def potential_energy_vjp(
 
     Raises:
         StateError: wrong names, shapes or numbers.
-        MethodNotApplicable: the chain has a trunk.
     """
-    case, found = _case(POTENTIAL, "vjp", chain, state, None)
+    case, found = _case(POTENTIAL, chain, state, None)
     return text_vjp(POTENTIAL, case, found, by, {"potential_energy": potential_energy})
 
 
@@ -158,9 +156,8 @@ def potential_energy_jvp(
 
     Raises:
         StateError: wrong names, shapes or numbers.
-        MethodNotApplicable: the chain has a trunk.
     """
-    case, found = _case(POTENTIAL, "jvp", chain, state, None)
+    case, found = _case(POTENTIAL, chain, state, None)
     return text_jvp(POTENTIAL, case, found, along)
 
 
@@ -184,15 +181,14 @@ def potential_energy_jacobian(
 
     Raises:
         StateError: wrong names, shapes or numbers.
-        MethodNotApplicable: the chain has a trunk.
     """
-    case, found = _case(POTENTIAL, "jacobian", chain, state, None)
+    case, found = _case(POTENTIAL, chain, state, None)
     return text_jacobian(POTENTIAL, case, found, of, by)
 
 
-def _case(text: Text, suffix: str, chain: ClosedChain, state: State, inputs: Inputs | None) -> tuple[VariedCase, float]:
+def _case(text: Text, chain: ClosedChain, state: State, inputs: Inputs | None) -> tuple[VariedCase, float]:
     """Return what an energy's text is given, and the energy there."""
-    require_no_trunk(f"{text.name}_{suffix}", chain)
+    checks.instance(chain, ClosedChain, "chain")
     state.fits(chain)
     case = case_of(chain, state, inputs, {})
     with np.errstate(all="ignore"):
@@ -207,12 +203,16 @@ def _potential(case: VariedCase) -> tuple[Scalar]:
     return (total_potential_energy(case.chain, case.state),)
 
 
+OF_BASES = ("base_pose", "floating_pose")
 KINETIC = Text(
-    "kinetic_energy", (*MOTION, "base_pose", "base_twist", "armature", *OF_INERTIAS), ("kinetic_energy",), _kinetic
+    "kinetic_energy",
+    (*MOTION, *OF_BASES, "base_twist", "floating_twist", "trunk_base_twist", "armature", *OF_INERTIAS),
+    ("kinetic_energy",),
+    _kinetic,
 )
 POTENTIAL = Text(
     "potential_energy",
-    (*PLACES, "gravity", "base_pose", "grasp_pose", *OF_INERTIAS),
+    (*PLACES, "gravity", *OF_BASES, "grasp_pose", *OF_INERTIAS),
     ("potential_energy",),
     _potential,
 )

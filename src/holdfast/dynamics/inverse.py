@@ -86,8 +86,11 @@ def _without_known(motion: ChainMotion, f: Array) -> Array:
     return left
 
 
-def torques(motion: ChainMotion, qdd: Array, f: Array) -> Array:
-    """Return the drives' torques of trunk and arms, (n,), no base accelerating; see `inverse_dynamics`."""
+def torques(motion: ChainMotion, qdd: Array, f: Array, base: Array | None = None) -> Array:
+    """Return the drives' torques of trunk and arms, (n,), of grasp wrenches without known ones; see `inverse_dynamics`.
+
+    A floating base accelerates by `base`, (6,), or not at all, whatever wrench that needs.
+    """
     if motion.trunk is not None:
-        return trunk_torques(motion, qdd, f, np.zeros(6) if motion.trunk.floats else None).tau
+        return trunk_torques(motion, qdd, f, np.zeros(6) if base is None and motion.trunk.floats else base).tau
     return concatenate(each(drive_torques, motion.arms.values(), [qdd[part] for part in motion.chain.arm_joints], f))

@@ -11,7 +11,9 @@ from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.forward_derivatives import ARGUMENTS
 from holdfast.dynamics.derivatives import Derivatives
 from holdfast.dynamics.inverse import inverse_dynamics, torques
-from holdfast.dynamics.text_derivatives import Text, case_of, require_no_trunk, text_jacobian, text_jvp, text_vjp
+from holdfast.dynamics.linear_text import Text
+from holdfast.dynamics.text_derivatives import case_of, text_jacobian, text_jvp, text_vjp
+from holdfast.dynamics.trunk.trunk_derivatives import FLOATING_RESULT, OF_TRUNK
 from holdfast.dynamics.varied_case import VariedCase
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -28,6 +30,7 @@ def inverse_dynamics_vjp(
     qdd: ArrayLike,
     grasp_wrench: ArrayLike,
     inputs: Inputs | None = None,
+    base_acceleration: ArrayLike | None = None,
     *,
     by: Sequence[str] = MOTION_AND_FORCES,
     tau: ArrayLike,
@@ -44,7 +47,10 @@ def inverse_dynamics_vjp(
         qdd: (n,) joint accelerations.
         grasp_wrench: (arms, 6) of each arm on the object, about the contact, world axes.
         inputs: external wrenches and base motion.
-        by: the arguments: those of `forward_dynamics_vjp`, with qdd and grasp_wrench in the place of tau.
+        base_acceleration: (6,) true acceleration of a trunk's floating base, world axes; it is needed with one.
+        by: the arguments: those of `forward_dynamics_vjp`, with qdd and grasp_wrench in the place of tau; with a
+            floating base also floating_acceleration. Along changes for which that base would need a wrench, tau is
+            what the drives give all the same.
         tau: (n,) the cotangent.
 
     Returns:
@@ -52,9 +58,8 @@ def inverse_dynamics_vjp(
 
     Raises:
         StateError: wrong names, shapes or numbers; see `inverse_dynamics`.
-        MethodNotApplicable: the chain has a trunk.
     """
-    case, found = _case("inverse_dynamics_vjp", chain, state, qdd, grasp_wrench, inputs)
+    case, found = _case(chain, state, qdd, grasp_wrench, inputs, base_acceleration)
     return text_vjp(TORQUES, case, found, by, {"tau": tau})
 
 
@@ -64,6 +69,7 @@ def inverse_dynamics_jvp(
     qdd: ArrayLike,
     grasp_wrench: ArrayLike,
     inputs: Inputs | None = None,
+    base_acceleration: ArrayLike | None = None,
     *,
     along: Mapping[str, ArrayLike],
 ) -> Derivatives:
@@ -77,6 +83,7 @@ def inverse_dynamics_jvp(
         qdd: (n,) joint accelerations.
         grasp_wrench: (arms, 6) of each arm on the object, about the contact, world axes.
         inputs: external wrenches and base motion.
+        base_acceleration: (6,) true acceleration of a trunk's floating base, world axes; it is needed with one.
         along: by argument, how fast it changes, of its gradient's shape; or (d, ...) for d directions.
 
     Returns:
@@ -84,9 +91,8 @@ def inverse_dynamics_jvp(
 
     Raises:
         StateError: wrong names, shapes or numbers; see `inverse_dynamics`.
-        MethodNotApplicable: the chain has a trunk.
     """
-    case, found = _case("inverse_dynamics_jvp", chain, state, qdd, grasp_wrench, inputs)
+    case, found = _case(chain, state, qdd, grasp_wrench, inputs, base_acceleration)
     return text_jvp(TORQUES, case, found, along)
 
 
@@ -96,6 +102,7 @@ def inverse_dynamics_jacobian(
     qdd: ArrayLike,
     grasp_wrench: ArrayLike,
     inputs: Inputs | None = None,
+    base_acceleration: ArrayLike | None = None,
     *,
     of: Sequence[str] = ("tau",),
     by: Sequence[str] = MOTION_AND_FORCES,
@@ -108,6 +115,7 @@ def inverse_dynamics_jacobian(
         qdd: (n,) joint accelerations.
         grasp_wrench: (arms, 6) of each arm on the object, about the contact, world axes.
         inputs: external wrenches and base motion.
+        base_acceleration: (6,) true acceleration of a trunk's floating base, world axes; it is needed with one.
         of: the results; there is one, tau.
         by: the arguments.
 
@@ -116,23 +124,29 @@ def inverse_dynamics_jacobian(
 
     Raises:
         StateError: wrong names, shapes or numbers; see `inverse_dynamics`.
-        MethodNotApplicable: the chain has a trunk.
     """
-    case, found = _case("inverse_dynamics_jacobian", chain, state, qdd, grasp_wrench, inputs)
+    case, found = _case(chain, state, qdd, grasp_wrench, inputs, base_acceleration)
     return text_jacobian(TORQUES, case, found, of, by)
 
 
 def _case(
-    what: str, chain: ClosedChain, state: State, qdd: ArrayLike, grasp_wrench: ArrayLike, inputs: Inputs | None
+    chain: ClosedChain,
+    state: State,
+    qdd: ArrayLike,
+    grasp_wrench: ArrayLike,
+    inputs: Inputs | None,
+    base_acceleration: ArrayLike | None,
 ) -> tuple[VariedCase, Array]:
     """Return what the text is given, and inverse dynamics there."""
-    require_no_trunk(what, chain)
+    checks.instance(chain, ClosedChain, "chain")
     with np.errstate(all="ignore"):
-        found = inverse_dynamics(chain, state, qdd, grasp_wrench, inputs)
+        found = inverse_dynamics(chain, state, qdd, grasp_wrench, inputs, base_acceleration)
     own = {
         "qdd": checks.numbers(qdd, (chain.joint_count,), "qdd", StateError),
         "grasp_wrench": checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError),
     }
+    if base_acceleration is not None:
+        own |= {FLOATING_RESULT: checks.numbers(base_acceleration, (6,), "base_acceleration", StateError)}
     return case_of(chain, state, inputs, own), found
 
 
@@ -142,9 +156,19 @@ def _torques(case: VariedCase) -> tuple[Array]:
     motion = chain_motion(chain, case.state, np.zeros(chain.joint_count), case.inputs)
     decided = [name in chain.grasps and arm.known is None for name, arm in motion.arms.items()]
     f = [row if own else np.zeros(6) for row, own in zip(case.own["grasp_wrench"], decided, strict=True)]
-    return (torques(motion, case.own["qdd"], array(f)),)
+    return (torques(motion, case.own["qdd"], array(f), case.own.get(FLOATING_RESULT)),)
 
 
 TORQUES = Text(
-    "inverse_dynamics", (*(name for name in ARGUMENTS if name != "tau"), "qdd", "grasp_wrench"), ("tau",), _torques
+    "inverse_dynamics",
+    (
+        *(name for name in ARGUMENTS if name != "tau"),
+        "qdd",
+        "grasp_wrench",
+        FLOATING_RESULT,
+        *OF_TRUNK,
+        "floating_pose",
+    ),
+    ("tau",),
+    _torques,
 )

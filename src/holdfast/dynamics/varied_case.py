@@ -9,30 +9,36 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from holdfast.model.arm import Arm
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.held_object import HeldObject
+from holdfast.model.joint import Joint
 from holdfast.model.link import Link
+from holdfast.model.trunk import Trunk
 from holdfast.spatial.inertia import about_origin
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
 Body = TypeVar("Body", Link, HeldObject)
+Part = TypeVar("Part", Arm, HeldObject, Joint, Link, Trunk)
 Numbers = Mapping[str, Array]
 OF_INPUTS = {
     "object_wrench": "object_wrench",
     "link_wrench": "link_wrenches",
     "base_twist": "base_twists",
     "base_acceleration": "base_accelerations",
+    "trunk_link_wrench": "trunk_link_wrenches",
+    "trunk_base_twist": "trunk_base_twist",
+    "trunk_base_acceleration": "trunk_base_acceleration",
 }
-OF_STATE = ("q", "qd", "object_twist")
+OF_STATE = {"q": "q", "qd": "qd", "object_twist": "object_twist", "floating_twist": "base_twist"}
 
 
 class VariedCase(NamedTuple):
     """What a text is given.
 
     Attributes:
-        chain: a chain without a trunk.
+        chain: the chain.
         state: positions and velocities.
         inputs: shaped inputs, with link wrenches.
         own: what the text is given besides, by name.
@@ -47,6 +53,7 @@ class VariedCase(NamedTuple):
         """Return numbers that may be varied, by name; rows are arms, grasps or links, rotations are matrices."""
         arms, body, frame = list(self.chain.arms.values()), self.chain.held_object, self.state.object_frame
         grasps, links = list(self.chain.grasps.values()), [link for arm in arms for link in arm.links]
+        joints, floating = self.chain.all_joints, self.state.base_frame or Pose.identity()
         own = {
             "object_R": lambda: frame.R,
             "object_p": lambda: frame.p,
@@ -58,13 +65,15 @@ class VariedCase(NamedTuple):
             "grasp_p": lambda: np.reshape([grasp.frame.p for grasp in grasps], (-1, 3)),
             "base_R": lambda: [arm.base.R for arm in arms],
             "base_p": lambda: [arm.base.p for arm in arms],
-            "armature": lambda: np.concatenate([arm.armature for arm in arms]),
-            "damping": lambda: np.concatenate([arm.damping for arm in arms]),
+            "floating_R": lambda: floating.R,
+            "floating_p": lambda: floating.p,
+            "armature": lambda: [joint.armature for joint in joints],
+            "damping": lambda: [joint.damping for joint in joints],
             "link_mass": lambda: [link.mass for link in links],
             "link_com": lambda: np.reshape([link.com for link in links], (-1, 3)),
             "link_inertia": lambda: np.reshape([link.inertia for link in links], (-1, 3, 3)),
         }
-        own |= {name: lambda name=name: getattr(self.state, name) for name in OF_STATE}
+        own |= {name: lambda field=field: getattr(self.state, field) for name, field in OF_STATE.items()}
         own |= {name: lambda field=field: getattr(self.inputs, field) for name, field in OF_INPUTS.items()}
         own |= {name: lambda x=x: x for name, x in self.own.items()}
         return {name: np.asarray(own[name](), dtype=float) for name in names}
@@ -78,7 +87,8 @@ class VariedCase(NamedTuple):
         given, made = self.chain, object.__new__(ClosedChain)
         arms, first = {}, 0
         for i, (name, arm) in enumerate(given.arms.items()):
-            arms[name] = _arm(arm, _pose(arm.base, "base", numbers, i), numbers, slice(first, first + arm.joint_count))
+            base = _pose(arm.base, "base", numbers, i)
+            arms[name] = _arm(arm, base, numbers, given.joints[name], first)
             first += arm.joint_count
         grasps = {
             name: grasp.standing_at(_pose(grasp.frame, "grasp", numbers, k))
@@ -87,13 +97,17 @@ class VariedCase(NamedTuple):
         made.__dict__.update({field.name: getattr(given, field.name) for field in fields(given)})
         made.__dict__.update(arms=arms, grasps=grasps, gravity=numbers.get("gravity", given.gravity))
         made.__dict__["held_object"] = _body(given.held_object, "object", numbers, ...)
+        if given.trunk is not None:
+            made.__dict__["trunk"] = _trunk(given.trunk, numbers, given.joints[TRUNK])
         return made
 
     def _state(self, numbers: Numbers) -> State:
         given, made = self.state, object.__new__(State)
         made.__dict__.update({field.name: getattr(given, field.name) for field in fields(given)})
-        made.__dict__.update({name: numbers[name] for name in OF_STATE if name in numbers})
+        made.__dict__.update({field: numbers[name] for name, field in OF_STATE.items() if name in numbers})
         made.__dict__["object_frame"] = _pose(given.object_frame, "object", numbers, ...)
+        if given.base_frame is not None:
+            made.__dict__["base_frame"] = _pose(given.base_frame, "floating", numbers, ...)
         return made
 
     def _inputs(self, numbers: Numbers) -> Inputs:
@@ -103,12 +117,31 @@ class VariedCase(NamedTuple):
         return made
 
 
-def _arm(arm: Arm, base: Pose, numbers: Numbers, rows: slice) -> Arm:
-    """Return an arm on another base, with other numbers of its joints and links, those of some rows."""
+def _arm(arm: Arm, base: Pose, numbers: Numbers, rows: slice, first: int) -> Arm:
+    """Return an arm on another base, with other numbers of its joints, at `rows`, and of its links, from `first` on."""
     made = arm.standing_at(base)
-    own = {name: numbers[name][rows] for name in ("armature", "damping") if name in numbers}
-    links = enumerate(arm.links, rows.start)
-    made.__dict__.update(own, links=tuple(_body(link, "link", numbers, k) for k, link in links))
+    links = enumerate(arm.links, first)
+    made.__dict__.update(_of_joints(numbers, rows), links=tuple(_body(link, "link", numbers, k) for k, link in links))
+    return made
+
+
+def _trunk(trunk: Trunk, numbers: Numbers, rows: slice) -> Trunk:
+    """Return a trunk with other numbers of its joints."""
+    own = _of_joints(numbers, rows)
+    if not own or trunk.serial is None:
+        return trunk
+    joints = tuple(_changed(joint, {name: x[k] for name, x in own.items()}) for k, joint in enumerate(trunk.joints))
+    return _changed(trunk, {"joints": joints, "serial": _changed(trunk.serial, {**own, "joints": joints})})
+
+
+def _of_joints(numbers: Numbers, rows: slice) -> dict[str, Array]:
+    return {name: numbers[name][rows] for name in ("armature", "damping") if name in numbers}
+
+
+def _changed(of: Part, numbers: Mapping[str, Any]) -> Part:
+    """Return a part of the model with some attributes replaced; nothing is checked."""
+    made = object.__new__(type(of))
+    made.__dict__.update(vars(of) | dict(numbers))
     return made
 
 
@@ -117,9 +150,7 @@ def _body(body: Body, what: str, numbers: Numbers, row: Any) -> Body:
     given = {name: numbers[f"{what}_{name}"] for name in ("mass", "com", "inertia") if f"{what}_{name}" in numbers}
     if not given:
         return body
-    made = object.__new__(type(body))
-    made.__dict__.update({field.name: getattr(body, field.name) for field in fields(body)})
-    made.__dict__.update({name: x[row] for name, x in given.items()})
+    made = _changed(body, {name: x[row] for name, x in given.items()})
     mass = np.asarray(made.mass)[()]
     made.__dict__.update(mass=mass, spatial_inertia=about_origin(mass, made.com, made.inertia))
     return made

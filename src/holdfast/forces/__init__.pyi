@@ -3,6 +3,9 @@
 from .force_derivatives import grasp_margins_jacobian as grasp_margins_jacobian
 from .force_derivatives import grasp_margins_jvp as grasp_margins_jvp
 from .force_derivatives import grasp_margins_vjp as grasp_margins_vjp
+from .force_derivatives import joint_margins_jacobian as joint_margins_jacobian
+from .force_derivatives import joint_margins_jvp as joint_margins_jvp
+from .force_derivatives import joint_margins_vjp as joint_margins_vjp
 from .force_derivatives import wrist_wrenches_jacobian as wrist_wrenches_jacobian
 from .force_derivatives import wrist_wrenches_jvp as wrist_wrenches_jvp
 from .force_derivatives import wrist_wrenches_vjp as wrist_wrenches_vjp

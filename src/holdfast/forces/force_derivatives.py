@@ -1,4 +1,4 @@
-"""Derivatives of grasp margins and wrist wrenches.
+"""Derivatives of the margins of grasps and joints, and of wrist wrenches.
 
 Wrenches are arguments here. Gradients by what decides them, such as torques or the payload, follow in one more step:
 the gradient by `grasp_wrench` is the cotangent that `forward_dynamics_vjp` takes under that name.
@@ -12,11 +12,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.derivatives import Derivatives
+from holdfast.dynamics.linear_text import Text
 from holdfast.dynamics.result import ForwardResult
-from holdfast.dynamics.text_derivatives import Text, case_of, require_no_trunk, text_jacobian, text_jvp, text_vjp
+from holdfast.dynamics.text_derivatives import case_of, text_jacobian, text_jvp, text_vjp
 from holdfast.dynamics.varied_case import VariedCase
 from holdfast.errors import StateError
-from holdfast.forces.margins import grasp_margins, margins_of_grasps
+from holdfast.forces.margins import (
+    JointMargins,
+    grasp_margins,
+    joint_limits,
+    joint_margins,
+    margins_of_grasps,
+    margins_of_joints,
+)
 from holdfast.forces.wrist import across_tips, wrist_wrenches
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -25,6 +33,7 @@ from holdfast.state import State
 
 OF_MARGINS = ("object_pose", "grasp_wrench")
 OF_WRISTS = ("q", "grasp_wrench")
+OF_JOINTS = ("q", "qd", "tau")
 
 
 def grasp_margins_vjp(
@@ -53,9 +62,8 @@ def grasp_margins_vjp(
 
     Raises:
         StateError: wrong names, shapes or numbers.
-        MethodNotApplicable: the chain has a trunk.
     """
-    case, found = _margins_case("grasp_margins_vjp", chain, state, grasp_wrench)
+    case, found = _margins_case(chain, state, grasp_wrench)
     return text_vjp(MARGINS, case, found, by, {"grasp_margins": grasp_margins})
 
 
@@ -77,9 +85,8 @@ def grasp_margins_jvp(
 
     Raises:
         StateError: wrong names, shapes or numbers.
-        MethodNotApplicable: the chain has a trunk.
     """
-    case, found = _margins_case("grasp_margins_jvp", chain, state, grasp_wrench)
+    case, found = _margins_case(chain, state, grasp_wrench)
     return text_jvp(MARGINS, case, found, along)
 
 
@@ -105,10 +112,94 @@ def grasp_margins_jacobian(
 
     Raises:
         StateError: wrong names, shapes or numbers.
-        MethodNotApplicable: the chain has a trunk.
     """
-    case, found = _margins_case("grasp_margins_jacobian", chain, state, grasp_wrench)
+    case, found = _margins_case(chain, state, grasp_wrench)
     return text_jacobian(MARGINS, case, found, of, by)
+
+
+def joint_margins_vjp(
+    chain: ClosedChain,
+    state: State,
+    tau: ArrayLike,
+    *,
+    by: Sequence[str] = OF_JOINTS,
+    position: ArrayLike | None = None,
+    rate: ArrayLike | None = None,
+    effort: ArrayLike | None = None,
+) -> Derivatives:
+    """Return gradients of sum(cotangent . margin) of the joints by some of their arguments. O(n).
+
+    theta_bar = (d margin / d theta)^T margin_bar, margins as in `joint_margins`: of the nearer end of a position's
+    range; half way between them, and of |qd| and |tau| at 0, of one side. Infinite margins do not change.
+
+    Args:
+        chain: the chain.
+        state: joint positions and rates.
+        tau: (n,) drive torques [N m or N].
+        by: the arguments: q, qd, tau.
+        position: (n,) the cotangent of positions' margins.
+        rate: (n,) that of rates'.
+        effort: (n,) that of efforts'.
+
+    Returns:
+        By argument its gradient, in its shape; `result` holds the `JointMargins`.
+
+    Raises:
+        StateError: wrong names, shapes or numbers.
+    """
+    case, found = _joints_case(chain, state, tau)
+    given = zip(JointMargins._fields, (position, rate, effort), strict=True)
+    return text_vjp(OF_LIMITS, case, found, by, {name: x for name, x in given if x is not None})
+
+
+def joint_margins_jvp(
+    chain: ClosedChain, state: State, tau: ArrayLike, *, along: Mapping[str, ArrayLike]
+) -> Derivatives:
+    """Return how fast the margins of the joints change while arguments do. O(n) a direction.
+
+    margin_dot = (d margin / d theta) theta_dot; see `joint_margins_vjp`, also for kinks.
+
+    Args:
+        chain: the chain.
+        state: joint positions and rates.
+        tau: (n,) drive torques [N m or N].
+        along: by argument, how fast it changes, of its gradient's shape; or (d, ...) for d directions.
+
+    Returns:
+        `found.position`, `found.rate` and `found.effort`, (n,) or (d, n).
+
+    Raises:
+        StateError: wrong names, shapes or numbers.
+    """
+    case, found = _joints_case(chain, state, tau)
+    return text_jvp(OF_LIMITS, case, found, along)
+
+
+def joint_margins_jacobian(
+    chain: ClosedChain,
+    state: State,
+    tau: ArrayLike,
+    *,
+    of: Sequence[str] = JointMargins._fields,
+    by: Sequence[str] = OF_JOINTS,
+) -> Derivatives:
+    """Return the Jacobian d margin / d theta of the joints' margins, O(n^2); see `joint_margins_vjp`.
+
+    Args:
+        chain: the chain.
+        state: joint positions and rates.
+        tau: (n,) drive torques [N m or N].
+        of: the results: position, rate, effort.
+        by: the arguments.
+
+    Returns:
+        `found[of, by]`, (n, n).
+
+    Raises:
+        StateError: wrong names, shapes or numbers.
+    """
+    case, found = _joints_case(chain, state, tau)
+    return text_jacobian(OF_LIMITS, case, found, of, by)
 
 
 def wrist_wrenches_vjp(
@@ -128,7 +219,7 @@ def wrist_wrenches_vjp(
         chain: the chain.
         state: a closed state.
         result: forward dynamics at that state; only its grasp wrenches enter.
-        by: the arguments: q, base_pose, grasp_wrench.
+        by: the arguments: q, base_pose, grasp_wrench; with a floating base also floating_pose.
         wrist_wrenches: (arms, 6) the cotangent.
 
     Returns:
@@ -136,9 +227,8 @@ def wrist_wrenches_vjp(
 
     Raises:
         StateError: wrong names, shapes or numbers; a result of another chain.
-        MethodNotApplicable: the chain has a trunk.
     """
-    case, found = _wrists_case("wrist_wrenches_vjp", chain, state, result)
+    case, found = _wrists_case(chain, state, result)
     return text_vjp(WRISTS, case, found, by, {"wrist_wrenches": wrist_wrenches})
 
 
@@ -160,9 +250,8 @@ def wrist_wrenches_jvp(
 
     Raises:
         StateError: wrong names, shapes or numbers; a result of another chain.
-        MethodNotApplicable: the chain has a trunk.
     """
-    case, found = _wrists_case("wrist_wrenches_jvp", chain, state, result)
+    case, found = _wrists_case(chain, state, result)
     return text_jvp(WRISTS, case, found, along)
 
 
@@ -188,23 +277,30 @@ def wrist_wrenches_jacobian(
 
     Raises:
         StateError: wrong names, shapes or numbers; a result of another chain.
-        MethodNotApplicable: the chain has a trunk.
     """
-    case, found = _wrists_case("wrist_wrenches_jacobian", chain, state, result)
+    case, found = _wrists_case(chain, state, result)
     return text_jacobian(WRISTS, case, found, of, by)
 
 
-def _margins_case(what: str, chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> tuple[VariedCase, Array]:
+def _margins_case(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> tuple[VariedCase, Array]:
     """Return what the text of margins is given, and the margins there."""
-    require_no_trunk(what, chain)
+    checks.instance(chain, ClosedChain, "chain")
     with np.errstate(all="ignore"):
         found = grasp_margins(chain, state, grasp_wrench)
     return _with_wrenches(chain, state, grasp_wrench), found
 
 
-def _wrists_case(what: str, chain: ClosedChain, state: State, result: ForwardResult) -> tuple[VariedCase, Array]:
+def _joints_case(chain: ClosedChain, state: State, tau: ArrayLike) -> tuple[VariedCase, JointMargins]:
+    """Return what the text of joints' margins is given, and these."""
+    checks.instance(chain, ClosedChain, "chain")
+    with np.errstate(all="ignore"):
+        found = joint_margins(chain, state, tau)
+    return case_of(chain, state, None, {"tau": checks.numbers(tau, (chain.joint_count,), "tau", StateError)}), found
+
+
+def _wrists_case(chain: ClosedChain, state: State, result: ForwardResult) -> tuple[VariedCase, Array]:
     """Return what the text of wrist wrenches is given, and these."""
-    require_no_trunk(what, chain)
+    checks.instance(chain, ClosedChain, "chain")
     with np.errstate(all="ignore"):
         found = wrist_wrenches(chain, state, result)
     return _with_wrenches(chain, state, result.grasp_wrench), found
@@ -219,9 +315,16 @@ def _margins(case: VariedCase) -> tuple[Array]:
     return (margins_of_grasps(case.chain, case.state, case.own["grasp_wrench"]),)
 
 
+def _limits(case: VariedCase) -> tuple[Array, ...]:
+    limits = joint_limits(case.chain)
+    found = margins_of_joints(limits, case.state.q, case.state.qd, case.own["tau"])
+    return tuple(np.where(limited, margin, np.inf) for limited, margin in zip(limits.limited, found, strict=True))
+
+
 def _wrists(case: VariedCase) -> tuple[Array]:
     return (across_tips(case.chain, case.state, case.own["grasp_wrench"]),)
 
 
 MARGINS = Text("grasp_margins", ("object_pose", "grasp_pose", "grasp_wrench"), ("grasp_margins",), _margins, True)
-WRISTS = Text("wrist_wrenches", ("q", "base_pose", "grasp_wrench"), ("wrist_wrenches",), _wrists)
+OF_LIMITS = Text("joint_margins", OF_JOINTS, JointMargins._fields, _limits, True)
+WRISTS = Text("wrist_wrenches", ("q", "base_pose", "floating_pose", "grasp_wrench"), ("wrist_wrenches",), _wrists)

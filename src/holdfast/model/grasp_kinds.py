@@ -303,7 +303,8 @@ class GraspKind(Frozen):
         if not self.threaded:
             return p * self._closed_lengths if self.slides else p
         sine, cosine = _sine_cosine_past_thread(p, tip, self.pitch)
-        return np.concatenate([(self.pitch * np.arctan2(sine, cosine))[..., None], p[..., 1:]], -1)
+        left = np.asarray(self.pitch * np.arctan2(sine, cosine))
+        return np.concatenate([left[..., None], p[..., 1:]], -1)
 
     def small_across(self, p: Array, tip: Array) -> Array:
         """Return the same with the angle's sine in its place, (3,); on traced numbers too."""

@@ -63,7 +63,8 @@ class MotionSubspace:
         if self.pitch:
             travel = shift @ n
             sine, cosine = self._past_thread(R, travel)
-            shift = shift + (self.pitch * np.arctan2(sine, cosine) - travel)[..., None] * n
+            left = np.asarray(self.pitch * np.arctan2(sine, cosine) - travel)
+            shift = shift + left[..., None] * n
         return self._transmitted(np.concatenate([turn, shift - np.cross(turn, at)], -1))
 
     def small_gap(self, tip: Array, p: Array) -> Array:

@@ -49,6 +49,10 @@ SIN = Operation(sin, (lambda a, _: cos(a),))
 EXP = Operation(exp, (lambda _, found: found,))
 TANH = Operation(tanh, (lambda _, found: 1.0 - found * found,))
 COS = Operation(cos, (lambda a, _: -sin(a),))
+ARCSIN = Operation(np.arcsin, (lambda a, _: 1.0 / sqrt(1.0 - a * a),))
+ARCTAN2 = Operation(
+    np.arctan2, (lambda a, b, _: b * (1.0 / (a * a + b * b)), lambda a, b, _: -(a * (1.0 / (a * a + b * b))))
+)
 CHOOSE = Operation(
     where, (lambda *_: 0.0, lambda c, *_: where(c, 1.0, 0.0), lambda c, *_: where(c, 0.0, 1.0))
 )  # of condition, a, b
@@ -125,6 +129,14 @@ class Recorded:
     def cos(self) -> Any:
         """Return the cosine."""
         return _applied(COS, self)
+
+    def arcsin(self) -> Any:
+        """Return the inverse sine, of floats."""
+        return _applied(ARCSIN, self)
+
+    def arctan2(self, other: Any) -> Any:
+        """Return the angle whose sine and cosine are as these, of floats."""
+        return _applied(ARCTAN2, self, other)
 
     def __lt__(self, other: Any) -> Any:
         return _bare(self) < _bare(other)

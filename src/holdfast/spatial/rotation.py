@@ -1,7 +1,8 @@
 """Rotations: matrices, unit quaternions (w, x, y, z), rotation vectors, Euler angles.
 
 A matrix R maps the coordinates of a vector from the rotated frame to the reference frame. `to_quaternion`, `log` and
-`align` are for floats only and take leading axes, entry by entry: the bits do not depend on how many there are.
+`align` are for floats, varied ones too, and take leading axes, entry by entry: the bits do not depend on how many there
+are.
 """
 
 import math
@@ -48,7 +49,7 @@ def to_quaternion(R: Array) -> Array:
     """
     x, y, z = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
     trace = x + y + z
-    products = np.empty((*R.shape[:-2], 4, 4))
+    products = np.empty((*R.shape[:-2], 4, 4), R.dtype)
     products[..., 0, 0] = 1.0 + trace
     for i in range(3):
         j, m = (i + 1) % 3, (i + 2) % 3
@@ -57,7 +58,7 @@ def to_quaternion(R: Array) -> Array:
         products[..., 1 + i, 1 + j] = products[..., 1 + j, 1 + i] = R[..., i, j] + R[..., j, i]
     largest = np.stack([trace, x, y, z], -1).argmax(-1)
     q = np.take_along_axis(products, largest[..., None, None], -2)[..., 0, :]
-    q = q / _length(q)[..., None]
+    q = q / _length(q)
     return np.where(q[..., :1] < 0.0, -q, q)
 
 
@@ -87,8 +88,8 @@ def log(R: Array) -> Array:
     q = to_quaternion(R)
     sine = _length(q[..., 1:])
     small = sine < 1e-9  # angle = 2 sine (1 + sine^2/6 ...)
-    ratio = np.where(small, 2.0, 2.0 * np.arctan2(sine, q[..., 0].copy()) / np.where(small, 1.0, sine))
-    return ratio[..., None] * q[..., 1:]
+    ratio = np.where(small, 2.0, 2.0 * np.arctan2(sine, q[..., :1].copy()) / np.where(small, 1.0, sine))
+    return ratio * q[..., 1:]
 
 
 def log_below_pi(R: Array) -> Array:
@@ -195,16 +196,19 @@ def align(a: Array, b: Array) -> Array:
     small = sine <= 1e-12
     ratio = np.where(small, 1.0, np.arctan2(sine, cosine) / np.where(small, 1.0, sine))
     other = np.cross(a, np.eye(3)[np.abs(a).argmin(-1)])
-    half_turn = (np.pi / _length(other))[..., None] * other
-    return np.where((small & ~(cosine > 0.0))[..., None], half_turn, ratio[..., None] * axis)
+    half_turn = (np.pi / _length(other)) * other
+    turned_back = np.logical_and(small, np.logical_not(cosine > 0.0))
+    return np.where(turned_back, half_turn, ratio * axis)
 
 
 def _dot(a: Array, b: Array) -> Array:
-    total = a[..., 0] * b[..., 0]
+    """Return (..., 1)."""
+    total = a[..., :1] * b[..., :1]
     for i in range(1, a.shape[-1]):
-        total = total + a[..., i] * b[..., i]
+        total = total + a[..., i : i + 1] * b[..., i : i + 1]
     return total
 
 
 def _length(v: Array) -> Array:
+    """Return (..., 1)."""
     return np.sqrt(_dot(v, v))

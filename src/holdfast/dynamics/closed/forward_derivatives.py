@@ -28,11 +28,13 @@ from holdfast.dynamics.trunk.trunk_derivatives import (
     OF_JOINTS,
     OF_STANDING,
     OF_TRUNK,
-    trunk_gradient,
+    gradient_through_trunk,
+    multipliers_through_trunk,
     trunk_load,
     trunk_rates,
+    trunk_residual_rates,
 )
-from holdfast.dynamics.trunk.trunk_power import MOTION, CarriedBase, TrunkUnknowns
+from holdfast.dynamics.trunk.trunk_power import MOTION, TrunkUnknowns
 from holdfast.dynamics.trunk.trunk_second_solve import TrunkLoad, solved_through_trunk
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array, array, concatenate, each, scan
@@ -59,17 +61,19 @@ def arguments_of(chain: ClosedChain) -> tuple[str, ...]:
 
 
 class VirtualPower(NamedTuple):
-    """A further term of what gradients are taken of: sign times the arms' part of L.
+    """A further term of what gradients are taken of: sign times the arms' and the trunk's part of L.
 
     Attributes:
         sign: 1.0 or -1.0.
-        z: by arm that holds.
+        z: by arm.
         y: likewise.
+        trunk: y of the trunk; None without one.
     """
 
     sign: float
     z: Mapping[str, Unknowns]
     y: Mapping[str, Unknowns]
+    trunk: TrunkUnknowns | None
 
 
 def backward(
@@ -102,23 +106,11 @@ def backward(
     else:
         y, of_object, of_trunk = multipliers_through_trunk(at, loads, alpha_bar, trunk_load(at, cotangents))
     y = {name: one._replace(known=-loads[name].gap) if name in chain.bushings else one for name, one in y.items()}
-    names = numbers_of(by)
-    mounted = names if at.trunk is None else list(dict.fromkeys((*names, *MOTION)))
-    of_arms = each(
-        arm_gradient,
-        [at.cases[name] for name in chain.arms],
-        [at.unknowns[name] for name in chain.arms],
-        [y[name] for name in chain.arms],
-        [mounted if name in chain.mounted_on else names for name in chain.arms],
-    )
-    for sign, others, multipliers in also:
-        for i, name in enumerate(chain.arms):
-            if name in others:
-                g = arm_gradient(at.cases[name], others[name], multipliers[name], names)
-                of_arms[i] = {key: x - sign * g[key] for key, x in of_arms[i].items()}
-    below: dict[str, Array] = {}
-    if of_trunk is not None:
-        below = gradient_through_trunk(at, y, of_trunk, dict(zip(chain.arms, of_arms, strict=True)), by)
+    of_arms, below = gradient_of_arms(at, at.unknowns, y, of_trunk, by)
+    for sign, z, multipliers, below_them in also:
+        more, under = gradient_of_arms(at, z, multipliers, below_them, by)
+        of_arms = [{name: x - sign * g[name] for name, x in of.items()} for of, g in zip(of_arms, more, strict=True)]
+        below = {name: x - sign * under[name] for name, x in below.items()}
     found: dict[str, Array] = {name: below[name] for name in (*OF_TRUNK, "floating_pose") if name in below}
     for name in (*OF_JOINTS, *OF_LINKS):
         if name in by:
@@ -139,45 +131,34 @@ def backward(
     return found | object_gradient(at, of_object, held, by)
 
 
-def multipliers_through_trunk(
-    at: Point, loads: Mapping[str, Load], alpha_bar: Array, load: TrunkLoad
-) -> tuple[dict[str, Unknowns], Array, TrunkUnknowns]:
-    """Return y by arm with the virtual twists of all bases, y_a, and the trunk's."""
-    case = at.motion.trunk_case
-    assert case is not None and at.trunk is not None
-    solved = solved_through_trunk(at, loads, alpha_bar, load)
-    carried = case.carried(at.trunk, solved.trunk)
-    bases = {name: load.base for name, load in loads.items()}
-    bases |= {name: bases[name] + base.virtual for name, base in carried.items()}
-    y = {name: one._replace(base=bases[name]) for name, one in solved.arms.items()}
-    return y, solved.object_acceleration, solved.trunk
-
-
-def gradient_through_trunk(
+def gradient_of_arms(
     at: Point,
+    z: Mapping[str, Unknowns],
     y: Mapping[str, Unknowns],
-    of_trunk: TrunkUnknowns,
-    of_arms: Mapping[str, dict[str, Array]],
+    of_trunk: TrunkUnknowns | None,
     by: Sequence[str],
-) -> dict[str, Array]:
-    """Return the trunk's part of gradients, what its arms' bases pull on included.
+) -> tuple[list[dict[str, Array]], dict[str, Array]]:
+    """Return -dL/dtheta of every arm, and of the trunk, if there is one, with what its arms' bases pull on.
 
-    The rows of arms on the trunk in `of_arms` become those by their bases in the axes of the trunk's bodies, and 0 by
-    what the trunk decides.
+    Args:
+        at: where.
+        z: by arm.
+        y: by arm.
+        of_trunk: y of the trunk.
+        by: the arguments.
     """
-    case = at.motion.trunk_case
-    assert case is not None and at.trunk is not None
-    of_bases = []
-    for name, wrench in zip(case.mounts, base_wrenches(at, y), strict=True):
-        g = of_arms[name]
-        R, p, twist, acceleration = (g[part] for part in MOTION)
-        of_bases.append(CarriedBase(R, p, twist, acceleration, -wrench))
-        g |= {"base_twist": np.zeros(6), "base_acceleration": np.zeros(6)}
-    below = trunk_gradient(case, at.trunk, of_trunk, of_bases, by)
-    if "base_pose" in by:
-        for name, row in zip(case.mounts, below["base_pose"], strict=True):
-            of_arms[name]["base_pose"] = row
-    return below
+    chain, names = at.motion.chain, numbers_of(by)
+    mounted = names if at.trunk is None else list(dict.fromkeys((*names, *MOTION)))
+    of_arms = each(
+        arm_gradient,
+        [at.cases[name] for name in chain.arms],
+        [z[name] for name in chain.arms],
+        [y[name] for name in chain.arms],
+        [mounted if name in chain.mounted_on else names for name in chain.arms],
+    )
+    if of_trunk is None:
+        return of_arms, {}
+    return of_arms, gradient_through_trunk(at, z, y, of_trunk, dict(zip(chain.arms, of_arms, strict=True)), by)
 
 
 def arm_gradient(case: ArmCase, z: Unknowns, y: Unknowns, names: Sequence[str]) -> dict[str, Array]:
@@ -279,27 +260,6 @@ def arm_residual_rates(at: Point, z: Mapping[str, Unknowns], tangents: Mapping[s
         for name in chain.arms
     ]
     return each(residual_rates, [at.cases[name] for name in chain.arms], [z[name] for name in chain.arms], given)
-
-
-def trunk_residual_rates(at: Point, tangents: Mapping[str, Array], of_arms: Mapping[str, Unknowns]) -> TrunkUnknowns:
-    """Return how fast the trunk's dL/dy changes while arguments do, z held; its arms' bases' wrenches change too."""
-    case = at.motion.trunk_case
-    assert case is not None and at.trunk is not None
-    none = {name: Unknowns(*(np.zeros(len(part)) for part in at.unknowns[name])) for name in case.mounts}
-    changed = [of_arms[name].base for name in case.mounts]
-    return case.residual_rates(at.trunk, base_wrenches(at, none), trunk_rates(at, tangents), changed)
-
-
-def base_wrenches(at: Point, y: Mapping[str, Unknowns]) -> list[Array]:
-    """Return the wrench of the trunk on each arm that stands on it, (6,) about the arm's base origin, for any y."""
-    assert at.motion.trunk_case is not None
-    on = at.motion.trunk_case.mounts
-    return each(
-        lambda case, z, y: case.base_wrench(z, y),
-        [at.cases[name] for name in on],
-        [at.unknowns[name] for name in on],
-        [y[name] for name in on],
-    )
 
 
 def object_rates(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:

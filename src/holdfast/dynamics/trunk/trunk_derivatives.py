@@ -7,11 +7,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from holdfast.dynamics.closed.pose_tangents import by_motion, by_motions, rates_of
-from holdfast.dynamics.closed.second_solve import Point
-from holdfast.dynamics.trunk.trunk_power import CarriedBase, TrunkCase, TrunkUnknowns
-from holdfast.dynamics.trunk.trunk_second_solve import TrunkLoad
+from holdfast.dynamics.closed.second_solve import Load, Point
+from holdfast.dynamics.closed.virtual_power import Unknowns
+from holdfast.dynamics.trunk.trunk_power import MOTION, CarriedBase, TrunkCase, TrunkUnknowns
+from holdfast.dynamics.trunk.trunk_second_solve import TrunkLoad, solved_through_trunk
 from holdfast.model.closed_chain import TRUNK
-from holdfast.spatial.scalar import Array, concatenate
+from holdfast.spatial.scalar import Array, concatenate, each
 
 OF_JOINTS = ("q", "qd", "tau", "armature", "damping")
 # Arguments that are the trunk's alone, and what they are called in its equations.
@@ -78,3 +79,66 @@ def trunk_rates(at: Point, tangents: Mapping[str, Array]) -> dict[str, Array]:
         found["place_R"] = np.array([one["base_R"] for one in moved]).reshape(-1, 3, 3)
         found["place_p"] = np.array([one["base_p"] for one in moved]).reshape(-1, 3)
     return found
+
+
+def multipliers_through_trunk(
+    at: Point, loads: Mapping[str, Load], alpha_bar: Array, load: TrunkLoad
+) -> tuple[dict[str, Unknowns], Array, TrunkUnknowns]:
+    """Return y by arm with the virtual twists of all bases, y_a, and the trunk's."""
+    case = at.motion.trunk_case
+    assert case is not None and at.trunk is not None
+    solved = solved_through_trunk(at, loads, alpha_bar, load)
+    carried = case.carried(at.trunk, solved.trunk)
+    bases = {name: load.base for name, load in loads.items()}
+    bases |= {name: bases[name] + base.virtual for name, base in carried.items()}
+    y = {name: one._replace(base=bases[name]) for name, one in solved.arms.items()}
+    return y, solved.object_acceleration, solved.trunk
+
+
+def gradient_through_trunk(
+    at: Point,
+    z: Mapping[str, Unknowns],
+    y: Mapping[str, Unknowns],
+    of_trunk: TrunkUnknowns,
+    of_arms: Mapping[str, dict[str, Array]],
+    by: Sequence[str],
+) -> dict[str, Array]:
+    """Return the trunk's part of gradients, what its arms' bases pull on included.
+
+    The rows of arms on the trunk in `of_arms` become those by their bases in the axes of the trunk's bodies, and 0 by
+    what the trunk decides.
+    """
+    case = at.motion.trunk_case
+    assert case is not None and at.trunk is not None
+    of_bases = []
+    for name, wrench in zip(case.mounts, base_wrenches(at, z, y), strict=True):
+        g = of_arms[name]
+        R, p, twist, acceleration = (g[part] for part in MOTION)
+        of_bases.append(CarriedBase(R, p, twist, acceleration, -wrench))
+        g |= {"base_twist": np.zeros(6), "base_acceleration": np.zeros(6)}
+    below = trunk_gradient(case, at.trunk, of_trunk, of_bases, by)
+    if "base_pose" in by:
+        for name, row in zip(case.mounts, below["base_pose"], strict=True):
+            of_arms[name]["base_pose"] = row
+    return below
+
+
+def trunk_residual_rates(at: Point, tangents: Mapping[str, Array], of_arms: Mapping[str, Unknowns]) -> TrunkUnknowns:
+    """Return how fast the trunk's dL/dy changes while arguments do, z held; its arms' bases' wrenches change too."""
+    case = at.motion.trunk_case
+    assert case is not None and at.trunk is not None
+    none = {name: Unknowns(*(np.zeros(len(part)) for part in at.unknowns[name])) for name in case.mounts}
+    changed = [of_arms[name].base for name in case.mounts]
+    return case.residual_rates(at.trunk, base_wrenches(at, at.unknowns, none), trunk_rates(at, tangents), changed)
+
+
+def base_wrenches(at: Point, z: Mapping[str, Unknowns], y: Mapping[str, Unknowns]) -> list[Array]:
+    """Return the wrench of the trunk on each arm that stands on it, (6,) about the arm's base origin, for any z, y."""
+    assert at.motion.trunk_case is not None
+    on = at.motion.trunk_case.mounts
+    return each(
+        lambda case, z, y: case.base_wrench(z, y),
+        [at.cases[name] for name in on],
+        [z[name] for name in on],
+        [y[name] for name in on],
+    )

@@ -1,0 +1,151 @@
+"""How the least grasp forces change, where many do the same.
+
+f = W^-1 B^T mu with B f = (J^T f, -A^T f, H f), J with columns for a trunk's joints and its floating base. At constant
+rank, with N orthonormal (N^T W N = 1) in ker B and P = 1 - N N^T W,
+
+    df = P df_any + N N^T (dB^T) mu        df_any: any solution of K dz = -R', f in R held at the least forces; mu held
+
+and a cotangent f_bar of them is one f_bar - W N N^T f_bar of any forces, with the virtual power v . (B^T mu) of the
+wrenches v = N N^T f_bar besides (docs/theory/derivatives.md; Golub and Pereyra 1973).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.closed.chain_motion import ChainMotion
+from holdfast.dynamics.closed.forward_derivatives import VirtualPower, arm_residual_rates
+from holdfast.dynamics.closed.forward_jacobian import unit_wrenches
+from holdfast.dynamics.closed.second_solve import Point
+from holdfast.dynamics.closed.stacked import Stacked
+from holdfast.dynamics.closed.virtual_power import Unknowns
+from holdfast.dynamics.constraint import length_scale
+from holdfast.dynamics.indeterminate import free_wrenches
+from holdfast.dynamics.trunk.trunk_derivatives import BASE_RESULT
+from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
+from holdfast.dynamics.trunk.trunk_power import TrunkUnknowns
+from holdfast.spatial.scalar import Array
+from holdfast.spatial.spatial_vector import twist_shift
+
+
+class LeastForces(NamedTuple):
+    """The least of the forces that are not unique, f = W^-1 B^T mu.
+
+    Attributes:
+        N: (6 l, k) wrenches that nothing feels, N^T W N = 1.
+        W: (6 l,) the metric.
+        mu: by arm, the multipliers; of arms that hold nothing they are zero.
+        of_trunk: those of the trunk; None without one.
+        felt: by result, what it has of the wrenches (6 l,): (6 l, 6 l), of the base's on the trunk (6, 6 l).
+    """
+
+    N: Array
+    W: Array
+    mu: Mapping[str, Unknowns]
+    of_trunk: TrunkUnknowns | None
+    felt: Mapping[str, Array]
+
+    def forward(self, at: Point, found: dict[str, Array], tangents: Mapping[str, Array]) -> dict[str, Array]:
+        """Return rates of change with those of the least forces.
+
+        Args:
+            at: where, its wrenches being the least.
+            found: rates of change, the wrenches' being those of any choice.
+            tangents: by argument.
+        """
+        rows = holding_rows(at.motion)
+        nothing = {name: Unknowns(*(0.0 * x for x in z)) for name, z in at.unknowns.items()}
+        still_trunk = None if self.of_trunk is None else TrunkUnknowns(*(0.0 * x for x in self.of_trunk))
+        turned = arm_residual_rates(with_trunk(at, self.of_trunk), dict(self.mu), tangents)
+        still = arm_residual_rates(with_trunk(at, still_trunk), nothing, tangents)
+        f = np.concatenate([found["grasp_wrench"][row] for row in rows])
+        B_mu = np.concatenate([turned[row].wrench - still[row].wrench for row in rows])
+        more = self.N @ (self.N.T @ (B_mu - self.W * f))
+        changed = {name: x.copy() for name, x in found.items()}
+        for name, matrix in self.felt.items():
+            changed[name][... if name == BASE_RESULT else rows] += (matrix @ more).reshape(-1, 6).squeeze()
+        return changed
+
+    def backward(self, at: Point, bars: Mapping[str, Array]) -> tuple[dict[str, Array], tuple[VirtualPower, ...]]:
+        """Return the cotangents of one choice of forces that are those of the least ones, and what is added."""
+        chain, rows = at.motion.chain, holding_rows(at.motion)
+        felt = np.zeros(len(self.W))
+        for name, matrix in self.felt.items():
+            if name in bars:
+                felt = felt + np.ravel(bars[name] if name == BASE_RESULT else bars[name][rows]) @ matrix
+        v = self.N @ (self.N.T @ felt)
+        of_f = np.array(bars.get("grasp_wrench", np.zeros((len(chain.arms), 6))))
+        of_f[rows] -= (self.W * v).reshape(-1, 6)
+        z = dict(at.unknowns) | {
+            name: at.unknowns[name]._replace(wrench=x) for name, x in zip(chain.grasps, v.reshape(-1, 6), strict=True)
+        }
+        without = {name: x._replace(wrench=np.zeros(6)) if name in chain.grasps else x for name, x in z.items()}
+        y = dict(self.mu)
+        if self.of_trunk is not None:
+            assert at.trunk is not None and at.motion.trunk_case is not None
+            carried = at.motion.trunk_case.carried(at.trunk, self.of_trunk)
+            y |= {name: y[name]._replace(base=base.virtual) for name, base in carried.items()}
+        also = (VirtualPower(1.0, z, y, self.of_trunk), VirtualPower(-1.0, without, y, self.of_trunk))
+        return {**bars, "grasp_wrench": of_f}, also
+
+
+def least_forces(at: Point) -> LeastForces:
+    """Return the least forces at a point whose wrenches they are."""
+    motion, chain = at.motion, at.motion.chain
+    length = length_scale([c.offset for c in motion.contacts])
+    W = np.tile(np.r_[np.full(3, 1 / length**2), np.ones(3)], len(motion.contacts))
+    N = free_wrenches(motion, length, None if at.found.rank is None else int(at.found.rank))
+    s = Stacked(motion)
+    by_trunk = np.zeros((len(W), 0))
+    if motion.trunk is not None:
+        columns = [motion.trunk.jacobian(name, motion.arms[name].base_to_tip) for name in chain.grasps]
+        by_trunk = np.vstack([np.hstack(one) for one in columns])
+    f = np.concatenate([at.unknowns[name].wrench for name in chain.grasps])
+    solved = np.linalg.lstsq(np.hstack([s.J, -s.A, s.HT, by_trunk]), W * f, rcond=1e-10)[0]
+    counts = [chain.arms[name].joint_count for name in chain.grasps]
+    ends = np.cumsum([*counts, 6, *(len(grasp.free) for grasp in chain.grasps.values())])
+    *parts, below = np.split(solved, ends)
+    qdd, alpha, rates = parts[: len(counts)], parts[len(counts)], parts[len(counts) + 1 :]
+    none = np.zeros(6)
+    mu = {name: Unknowns(*(0.0 * x for x in z)) for name, z in at.unknowns.items()}
+    for name, a, W_dot in zip(chain.grasps, qdd, rates, strict=True):
+        mu[name] = mu[name]._replace(qdd=a, contact_acceleration=W_dot, object_acceleration=alpha)
+    of_trunk = None
+    if motion.trunk is not None:
+        of_trunk = TrunkUnknowns(*np.split(below, [len(below) - 6])) if chain.floats else TrunkUnknowns(below, none)
+    return LeastForces(N, W, mu, of_trunk, felt_by(at))
+
+
+def felt_by(at: Point) -> dict[str, Array]:
+    """Return what results have of the wrenches that grasps transmit, by name; see `LeastForces.felt`."""
+    motion, width = at.motion, 6 * len(at.motion.contacts)
+    of_bases = np.zeros((width, width))
+    under = np.zeros((6, width))
+    for k, (name, arm) in enumerate(zip(motion.chain.grasps, motion.holding, strict=True)):
+        own = slice(6 * k, 6 * k + 6)
+        of_bases[own, own] = unit_wrenches(at.tips[name], arm).base
+        if motion.trunk is not None and name in motion.trunk.mounts:
+            lever = motion.trunk.mounts[name].frame.p - motion.trunk.base.p
+            under[:, own] = twist_shift(lever).T @ of_bases[own, own]
+    stands = motion.trunk is not None and not motion.chain.floats
+    return {"grasp_wrench": np.eye(width), "base_wrench": of_bases} | ({BASE_RESULT: under} if stands else {})
+
+
+def with_trunk(at: Point, moving: TrunkUnknowns | None) -> Point:
+    """Return a point whose trunk accelerates otherwise, and carries bases accordingly."""
+    motion = at.motion
+    if moving is None or motion.trunk is None:
+        return at
+    base = moving.base if motion.chain.floats else None
+    betas = motion.trunk.accelerations(TrunkAcceleration(moving.qdd, base))
+    cases = {name: case.moved(motion.trunk.under(name, betas)) for name, case in motion.cases.items()}
+    return replace(at, cases=cases, trunk=moving)
+
+
+def holding_rows(motion: ChainMotion) -> list[int]:
+    """Return the rows of the arms that hold, in the order of grasps."""
+    return [motion.chain.names.index(name) for name in motion.chain.grasps]

@@ -1,0 +1,210 @@
+"""Functions that solve nothing, at problems of all kinds, and the problems a little along their arguments."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import holdfast as hf
+from holdfast import dynamics, forces
+from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.trunk.trunk_inverse import trunk_torques
+from holdfast.model.grasp import WrenchLimits
+from holdfast.model.joint import Joint
+from tests.derivatives.asked import as_direction, names_for, size_of
+from tests.derivatives.moved import moved_problem
+from tests.derivatives.products import flat_direction
+from tests.systems.as_chain import Problem
+from tests.systems.bushed import random_bushed
+from tests.systems.lower_pairs import grasp_of
+from tests.systems.problems import random_problem
+from tests.systems.sprung import with_springs
+from tests.systems.trunk_problems import on_trunk
+
+FIVE_POINTS = {-2: 1 / 12, -1: -8 / 12, 1: 8 / 12, 2: -1 / 12}
+STEP = 1e-3
+OF_BODIES = ("object_mass", "object_com", "object_inertia", "link_mass", "link_com", "link_inertia")
+MOTION = ("q", "qd", "object_pose", "object_twist", "base_twist", "floating_twist", "trunk_base_twist")
+PLACES = ("q", "object_pose", "base_pose", "floating_pose")
+EVERY = {  # of any chain; "inverse_dynamics" has all that forward dynamics has, less tau
+    "kinetic_energy": (*MOTION, "armature", "base_pose", "floating_pose", *OF_BODIES),
+    "potential_energy": (*PLACES, "gravity", "grasp_pose", *OF_BODIES),
+    "closure": (*MOTION, "grasp_pose", "base_pose", "floating_pose"),
+    "grasp_margins": ("object_pose", "grasp_pose", "grasp_wrench"),
+    "joint_margins": ("q", "qd", "tau"),
+    "wrist_wrenches": ("q", "base_pose", "floating_pose", "grasp_wrench"),
+}
+RESULTS = {
+    "inverse_dynamics": ("tau",),
+    "closure": ("position", "velocity"),
+    "joint_margins": ("position", "rate", "effort"),
+}
+OWN = ("qdd", "grasp_wrench", "floating_acceleration")
+ROOMS = {"inverse_dynamics": hf, "grasp_margins": forces, "joint_margins": forces, "wrist_wrenches": forces}
+
+
+class Asked(NamedTuple):
+    """A function at a problem.
+
+    Attributes:
+        name: its name.
+        p: the problem.
+        own: what it is given besides, by name.
+        result: forward dynamics, of the function that takes it with the wrenches in `own`.
+    """
+
+    name: str
+    p: Problem
+    own: Mapping[str, np.ndarray]
+    result: Any = None
+
+    @property
+    def results(self) -> tuple[str, ...]:
+        """The names of what it returns."""
+        return RESULTS.get(self.name, (self.name,))
+
+    @property
+    def by(self) -> tuple[str, ...]:
+        """All of its arguments."""
+        known = names_for(self.p)
+        if self.name == "inverse_dynamics":
+            return (*(name for name in known if name != "tau"), *self.own)
+        return tuple(name for name in EVERY[self.name] if name in (*known, *self.own))
+
+    def called(self, suffix: str = "", **options: Any) -> Any:
+        """Return what the function, or one of its derivatives, returns."""
+        function: Callable[..., Any] = getattr(ROOMS.get(self.name, dynamics), self.name + suffix)
+        given: list[Any] = [self.own[name] for name in ("qdd", "grasp_wrench") if name in self.own]
+        if self.name == "joint_margins":
+            given = [self.p.tau]
+        if self.name == "wrist_wrenches":
+            given = [replace(self.result, grasp_wrench=self.own["grasp_wrench"])]
+        if self.name in ("inverse_dynamics", "kinetic_energy", "closure"):
+            options["inputs"] = self.p.inputs
+        if "floating_acceleration" in self.own:
+            options["base_acceleration"] = self.own["floating_acceleration"]
+        return function(self.p.chain, self.p.state, *given, **options)
+
+    def values(self) -> dict[str, np.ndarray]:
+        """Return its results by name."""
+        found = self.called()
+        if self.name == "closure":
+            return {name: np.concatenate([getattr(gap, name) for gap in found.values()]) for name in self.results}
+        return dict(zip(self.results, found if self.name == "joint_margins" else [np.asarray(found)], strict=True))
+
+    def directions(self, random: np.random.Generator) -> dict[str, np.ndarray]:
+        """Return a direction of every argument; wrenches that are not the caller's to choose stay."""
+        names = [name for name in self.by if name not in OWN]
+        found = {name: as_direction(self.p, name, random.normal(size=size_of(self.p, name))) for name in names}
+        return found | {name: random.normal(size=x.shape) * (x != 0.0) for name, x in self.own.items()}
+
+    def moved(self, name: str, along: np.ndarray) -> Asked:
+        """Return the same with one argument displaced."""
+        if name in OWN:
+            return self._replace(own={**self.own, name: self.own[name] + along})
+        return undriven(self._replace(p=displaced(self.p, {name: flat_direction(self.p, name, along)})))
+
+    def differences(self, name: str, along: np.ndarray) -> dict[str, np.ndarray]:
+        """Return how fast the results change along one argument, by five points; what is infinite does not."""
+        size = max(1.0, float(np.abs(along).max(initial=0.0)))
+        far = [undriven(self.moved(name, k * STEP / size * along)).values() for k in FIVE_POINTS]
+        finite = [{name: np.where(np.isinf(x), 0.0, x) for name, x in one.items()} for one in far]
+        return {
+            of: sum(w * one[of] for w, one in zip(FIVE_POINTS.values(), finite, strict=True)) * size / STEP
+            for of in self.results
+        }
+
+
+def undriven(of: Asked) -> Asked:
+    """Return inverse dynamics with the external wrench on a floating base that lets it accelerate so.
+
+    The drives do not feel that wrench.
+    """
+    if "floating_acceleration" not in of.own:
+        return of
+    p, own = of.p, of.own
+    motion = chain_motion(p.chain, p.state, np.zeros(p.chain.joint_count), p.inputs.shaped(p.chain))
+    lacking = trunk_torques(motion, own["qdd"], own["grasp_wrench"], own["floating_acceleration"]).base
+    pushes = np.array(p.inputs.shaped(p.chain).trunk_link_wrenches)
+    pushes[0] += lacking
+    return of._replace(p=replace(p, inputs=replace(p.inputs, trunk_link_wrenches=pushes)))
+
+
+def displaced(p: Problem, by: Mapping[str, Any]) -> Problem:
+    """Return a problem with some arguments displaced, by name, flat."""
+    names = names_for(p)
+    ends = np.cumsum([0, *(size_of(p, x) for x in names)])
+    at = {x: slice(a, b) for x, a, b in zip(names, ends, ends[1:], strict=False)}
+    along = np.zeros(ends[-1])
+    for name, flat in by.items():
+        along[at[name]] = flat
+    return moved_problem(p, at, along)
+
+
+@cache
+def problem(kind: str) -> Problem:
+    """Return a problem of a kind.
+
+    Args:
+        kind: "plain", arms that hold rigidly and by a ball, on moving bases; "springs", these with springs; "bushing",
+            one holds by a bushing; "trunk" and "floating", arms on a trunk and in the world, with springs; "limits",
+            fingers with friction, a strong enough grip, one without limit, and limited joints.
+    """
+    arms = {"joints": (4, 6, 2), "grasps": ("rigid", "ball", None)}
+    if kind == "bushing":
+        return displaced(random_bushed(2), {"armature": 0.1, "damping": 0.1})  # none is on the bound, at 0
+    if kind == "limits":
+        return _limited(random_problem(3, joints=(6, 4, 6, 2), grasps=("softfinger", "ball", "rigid", None)))
+    if kind in ("trunk", "floating"):
+        p = on_trunk(random_problem(3, moving_base=False, **arms), 4, 2, floating=kind == "floating", in_world=0.4)
+        return replace(p, chain=with_springs(p.chain))
+    p = random_problem(3, moving_base=True, **arms)
+    return p if kind == "plain" else replace(p, chain=with_springs(p.chain))
+
+
+def _limited(p: Problem) -> Problem:
+    first, second, third = p.chain.grasps.items()
+    grasps = {
+        first[0]: replace(first[1], contact=hf.Friction(0.6, torsion_radius=0.02)),
+        second[0]: replace(second[1], wrench_limits=WrenchLimits(force=20.0, moment=3.0)),
+        third[0]: third[1],
+    }
+
+    def limited(joint: Joint, k: int) -> Joint:
+        ranges = [(-7.0, 9.0), (-np.inf, 8.0), (-np.inf, np.inf)]
+        return replace(joint, position_limits=ranges[k % 3], rate_limit=(2.0, np.inf)[k % 2], effort_limit=30.0)
+
+    arms = {
+        name: replace(arm, joints=[limited(joint, k) for k, joint in enumerate(arm.joints)])
+        for name, arm in p.chain.arms.items()
+    }
+    return replace(p, chain=replace(p.chain, arms=arms, grasps=grasps))
+
+
+def asked(name: str, kind: str) -> Asked:
+    """Return a function at one of the problems, accelerations and wrenches at random."""
+    p, random = problem(kind), np.random.default_rng(5)
+    if name == "joint_margins":
+        return Asked(name, p, {})
+    if name in ("grasp_margins", "wrist_wrenches"):
+        result = hf.forward_dynamics(p.chain, p.state, p.tau, inputs=p.inputs)
+        return Asked(name, p, {"grasp_wrench": result.grasp_wrench}, result)
+    if name != "inverse_dynamics":
+        return Asked(name, p, {})
+    free = [name not in p.chain.grasps or p.chain.grasps[name].kind == "bushing" for name in p.chain.arms]
+    f = np.where(np.array(free)[:, None], 0.0, random.normal(size=(len(p.chain.arms), 6)))
+    own = {"qdd": random.normal(size=p.chain.joint_count), "grasp_wrench": f}
+    return undriven(Asked(name, p, own | ({"floating_acceleration": random.normal(size=6)} if p.chain.floats else {})))
+
+
+def open_grasp(kind: str) -> Asked:
+    """Return the closure of two arms, one of which holds by a kind of grasp, far from closed."""
+    p, random = random_problem(5, joints=(6, 5), grasps=("ball", "rigid"), moving_base=True), np.random.default_rng(6)
+    name = p.chain.names[1]
+    chain = p.chain.without_grasp(name).with_grasp(name, grasp_of(kind, p.chain.grasps[name].frame))
+    loose = replace(p, chain=chain, state=replace(p.state, q=p.state.q + 0.3 * random.normal(size=chain.joint_count)))
+    return Asked("closure", displaced(loose, {"qd": random.normal(size=chain.joint_count)}), {})
