@@ -1,4 +1,4 @@
-"""Smooth paths of the object from rest to rest."""
+"""Where the object should be over time, and its smooth motion from rest to rest."""
 
 from __future__ import annotations
 
