@@ -14,7 +14,7 @@ from holdfast.control.paths import Target
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.spatial import rotation
-from holdfast.spatial.converted import ArrayField, Converted
+from holdfast.spatial.converted import REQUIRED, ArrayField, Converted
 from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.rotation_curve import exp_curve
@@ -42,8 +42,8 @@ class PoseSpline(Frozen):
         ModelError: poses or times of which no such path is made.
     """
 
-    poses: Converted[Sequence[Pose], Sequence[Pose | ArrayLike]]
-    times: ArrayField
+    poses: Converted[Sequence[Pose], Sequence[Pose | ArrayLike]] = REQUIRED
+    times: ArrayField = REQUIRED
 
     def __post_init__(self) -> None:
         put = object.__setattr__

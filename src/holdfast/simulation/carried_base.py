@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 from numpy.typing import ArrayLike
 
+from holdfast.control.object_tracking import ObjectPath
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.fingerprint import exact_fingerprint
+from holdfast.spatial.converted import REQUIRED
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate
 from holdfast.spatial.spatial_vector import shift_twist
 from holdfast.spatial.vector import cross
+
+Motion = Callable[[Any], tuple[Any, ArrayLike, ArrayLike]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +39,8 @@ class CarriedBase(Frozen):
         ModelError: a motion that is no function and no path.
     """
 
-    motion: Callable[[Any], tuple[Any, ArrayLike, ArrayLike]]
-    frame: PoseField
+    motion: Motion | ObjectPath
+    frame: PoseField = REQUIRED
 
     def __post_init__(self) -> None:
         motion = self.motion if callable(self.motion) else getattr(self.motion, "at", None)
@@ -55,7 +59,7 @@ class CarriedBase(Frozen):
 
     def __call__(self, t: Scalar) -> tuple[Pose, Array, Array]:
         """Return pose, twist and acceleration of the base at time t, world axes."""
-        found, twist, acceleration = self.motion(t)
+        found, twist, acceleration = cast(Motion, self.motion)(t)
         under = found if isinstance(found, Pose) else Pose.unchecked_seven(array(found))
         twist, acceleration = array(twist), array(acceleration)
         at, omega = under @ self.frame, twist[:3]
