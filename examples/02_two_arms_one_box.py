@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
@@ -61,7 +62,7 @@ def draw(out: Path, chain: hf.ClosedChain, run: hf.simulation.Trajectory) -> Non
                 at = posture(arm, state.q[chain.joints[name]])
                 points = np.array([arm.base.p, *(at.tip.p - reach for reach in at.reach), at.tip.p])
                 label = f"{name}, {'at the end' if k else 'at the beginning'}"
-                look = {"color": arm_look(i)[0], "alpha": strength, "markersize": 3}
+                look: dict[str, Any] = {"color": arm_look(i)[0], "alpha": strength, "markersize": 3}
                 axes.plot(points[:, 0], points[:, 2], "o-", label=label, **look)
             frame = state.object_frame
             outline = frame.p[[0, 2]] + corners @ frame.R[np.ix_([0, 2], [0, 2])].T

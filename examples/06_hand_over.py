@@ -34,7 +34,7 @@ def main(out: Path = OUT) -> dict[str, float | str]:
 
     # The box passes the meeting place at 0.4 s, at its highest speed; there the right hand closes around it.
     path = RestToRest(start.object_frame, displacement=[0.2, 0, 0], duration=2 * GRIP)
-    events = [Attach(GRIP, "right", right, here=True), Release(LET_GO, "left")]
+    events: list[Attach | Release] = [Attach(GRIP, "right", right, here=True), Release(LET_GO, "left")]
     run = hf.simulate(alone, start, ObjectTracking(alone, path), END, step=0.02, events=events)
 
     # Two samples have the time of the grip: just before and just after it.

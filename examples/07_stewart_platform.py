@@ -35,30 +35,30 @@ def main(out: Path = OUT) -> dict[str, float]:
         forces.append(tau[drives])
         loads.append(result.grasp_wrench[:, 3:].sum(axis=0))
         residuals.append(np.abs(np.r_[result.qdd, result.object_acceleration, tau[~drives]]).max())
-    forces, loads = np.array(forces[1:]), np.array(loads[1:])
+    force, load = np.array(forces[1:]), np.array(loads[1:])
 
     # Virtual work: at the level pose, raising everything by dz costs its weight times the height.
     rise = 1e-4
     heights = [level.object_pose + np.r_[np.zeros(6), z] for z in (-rise, rise)]
     near = [hf.close(chain, hf.State(level.q, level.qd, pose), hold_object=True) for pose in heights]
-    work = forces[len(angles) // 2] @ (near[1].q - near[0].q)[drives]
+    work = force[len(angles) // 2] @ (near[1].q - near[0].q)[drives]
     energy = hf.dynamics.potential_energy(chain, near[1]) - hf.dynamics.potential_energy(chain, near[0])
 
-    draw(out, np.rad2deg(angles), forces)
+    draw(out, np.rad2deg(angles), force)
     diagnosis = hf.diagnose(chain, level)
     print(diagnosis.report())
-    print(f"force of every drive where it is level: {forces[len(angles) // 2, 0]:.2f} N; most: {forces.max():.2f} N")
+    print(f"force of every drive where it is level: {force[len(angles) // 2, 0]:.2f} N; most: {force.max():.2f} N")
     print(f"nothing moves: largest acceleration and passive torque {max(residuals):.1e}")
     return {
         "mobility": diagnosis.mobility,
         "residual": float(max(residuals)),
         "weight": float(-platform.held_object.mass * chain.gravity[2]),
-        "load_error": float(np.abs(loads + platform.held_object.mass * chain.gravity).max()),
+        "load_error": float(np.abs(load + platform.held_object.mass * chain.gravity).max()),
         "virtual_work": float(work),
         "potential": float(energy),
-        "mirrored": float(max(np.abs(forces[:, a] - forces[:, b]).max() for a, b in MIRRORED)),
-        "spread_level": float(np.ptp(forces[len(angles) // 2])),
-        "largest": float(forces.max()),
+        "mirrored": float(max(np.abs(force[:, a] - force[:, b]).max() for a, b in MIRRORED)),
+        "spread_level": float(np.ptp(force[len(angles) // 2])),
+        "largest": float(force.max()),
     }
 
 

@@ -69,6 +69,8 @@ def examples() -> dict[str, Any]:
         *(hf.dynamics.METHODS["kkt"], hf.control.GravityCompensation(chain), law, record),
         *(
             hf.control.RestToRest(state.object_pose),
+            path := hf.control.PoseSpline([state.object_pose, hf.Pose.translation(0, 0, 1)], [0.0, 1.0]),
+            hf.simulation.CarriedBase(path.at, hf.Pose.identity()),
             hf.control.ObjectTracking(chain, hf.control.RestToRest(state.object_pose).at),
         ),
         *(

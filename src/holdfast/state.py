@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.converted import NOT_GIVEN, ArrayField, Converted, OptionalArrayField, making
+from holdfast.spatial.converted import NOT_GIVEN, REQUIRED, ArrayField, Converted, OptionalArrayField, making
 from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
@@ -32,9 +32,9 @@ class State(Frozen):
         base_twist: (6,) [omega; v of that frame's origin], world axes; None without one.
     """
 
-    q: ArrayField
-    qd: ArrayField
-    object_pose: Converted[Array, Pose | ArrayLike]
+    q: ArrayField = REQUIRED
+    qd: ArrayField = REQUIRED
+    object_pose: Converted[Array, Pose | ArrayLike] = REQUIRED
     object_twist: ArrayField = field(default_factory=making(np.zeros, 6))
     base_pose: Converted[Array | None, Pose | ArrayLike | None] = NOT_GIVEN
     base_twist: OptionalArrayField = NOT_GIVEN

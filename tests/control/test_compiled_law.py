@@ -17,6 +17,7 @@ from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest
 from holdfast.simulation.simulate import laws_by_machine_code
+from holdfast.spatial import scalar
 from holdfast.spatial.scalar import clip, exp
 from tests.control.two_pandas import two_pandas
 from tests.simulation.rollout.problems import problem
@@ -72,6 +73,21 @@ def test_saturating_words():
         assert (np.abs(tau) <= limits).all()
         assert (np.abs(tau) == limits).any()
         np.testing.assert_allclose(tau, law(0.3, state, None, {})[0], rtol=1e-13, atol=1e-13)
+
+
+@pytest.mark.parametrize("word", ["minimum", "maximum", "where", "clip", "tanh", "exp"])
+def test_words_on_arrays(word):
+    """The words with NumPy's names say of traced arrays what NumPy's functions say of numbers."""
+    ours, theirs, limits = getattr(scalar, word), getattr(np, word), np.linspace(0.1, 1.0, N)
+    arguments = {
+        **dict.fromkeys(("minimum", "maximum"), lambda q: (q, limits)),
+        **dict.fromkeys(("tanh", "exp"), lambda q: (q,)),
+        "where": lambda q: (scalar.less(q, limits), q, 2.0),
+        "clip": lambda q: (q, -limits, 0.5),
+    }[word]
+    made = compile_law(ControlLaw(lambda t, x, memory, given: (ours(*arguments(x.q)), memory)), CHAIN)
+    state = moving(3)
+    np.testing.assert_allclose(made(0.0, state, None)[0], theirs(*arguments(state.q)), rtol=1e-15)
 
 
 def test_memory_and_parameters():

@@ -1,17 +1,24 @@
 """A scene becomes the chain it describes, closed and at rest; a bad one is refused on one line."""
 
 import os
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import convert
 
-from holdfast import ClosureError, SceneError
+from holdfast import ClosureError, HeldObject, SceneError
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.dynamics import closure
+from holdfast.io.typed import Location
 from holdfast.robots import PANDA_HOME
 from holdfast.scenario.build import load_scene
+from holdfast.scenario.joints import body
+from holdfast.scenario.scene import BodyData
+from holdfast.simulation.runge_kutta import SCHEMES
+from holdfast.spatial import rotation
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "two_pandas.toml"
 TEXT = EXAMPLE.read_text()
@@ -261,9 +268,9 @@ BAD_SCENES = {
     "number beyond floats": ("mass = 3.0", "mass = 1" + 400 * "0", "$.object.mass: expected a number up to 1e+09"),
     "short vector": ("[-0.55, 0.0, 0.0]", "[-0.55, 0.0]", "$.arms[0].base.position: Expected `array` of length 3"),
     "flat box": ("box = [0.3, 0.2, 0.2]", "box = [0.3, 0.0, 0.2]", "$.object.box[1]: expected > 0, got 0"),
-    "no inertia": ("box = [0.3, 0.2, 0.2]\n", "", "$.object: expected box or inertia, got neither"),
+    "no inertia": ("box = [0.3, 0.2, 0.2]\n", "", "$.object: expected box, sphere, cylinder or inertia, got none"),
     "box and inertia": ("box = [0.3, 0.2, 0.2]", "box = [1, 1, 1]\ninertia = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]",
-                        "$.object: expected box or inertia, got both"),
+                        "$.object: expected box, sphere, cylinder or inertia, got box and inertia"),
     "impossible inertia": ("box = [0.3, 0.2, 0.2]", "inertia = [[1, 0, 0], [0, 1, 0], [0, 0, 5]]",
                            "$.object.inertia: no mass distribution has principal moments 1, 1, 5"),
     "asymmetric inertia": ("box = [0.3, 0.2, 0.2]", "inertia = [[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]",
@@ -350,3 +357,98 @@ def test_unreachable_object(tmp_path):
     assert text.startswith(f"{path}: $.object.pose: cannot close the chains: arm 'left' misses its grasp by")
     assert "arm 'right'" in text
     assert "\n" not in text
+
+
+THROUGH = """through = [
+  {{ t = 0.5, position = [0, 0.1, 0.8], rpy = [0, 0, 0.2] }},
+  {{ t = {t}, position = [0.05, 0, 0.75]{more} }},
+]"""
+PATH = TEXT[TEXT.index("[controller.path]") : TEXT.index("[simulation]")]
+
+
+def through(t: str = "1.5", more: str = "", beside: str = "") -> str:
+    """Return the example with a path through poses in the place of its own."""
+    return TEXT.replace(PATH, f"[controller.path]\n{beside}{THROUGH.format(t=t, more=more)}\n")
+
+
+def test_a_path_through_poses(tmp_path):
+    """The object begins where it is, passes the poses at their times, and rests at the last."""
+    path = tmp_path / "scene.toml"
+    path.write_text(through(beside="begin = 0.2\n"))
+    scenario = load_scene(path)
+    assert isinstance(scenario.controller, ObjectTracking)
+    at = scenario.controller.path
+    assert at(0.1).pose.p == pytest.approx([0, 0, 0.72], abs=1e-12)
+    assert at(0.5).pose.p == pytest.approx([0, 0.1, 0.8], abs=1e-12)
+    assert rotation.log(at(0.5).pose.R) == pytest.approx([0, 0, 0.2], abs=1e-12)
+    assert np.abs(at(0.5).twist).max() > 0.1
+    assert at(3.0).pose.p == pytest.approx([0.05, 0, 0.75], abs=1e-12)
+    assert not at(1.5).twist.any()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (through(t="0.5"), "controller.path.through[1].t: expected a time after the pose before it at 0.5 s, got 0.5"),
+        (through(beside="begin = 0.5\n"), "controller.path.through[0].t: expected a time after the begin at 0.5 s"),
+        (through(beside="duration = 1.0\n"), "controller.path.duration: expected none, as the path goes through poses"),
+        (through(beside="turn = [1, 0, 0]\n"), "controller.path.turn: expected none, as the path goes through poses"),
+        (
+            through(more=", rpy = [3.141592653589793, 0, 3.341592653589793]"),
+            "controller.path.through[1]: expected less than half a turn from where it was",
+        ),
+        (through(more=", quaternion = [1, 0, 0, 1]"), "controller.path.through[1].quaternion"),
+        (TEXT.replace(PATH, "[controller.path]\nthrough = []\n"), "controller.path.through: expected one pose or more"),
+        (TEXT.replace(PATH, "[controller.path]\n"), "controller.path.duration: expected a duration, or poses"),
+    ],
+)
+def test_paths_refused(tmp_path, text, message):
+    """Each fault at its place."""
+    assert message in refusal(tmp_path / "scene.toml", text)
+
+
+@pytest.mark.parametrize(
+    ("solid", "expected"),
+    [
+        ("sphere = 0.1", HeldObject.sphere(3.0, 0.1)),
+        ("cylinder = [0.1, 0.3]", HeldObject.cylinder(3.0, 0.1, 0.3)),
+    ],
+)
+def test_round_objects(tmp_path, solid, expected):
+    """Solids of uniform density, drawn as what they are where their middle is the origin; links too."""
+    path = tmp_path / "scene.toml"
+    path.write_text(changed("box = [0.3, 0.2, 0.2]", solid))
+    held = load_scene(path).chain.held_object
+    assert np.array_equal(held.inertia, expected.inertia)
+    assert held.shape == expected.shape
+    path.write_text(changed("box = [0.3, 0.2, 0.2]", f"{solid}\ncom = [0, 0, 0.01]"))
+    aside = load_scene(path).chain.held_object
+    assert np.array_equal(aside.inertia, expected.inertia)
+    assert aside.shape is None
+    link = body(convert({"mass": 3.0} | tomllib.loads(solid), BodyData), Location("link"))
+    assert np.array_equal(link.inertia, expected.inertia)
+
+
+@pytest.mark.parametrize(
+    ("solid", "message"),
+    [
+        ("sphere = 0.0", "object.sphere: expected > 0, got 0"),
+        ("cylinder = [0.1, -0.3]", "object.cylinder[1]: expected > 0, got -0.3"),
+        (
+            "sphere = 0.1\nbox = [0.3, 0.2, 0.2]",
+            "object: expected box, sphere, cylinder or inertia, got box and sphere",
+        ),
+        ("", "object: expected box, sphere, cylinder or inertia, got none"),
+    ],
+)
+def test_round_objects_refused(tmp_path, solid, message):
+    """Lengths above zero, and one solid."""
+    assert message in refusal(tmp_path / "scene.toml", changed("box = [0.3, 0.2, 0.2]", solid))
+
+
+def test_every_scheme(tmp_path):
+    """Each scheme that a run knows can be asked for in a scene."""
+    for scheme in SCHEMES:
+        path = tmp_path / f"{scheme}.toml"
+        path.write_text(changed("[simulation]", f'[simulation]\nscheme = "{scheme}"'))
+        assert load_scene(path).options["scheme"] == scheme

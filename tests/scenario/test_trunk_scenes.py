@@ -219,7 +219,7 @@ REFUSED = [
     ("q = [0.1, 0.2]", "twist = [0, 0, 0, 0, 0, 1]", "$.trunk.twist: expected none, as the trunk's base stands"),
     ("q = [0.1, 0.2]", 'robot = "panda"', "$.trunk: expected one of robot, urdf and joints or floating, got robot and"),
     ("armature = 2.0", "armature = -2.0", "$.trunk.joints[0].armature: expected >= 0"),
-    ("box = [0.2, 0.2, 0.6], ", "", "$.trunk.joints[0].link: expected box or inertia, got neither"),
+    ("box = [0.2, 0.2, 0.6], ", "", "$.trunk.joints[0].link: expected box, sphere, cylinder or inertia, got none"),
     ("[[trunk.joints]]", "floating = { mass = 0 }\n[[trunk.joints]]", "$.trunk.floating.mass: expected > 0, as"),
     ('name = "waist"', 'name = "lift"', "$.trunk.joints[1].name: 'lift' stands already at $.trunk.joints[0].name"),
     ('name = "chest"', 'name = "a/b"', "$.trunk.joints[1].link.name: expected letters, digits"),

@@ -130,7 +130,7 @@ class Node:
         return self.graph.apply("select", self, _operand(a), _operand(b))
 
     __hash__ = object.__hash__
-    _choose = "try where(condition, a, b), minimum, maximum or clip of holdfast.spatial.scalar"
+    _choose = "try where(less(x, y), a, b), minimum, maximum or clip of holdfast.spatial.scalar"
     __bool__ = _misuse("the truth (`if`, `and`, `not`, max, sorting)", _choose)
     __eq__ = _misuse("equality (==, in)", "compare with < or <=, or with `is` for identity")  # type: ignore[assignment]
     __ne__ = _misuse("inequality (!=)", "compare with < or <=")  # type: ignore[assignment]

@@ -5,4 +5,5 @@ from .compiled_law import compile_law as compile_law
 from .gravity_compensation import GravityCompensation as GravityCompensation
 from .object_tracking import ObjectTracking as ObjectTracking
 from .paths import RestToRest as RestToRest
+from .pose_spline import PoseSpline as PoseSpline
 from .torque_schedule import TorqueSchedule as TorqueSchedule

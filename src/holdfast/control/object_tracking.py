@@ -20,7 +20,7 @@ from holdfast.state import State
 
 
 class ObjectPath(Protocol):
-    """Where the object should be over time, such as `RestToRest`."""
+    """Where the object should be over time, such as `RestToRest` or `PoseSpline`."""
 
     def at(self, t: Any) -> Target:
         """Return the target at time t [s]."""

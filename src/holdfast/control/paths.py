@@ -1,4 +1,4 @@
-"""Smooth paths of the object from rest to rest."""
+"""Where the object should be over time, and its smooth motion from rest to rest."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from holdfast.model import checks
 from holdfast.spatial import rotation
-from holdfast.spatial.converted import ArrayField, making
+from holdfast.spatial.converted import REQUIRED, ArrayField, making
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array, Scalar, maximum, minimum
@@ -44,7 +44,7 @@ class RestToRest(Frozen):
         duration: of the motion [s].
     """
 
-    start: PoseField
+    start: PoseField = REQUIRED
     displacement: ArrayField = field(default_factory=making(np.zeros, 3))
     turn: ArrayField = field(default_factory=making(np.zeros, 3))
     begin: float = 0.0

@@ -13,7 +13,7 @@ from holdfast.control.controller import Controller, require_controller, torques_
 from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.spatial.converted import ArrayField, Converted
+from holdfast.spatial.converted import REQUIRED, ArrayField, Converted
 from holdfast.spatial.frozen import Frozen, frozen_property, read_only
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -33,8 +33,8 @@ class TorqueSchedule(Frozen):
         beside: another controller, whose torques are added.
     """
 
-    knots: ArrayField
-    coefficients: Converted[tuple[Array, ...], Sequence[ArrayLike]]
+    knots: ArrayField = REQUIRED
+    coefficients: Converted[tuple[Array, ...], Sequence[ArrayLike]] = REQUIRED
     beside: Controller | None = None
 
     def __post_init__(self) -> None:

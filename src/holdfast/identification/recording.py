@@ -11,7 +11,7 @@ from holdfast.errors import StateError
 from holdfast.io.result_reader import Result
 from holdfast.model import checks
 from holdfast.simulation.trajectory import Trajectory
-from holdfast.spatial.converted import NOT_GIVEN, ArrayField, OptionalArrayField
+from holdfast.spatial.converted import NOT_GIVEN, REQUIRED, ArrayField, OptionalArrayField
 from holdfast.spatial.frozen import Frozen
 from holdfast.state import Inputs
 
@@ -41,8 +41,8 @@ class Recording(Frozen):
         inputs: external wrenches and base motion, the same for all samples; zero by default.
     """
 
-    t: ArrayField
-    q: ArrayField
+    t: ArrayField = REQUIRED
+    q: ArrayField = REQUIRED
     qd: OptionalArrayField = NOT_GIVEN
     qdd: OptionalArrayField = NOT_GIVEN
     tau: OptionalArrayField = NOT_GIVEN

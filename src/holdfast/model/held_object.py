@@ -12,7 +12,7 @@ from holdfast.model import checks
 from holdfast.model.fingerprint import PICTURE
 from holdfast.model.looks import Cylinder, Shape, Sphere
 from holdfast.spatial import inertia as spatial_inertia
-from holdfast.spatial.converted import ArrayField, making
+from holdfast.spatial.converted import REQUIRED, ArrayField, making
 from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.inertia import RigidInertia
 
@@ -30,7 +30,7 @@ class HeldObject(Frozen):
     """
 
     mass: float
-    inertia: ArrayField
+    inertia: ArrayField = REQUIRED
     com: ArrayField = field(default_factory=making(np.zeros, 3))
     physical: bool = True
     shape: Shape | None = field(default=None, metadata=PICTURE)

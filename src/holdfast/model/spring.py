@@ -11,7 +11,7 @@ from holdfast.model import checks
 from holdfast.model.arm import Arm
 from holdfast.model.trunk import NAME as TRUNK
 from holdfast.model.trunk import Trunk
-from holdfast.spatial.converted import ArrayField, Converted
+from holdfast.spatial.converted import REQUIRED, ArrayField, Converted
 from holdfast.spatial.frozen import Frozen
 
 WORLD, OBJECT = "world", "object"
@@ -29,7 +29,7 @@ class SpringEnd(Frozen):
     """
 
     body: str
-    point: ArrayField
+    point: ArrayField = REQUIRED
     link: str | int | None = None
 
     def __post_init__(self) -> None:
@@ -104,9 +104,9 @@ class Spring(Frozen):
         damping: c >= 0 [N s/m].
     """
 
-    a: Converted[SpringEnd, SpringEnd | tuple[Any, ...]]
-    b: Converted[SpringEnd, SpringEnd | tuple[Any, ...]]
-    stiffness: float
+    a: Converted[SpringEnd, SpringEnd | tuple[Any, ...]] = REQUIRED
+    b: Converted[SpringEnd, SpringEnd | tuple[Any, ...]] = REQUIRED
+    stiffness: float = REQUIRED
     length: float = 0.0
     damping: float = 0.0
 

@@ -11,6 +11,7 @@ from holdfast.io.typed import Location
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import UNBOUNDED, Joint
 from holdfast.model.link import Link
+from holdfast.model.looks import Shape
 from holdfast.scenario.names import require_names
 from holdfast.scenario.poses import pose
 from holdfast.scenario.scene import BodyData, JointData, ObjectData
@@ -41,30 +42,46 @@ def body(data: BodyData, at: Location) -> Link:
     """Return a rigid body; one without mass needs no inertia.
 
     Raises:
-        SceneError: neither box nor inertia of one with mass, both, or impossible ones.
+        SceneError: neither a solid nor an inertia of one with mass, several, or impossible ones.
     """
     with at.refusals():
-        if data.mass == 0.0 and data.box is None and data.inertia is None:
+        if data.mass == 0.0 and not _given(data):
             return Link(0.0, np.array(data.com), MASSLESS_INERTIA, data.name)
-        return Link(data.mass, np.array(data.com), inertia(data, at), data.name)
+        return Link(data.mass, np.array(data.com), inertia_and_shape(data, at)[0], data.name)
 
 
-def inertia(data: BodyData | ObjectData, at: Location) -> Array:
-    """Return the inertia about the mass centre, (3, 3) [kg m^2]: as given, or that of a solid box of uniform density.
+def inertia_and_shape(data: BodyData | ObjectData, at: Location) -> tuple[Array, Shape | None]:
+    """Return the inertia about the mass centre, (3, 3) [kg m^2], as given or of a solid, and the round solid's shape.
 
     Raises:
-        SceneError: neither or both of them, or an edge that is none.
-        ModelError: a mass that no box has.
+        SceneError: no solid and no inertia, several, or a length that is none.
+        ModelError: a mass that no body has.
     """
-    if (data.box is None) == (data.inertia is None):
-        raise at.refuse(f"expected box or inertia, got {'neither' if data.box is None else 'both'}")
+    given = _given(data)
+    if len(given) != 1:
+        expected = "box, sphere, cylinder or inertia"
+        raise at.refuse(f"expected {expected}, got {' and '.join(given) if given else 'none of them'}")
+    for key in ("box", "cylinder"):
+        for i, length in enumerate(getattr(data, key) or ()):
+            if length <= 0:
+                raise (at / key / i).refuse(f"expected > 0, got {length:g}")
+    if data.sphere is not None and data.sphere <= 0:
+        raise (at / "sphere").refuse(f"expected > 0, got {data.sphere:g}")
+    if data.box is not None:
+        return HeldObject.box(data.mass, *data.box).inertia, None
     if data.inertia is not None:
-        return np.array(data.inertia, dtype=float)
-    assert data.box is not None
-    for i, edge in enumerate(data.box):
-        if edge <= 0:
-            raise (at / "box" / i).refuse(f"expected > 0, got {edge:g}")
-    return HeldObject.box(data.mass, *data.box).inertia
+        return np.array(data.inertia, dtype=float), None
+    if data.sphere is not None:
+        solid = HeldObject.sphere(data.mass, data.sphere)
+    else:
+        assert data.cylinder is not None
+        solid = HeldObject.cylinder(data.mass, *data.cylinder)
+    return solid.inertia, solid.shape
+
+
+def _given(data: BodyData | ObjectData) -> list[str]:
+    """Return which keys say how the mass is distributed."""
+    return [key for key in ("box", "sphere", "cylinder", "inertia") if getattr(data, key) is not None]
 
 
 def _joint(data: JointData, at: Location) -> Joint:

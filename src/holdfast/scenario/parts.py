@@ -11,6 +11,7 @@ from holdfast.control.controller import Controller
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest
+from holdfast.control.pose_spline import HALF_TURN, PoseSpline
 from holdfast.control.torque_schedule import TorqueSchedule
 from holdfast.io.typed import Location
 from holdfast.model.arm import Arm
@@ -19,16 +20,18 @@ from holdfast.model.grasp import Friction, Grasp, WrenchLimits
 from holdfast.model.held_object import HeldObject
 from holdfast.model.spring import Spring, SpringEnd
 from holdfast.model.trunk import Trunk
-from holdfast.scenario.joints import inertia
+from holdfast.scenario.joints import inertia_and_shape
 from holdfast.scenario.poses import pose
 from holdfast.scenario.scene import (
     GraspData,
     GravityCompensationData,
     ObjectData,
     ObjectTrackingData,
+    PathData,
     SpringData,
     TorqueScheduleData,
 )
+from holdfast.spatial import rotation
 from holdfast.state import State
 
 GAINS = ("squeeze", "joint_damping", "stiffness", "damping")
@@ -59,9 +62,11 @@ def spring(data: SpringData, arms: Mapping[str, Arm], trunk: Trunk | None, at: L
 
 
 def held_object(data: ObjectData, at: Location) -> HeldObject:
-    """Return the object; a box is solid, of uniform density, with its centre at `com`."""
+    """Return the object; a solid is of uniform density, with its centre at `com`."""
+    com = np.array(data.com, dtype=float)
     with at.refusals():
-        return HeldObject(data.mass, inertia(data, at), np.array(data.com, dtype=float))
+        inertia, shape = inertia_and_shape(data, at)
+        return HeldObject(data.mass, inertia, com, shape=None if com.any() else shape)  # shapes are drawn about C
 
 
 def controller(
@@ -88,13 +93,45 @@ def controller(
             return GravityCompensation(chain, data.squeeze, data.joint_damping)
     if not chain.grasps:
         raise (at / "type").refuse("object_tracking needs a grasp, but no arm has one; try gravity_compensation")
-    motion = data.path
-    with (at / "path").refusals():
-        path = RestToRest(
-            state.object_frame, np.array(motion.displacement), np.array(motion.turn), motion.begin, motion.duration
-        )
+    path = object_path(data.path, state, at / "path")
     with at.refusals():
         return ObjectTracking(chain, path.at, data.squeeze, data.stiffness, data.damping, data.joint_damping)
+
+
+def object_path(data: PathData, state: State, at: Location) -> RestToRest | PoseSpline:
+    """Return the path of the object from where it is at the start.
+
+    Raises:
+        SceneError: keys that do not go together, or an impossible path.
+    """
+    if data.through is None:
+        if data.duration is None:
+            raise (at / "duration").refuse("expected a duration, or poses to go through, got neither")
+        with at.refusals():
+            return RestToRest(
+                state.object_frame, np.array(data.displacement), np.array(data.turn), data.begin, data.duration
+            )
+    for key, given in (
+        ("duration", data.duration is not None),
+        ("displacement", any(data.displacement)),
+        ("turn", any(data.turn)),
+    ):
+        if given:
+            raise (at / key).refuse("expected none, as the path goes through poses, which say where and when")
+    if not data.through:
+        raise (at / "through").refuse("expected one pose or more, got none")
+    poses = [state.object_frame, *(pose(via, at / "through" / k) for k, via in enumerate(data.through))]
+    for k, via in enumerate(data.through):
+        before = data.through[k - 1].t if k else data.begin
+        if via.t <= before:
+            what = "the pose before it" if k else "the begin"
+            raise (at / "through" / k / "t").refuse(f"expected a time after {what} at {before:g} s, got {via.t:g}")
+        if np.linalg.norm(rotation.log(poses[k].R.T @ poses[k + 1].R)) > HALF_TURN:
+            raise (at / "through" / k).refuse(
+                "expected less than half a turn from where it was before; try a pose between"
+            )
+    with (at / "through").refusals():
+        return PoseSpline(poses, [data.begin, *(via.t for via in data.through)])
 
 
 def _schedule(data: TorqueScheduleData, chain: ClosedChain, state: State, at: Location) -> TorqueSchedule:

@@ -50,10 +50,15 @@ class BaseMotionData(_Strict):
 
 
 class BodyData(_Strict):
-    """A rigid body: mass, and the edges of a solid box about `com` or an inertia about it, in the body's axes."""
+    """A rigid body: mass, and a solid of uniform density about `com` or an inertia about it, in the body's axes.
+
+    The solid is a box of three edges, a sphere of a radius, or a cylinder about z of a radius and a length.
+    """
 
     mass: float
     box: Vector3 | None = None
+    sphere: float | None = None
+    cylinder: tuple[float, float] | None = None
     inertia: Matrix3 | None = None
     com: Vector3 = ZEROS
     name: str = ""
@@ -145,13 +150,15 @@ class TrunkData(_Strict):
 
 
 class ObjectData(_Strict):
-    """The held object: mass, and the edges of a solid box or an inertia about the mass centre; how it moves at first.
+    """The held object: mass, and a solid or an inertia about the mass centre; how it moves at first.
 
-    `twist` is [omega; v of its origin], world axes, at the start.
+    The solid is as in `BodyData`; `twist` is [omega; v of its origin], world axes, at the start.
     """
 
     mass: float
     box: Vector3 | None = None
+    sphere: float | None = None
+    cylinder: tuple[float, float] | None = None
     inertia: Matrix3 | None = None
     com: Vector3 = ZEROS
     pose: PoseData = msgspec.field(default_factory=PoseData)
@@ -230,12 +237,19 @@ class WrenchData(_Strict):
     end: float | None = None
 
 
-class PathData(_Strict):
-    """A smooth motion of the object from rest to rest, world axes."""
+class ViaData(PoseData, kw_only=True):
+    """A pose in the world that the object passes at time `t`."""
 
-    duration: float
+    t: float
+
+
+class PathData(_Strict):
+    """A smooth motion of the object from rest to rest, world axes: a displacement and a turn, or `through` poses."""
+
+    duration: float | None = None
     displacement: Vector3 = ZEROS
     turn: Vector3 = ZEROS
+    through: list[ViaData] | None = None
     begin: float = 0.0
 
 
@@ -280,7 +294,7 @@ class SimulationData(_Strict):
 
     duration: float
     step: float
-    scheme: Literal["rk4", "midpoint", "dop853"] = "rk4"
+    scheme: Literal["rk4", "midpoint", "dop853", "imex"] = "rk4"
     rtol: float = RTOL
     atol: float | None = None
     largest_drift: float | None = None

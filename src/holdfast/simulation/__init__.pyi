@@ -1,5 +1,6 @@
 """Simulation: closed chains through time, always on the constraint."""
 
+from .carried_base import CarriedBase as CarriedBase
 from .rollout.rollout import Rollout as Rollout
 from .rollout.systems import RolloutRecord as RolloutRecord
 from .rollout.systems import RolloutStatus as RolloutStatus

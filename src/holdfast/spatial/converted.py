@@ -9,6 +9,7 @@ is an `ArrayLike` and the attribute an `Array`. At run time it is an attribute l
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import MISSING
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
@@ -35,6 +36,9 @@ class Converted(Protocol[Held, Given]):
 ArrayField = Converted[Array, ArrayLike]
 OptionalArrayField = Converted[Array | None, ArrayLike | None]
 NOT_GIVEN: Any = None  # its default
+# Stands in a default's place where there is none: mypy takes an attribute of a dataclass for a descriptor only if
+# something is assigned to it. To `dataclass` a default that is missing is no default.
+REQUIRED: Any = MISSING
 
 
 def making(make: Callable[..., Any], *arguments: Any) -> Callable[[], Any]:

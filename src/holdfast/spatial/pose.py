@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from holdfast.errors import ModelError
 from holdfast.spatial import rotation
-from holdfast.spatial.converted import ArrayField, Converted
+from holdfast.spatial.converted import REQUIRED, ArrayField, Converted
 from holdfast.spatial.frozen import Frozen, frozen_property, read_only
 from holdfast.spatial.real_numbers import numbers, pose_numbers, rotation_matrix
 from holdfast.spatial.scalar import Array
@@ -33,8 +33,8 @@ class Pose(Frozen):
         ModelError: R is off from a rotation by more than 1e-6 (less is mended), or numbers are not finite.
     """
 
-    R: ArrayField
-    p: ArrayField
+    R: ArrayField = REQUIRED
+    p: ArrayField = REQUIRED
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "R", rotation_matrix(self.R, "pose: R"))

@@ -186,7 +186,10 @@ def test_taken_names(name):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda chain: compile_rollout(chain, branching), "law: expected a ControlLaw or None, got function; try"),
+        (
+            lambda chain: compile_rollout(chain, branching),
+            "law: expected a ControlLaw, a ready-made controller or None, got function; try",
+        ),
         (lambda chain: compile_rollout("chain"), "chain: expected a ClosedChain, got str"),
         (lambda chain: compile_rollout(chain, scheme="rk5"), "Did you mean 'rk4'"),
         (lambda chain: compile_rollout(chain, scheme="dop853"), "expected 'rk4' or 'midpoint', got 'dop853'"),

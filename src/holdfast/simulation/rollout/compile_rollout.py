@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from holdfast.compiled.structure import optional_parameters
-from holdfast.control.controller import ControlLaw, held_torques
+from holdfast.control.controller import ControlLaw, Controller, GivenLaw, held_torques
+from holdfast.control.traced_law import law_of
 from holdfast.errors import ModelError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.environment import BaseMotion, Environment
@@ -17,7 +18,7 @@ from holdfast.simulation.runge_kutta import scheme as scheme_of
 
 def compile_rollout(
     chain: ClosedChain,
-    law: ControlLaw | None = None,
+    law: ControlLaw | Controller | None = None,
     *,
     scheme: str = "rk4",
     generic_rank: int | None = None,
@@ -32,7 +33,8 @@ def compile_rollout(
 
     Args:
         chain: arms, object and grasps.
-        law: torques; without one they are given to every call as `tau`, and held for each step.
+        law: torques, a `ControlLaw` or a ready-made controller that can be traced; without one they are given to every
+            call as `tau`, and held for each step.
         scheme: `rk4`, or `midpoint`: half the evaluations, second order.
         generic_rank: rank of the grasp constraint away from singular configurations; found from the
             first systems if not given.
@@ -54,16 +56,28 @@ def compile_rollout(
     """
     if scheme_of(scheme).adaptive:
         raise ModelError(f"rollout: scheme: expected 'rk4' or 'midpoint', got '{scheme}'; it is for `simulate`")
-    if not isinstance(law, ControlLaw | None):
-        raise ModelError(
-            f"rollout: law: expected a ControlLaw or None, got {type(law).__name__}; try ControlLaw(function)"
-        )
     if not isinstance(chain, ClosedChain):
         raise ModelError(f"rollout: chain: expected a ClosedChain, got {type(chain).__name__}")
+    traced = held_torques(chain.joint_count) if law is None else _traced(law, chain)
     if law is not None:
-        require_free_names(law.parameters)
+        require_free_names(traced.parameters)
     motions = Environment(chain, base_motion or {}).base_motion
     options = optional_parameters(parameters, "rollout")
     if inputs is not None:
         take_state(inputs)
-    return Rollout(chain, law or held_torques(chain.joint_count), scheme, generic_rank, motions, options, inputs)
+    return Rollout(chain, traced, scheme, generic_rank, motions, options, inputs)
+
+
+def _traced(law: ControlLaw | Controller, chain: ClosedChain) -> ControlLaw:
+    """Return the law of what may be one.
+
+    Raises:
+        ModelError: a function, which need not depend on its arguments alone.
+    """
+    found = law if isinstance(law, ControlLaw) else None if isinstance(law, GivenLaw) else law_of(law, chain)
+    if found is None:
+        raise ModelError(
+            f"rollout: law: expected a ControlLaw, a ready-made controller or None, got {type(law).__name__}; try"
+            " ControlLaw(function)"
+        )
+    return found

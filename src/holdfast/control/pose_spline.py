@@ -1,0 +1,231 @@
+"""A smooth path of the object through given poses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from holdfast.control.paths import Target
+from holdfast.errors import ModelError
+from holdfast.model import checks
+from holdfast.spatial import rotation
+from holdfast.spatial.converted import REQUIRED, ArrayField, Converted
+from holdfast.spatial.frozen import Frozen, frozen_property
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.rotation_curve import exp_curve
+from holdfast.spatial.scalar import Array, Scalar, concatenate, maximum, minimum, select, where
+
+HALF_TURN = np.pi - 1e-6  # [rad]: from here on nobody can say which way round
+SAME = 1e-12  # [m, rad]: poses so near to each other are one
+LOOKS = 50  # at each piece, for the largest speed
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSpline(Frozen):
+    """Pass through poses at given times, from rest to rest; hold before and after.
+
+    From pose k to the next, R = R_k exp(theta) and p, theta and p being quintic polynomials of time, so that pose,
+    twist and acceleration are continuous everywhere; twist and acceleration begin and end at zero. At the poses they
+    are those of the path of least squared jerk: through p, and through the steps' rotation vectors laid end to end.
+    Between two equal poses in a row the object rests. Two poses alone are `RestToRest`.
+
+    Attributes:
+        poses: of the object frame in the world, two or more; neighbours are less than half a turn apart.
+        times: when it is there, one for each pose, increasing [s].
+
+    Raises:
+        ModelError: poses or times of which no such path is made.
+    """
+
+    poses: Converted[Sequence[Pose], Sequence[Pose | ArrayLike]] = REQUIRED
+    times: ArrayField = REQUIRED
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "poses", _poses(self.poses))
+        times = checks.vector(self.times, "path: times")
+        if times.dtype == object:
+            raise ModelError("path: times: expected numbers, got traced ones: a spline is computed beforehand")
+        if len(times) != len(self.poses):
+            raise ModelError(f"path: times: expected one for each of {len(self.poses)} poses, got {len(times)}")
+        if (late := np.flatnonzero(np.diff(times) <= 0.0)).size:
+            k = int(late[0])
+            raise ModelError(
+                f"path: times: expected them to increase, got times[{k}] = {times[k]:g} s and times[{k + 1}] ="
+                f" {times[k + 1]:g} s; to rest somewhere, give its pose twice, at two times"
+            )
+        put(self, "times", times)
+        self._require_short_ways()
+
+    @staticmethod
+    def at_speed(
+        poses: Sequence[Pose | ArrayLike], speed: float, turn_rate: float, *, begin: float = 0.0
+    ) -> PoseSpline:
+        """Return the path on which the object never moves faster than so, and as fast as that somewhere.
+
+        Times between poses go as what takes longer there, the way or the turn. To 0.1 % of the speed.
+
+        Args:
+            poses: two or more, no two neighbours alike.
+            speed: largest speed of C [m/s].
+            turn_rate: largest angular speed [rad/s].
+            begin: when it sets out [s].
+
+        Raises:
+            ModelError: a limit that is not above zero, neighbours that are alike, or poses that are refused.
+        """
+        limits = np.array(
+            [checks.number(turn_rate, "path: turn_rate", above=0.0)] * 3
+            + [checks.number(speed, "path: speed", above=0.0)] * 3
+        )
+        begin, given = checks.number(begin, "path: begin"), _poses(poses)
+        spans = [np.linalg.norm((_step(a, b) / limits).reshape(2, 3), axis=1).max() for a, b in pairwise(given)]
+        if (still := np.flatnonzero(_still(given))).size:
+            raise ModelError(
+                f"path: poses: poses[{still[0]}] and poses[{still[0] + 1}] are the same, so that no time is needed"
+                " between them; leave one out, or give times to rest there"
+            )
+        unscaled = PoseSpline(given, np.r_[0.0, np.cumsum(spans)])
+        looks = np.concatenate([np.linspace(a, b, LOOKS) for a, b in pairwise(unscaled.times)])
+        fastest = max(np.linalg.norm((unscaled.at(float(t)).twist / limits).reshape(2, 3), axis=1).max() for t in looks)
+        return PoseSpline(given, begin + float(fastest) * unscaled.times)
+
+    def at(self, t: Scalar) -> Target:
+        """Return the target at time t [s]."""
+        begins, spans = self.times[:-1], np.diff(self.times)
+        c, R, begin, span = self._pieces[0], self.poses[0].R, begins[0], spans[0]
+        for k in range(1, len(spans)):
+            here = t >= begins[k]
+            c, R = select(here, self._pieces[k], c), select(here, self.poses[k].R, R)
+            begin, span = where(here, begins[k], begin), where(here, spans[k], span)
+        x = minimum(maximum((t - begin) / span, 0.0), 1.0)
+        y, rate, second = polynomial(c, x)
+        moves = where(t < self.times[-1], 1.0, 0.0)  # rounding is left at the end
+        rate, second = moves / span * rate, moves / span / span * second
+        turned, omega, omega_dot = exp_curve(y[:3], rate[:3], second[:3])
+        twist, acceleration = concatenate([R @ omega, rate[3:]]), concatenate([R @ omega_dot, second[3:]])
+        return Target(Pose(R @ turned, y[3:]), twist, acceleration)
+
+    @frozen_property
+    def _pieces(self) -> Array:
+        """Coefficients of [theta; p] by x = (t - t_k) / (t_k+1 - t_k), (pieces, 6, 6): six of each coordinate."""
+        poses, spans = self.poses, np.diff(self.times)
+        rate, second = _knots(poses, self.times)
+        found = []
+        for k, (a, b, h) in enumerate(zip(poses[:-1], poses[1:], spans, strict=True)):
+            phi = _step(a, b)[:3]
+            first = (np.r_[np.zeros(3), a.p], h * rate[k], h**2 * second[k])
+            theta_rate, theta_second = _theta_derivatives(phi, rate[k + 1, :3], second[k + 1, :3])
+            last = (
+                np.r_[phi, b.p],
+                h * np.r_[theta_rate, rate[k + 1, 3:]],
+                h**2 * np.r_[theta_second, second[k + 1, 3:]],
+            )
+            found.append(_quintic_between(first, last))
+        return np.array(found)
+
+    def _require_short_ways(self) -> None:
+        """Refuse neighbours half a turn apart, and times between which the path would swing round and round."""
+        for k, c in enumerate(self._pieces):
+            a, b = self.poses[k], self.poses[k + 1]
+            if (angle := np.linalg.norm(_step(a, b)[:3])) > HALF_TURN:
+                raise ModelError(
+                    f"path: poses: poses[{k + 1}] is turned against poses[{k}] by {np.degrees(angle):.6g} degrees, and"
+                    " either way round is as short; try a pose between them"
+                )
+            swing = max(np.linalg.norm(polynomial(c, x)[0][:3]) for x in np.linspace(0.0, 1.0, LOOKS))
+            if swing > 2 * np.pi:
+                raise ModelError(
+                    f"path: times: between times[{k}] and times[{k + 1}] a smooth path would swing by"
+                    f" {swing / (2 * np.pi):.3g} turns and back, as times are so uneven; try PoseSpline.at_speed(poses,"
+                    " speed, turn_rate)"
+                )
+
+
+def polynomial(c: Array, x: Scalar) -> tuple[Array, Array, Array]:
+    """Return sum_j c_j x^j and its two derivatives, of columns c, (coordinates, 6)."""
+    value, rate, half = c[:, 5], 0.0 * c[:, 5], 0.0 * c[:, 5]
+    for j in range(4, -1, -1):
+        half = half * x + rate
+        rate = rate * x + value
+        value = value * x + c[:, j]
+    return value, rate, 2.0 * half
+
+
+def _poses(given: Any) -> tuple[Pose, ...]:
+    """Return checked poses."""
+    if isinstance(given, Pose) or not isinstance(given, Sequence | np.ndarray) or isinstance(given, str):
+        raise ModelError(f"path: poses: expected a list of poses, got {type(given).__name__}")
+    if len(given) < 2:
+        raise ModelError(f"path: poses: expected two or more, got {len(given)}")
+    found = tuple(checks.pose(pose, f"path: poses[{k}]") for k, pose in enumerate(given))
+    for k, pose in enumerate(found):
+        if pose.R.dtype == object or pose.p.dtype == object:
+            raise ModelError(f"path: poses[{k}]: expected numbers, got traced ones: a spline is computed beforehand")
+    return found
+
+
+def _step(a: Pose, b: Pose) -> Array:
+    """Return [phi; d] from a pose to the next, (6,): R_b = R_a exp(phi), p_b = p_a + d."""
+    return np.r_[rotation.log(a.R.T @ b.R), b.p - a.p]
+
+
+def _still(poses: Sequence[Pose]) -> Array:
+    """Return which poses are those before them, (poses - 1,)."""
+    return np.array([np.abs(_step(a, b)).max() <= SAME for a, b in pairwise(poses)])
+
+
+def _knots(poses: Sequence[Pose], times: Array) -> tuple[Array, Array]:
+    """Return rates and second derivatives at the poses, (poses, 6) each: body axes, then p.
+
+    They are those of the quintic spline (four continuous derivatives) through the steps laid end to end, from rest
+    to rest; wherever two poses are alike one ends and the next begins.
+    """
+    from scipy.interpolate import make_interp_spline  # half a second to import
+
+    steps = np.array([_step(a, b) for a, b in pairwise(poses)])
+    way = np.concatenate([np.zeros((1, 6)), np.cumsum(steps, axis=0)])
+    rate, second, first = np.zeros_like(way), np.zeros_like(way), 0
+    for k, still in enumerate([*_still(poses), True]):
+        if not still:
+            continue
+        if k > first:
+            here = slice(first, k + 1)
+            rest = [(1, np.zeros(6)), (2, np.zeros(6))]
+            spline = make_interp_spline(times[here], way[here], k=5, bc_type=(rest, rest))
+            rate[first + 1 : k], second[first + 1 : k] = (
+                spline(times[first + 1 : k], 1),
+                spline(times[first + 1 : k], 2),
+            )
+        first = k + 1
+    return rate, second
+
+
+def _theta_derivatives(phi: Array, omega: Array, omega_dot: Array) -> tuple[Array, Array]:
+    """Return the two derivatives of theta at phi that go with angular velocity and acceleration in body axes."""
+    none = np.zeros(3)
+    R, _, _ = exp_curve(phi, none, none)
+    J = np.column_stack([exp_curve(phi, unit, none)[1] for unit in np.eye(3)])
+    rate = np.linalg.solve(J, R @ omega)
+    return rate, np.linalg.solve(J, R @ omega_dot - exp_curve(phi, rate, none)[2])
+
+
+def _quintic_between(first: Sequence[Array], last: Sequence[Array]) -> Array:
+    """Return the coefficients of quintics by their values and two derivatives at x = 0 and 1, (coordinates, 6)."""
+    (y0, v0, a0), (y1, v1, a1) = first, last
+    d = y1 - y0
+    return np.column_stack(
+        [
+            y0,
+            v0,
+            0.5 * a0,
+            10 * d - 6 * v0 - 4 * v1 - 1.5 * a0 + 0.5 * a1,
+            -15 * d + 8 * v0 + 7 * v1 + 1.5 * a0 - a1,
+            6 * d - 3 * v0 - 3 * v1 - 0.5 * a0 + 0.5 * a1,
+        ]
+    )
