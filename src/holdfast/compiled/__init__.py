@@ -1,4 +1,4 @@
-"""Where robots meet the compiler: chains become schedules of stages, and these machine code."""
+"""Compiled chains: the dynamics of a closed chain is traced to a schedule, which is compiled to machine code."""
 
 import lazy_loader
 

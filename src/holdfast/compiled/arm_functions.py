@@ -1,4 +1,4 @@
-"""What else is computed of a chain besides forward dynamics: the reference's functions, traced."""
+"""The computations of a compiled chain besides forward dynamics; each traces a function of the reference."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ from holdfast.spatial.scalar import Array, concatenate, each
 
 Found = Mapping[str, Any]
 
-CLOSED = "closed."  # before the names of a state's arrays: what is returned for them
+CLOSED = "closed."  # the prefix of the names of a returned state's arrays
 _OBJECT = ("object_mass", "object_com", "object_inertia")
 
 
@@ -57,16 +57,16 @@ class Computation:
     """A computation of a chain.
 
     Attributes:
-        inputs: the caller's arrays.
-        parameters: run-time parameters; those of links, if they matter, are added as the options say.
-        function: what is computed, by name.
-        results: by name, how many numbers of it each arm has.
-        whole: by name, the shape of what is one for the chain, an array of `shapes` where it is None.
-        by_grasp: whether it is of the arms that hold, each kind in its way.
-        by_links: whether the links' inertias matter.
-        acting: whether wrenches on the links do.
-        closes: whether it returns a state, its arrays named with `CLOSED`.
-        elastic: whether what bushings store matters.
+        inputs: the names of its input arrays.
+        parameters: the names of its run-time parameters; those of links are added if the options ask for them.
+        function: takes the traced chain and the traced arrays; returns the results by name.
+        results: the results that each arm has, by name: a function of joint count and grasp kind returns their size.
+        whole: the results that the chain has only once, with their shapes; None means the shape given by `shapes`.
+        by_grasp: whether it depends on the kinds of the grasps.
+        by_links: whether it depends on the inertias of the links.
+        acting: whether it depends on external wrenches on the links.
+        closes: whether it returns a state, whose arrays are named with the prefix `CLOSED`.
+        elastic: whether it depends on the energy stored in bushings.
     """
 
     inputs: tuple[str, ...]
@@ -81,16 +81,16 @@ class Computation:
     elastic: bool = False
 
     def structure(self, chain: ClosedChain, options: Options) -> Structure:
-        """Return the chain as this computation sees it; options that do not matter are left out."""
+        """Return the chain with the options that this computation depends on; the others are reset."""
         own = Options("auto", options.link_inertia and self.by_links, options.link_wrenches and self.acting, True)
         return Structure(chain, own, self.by_grasp or self._by_bushings(chain), self.by_links)
 
     def _by_bushings(self, chain: ClosedChain) -> bool:
-        """Return whether it depends on the grasps of this chain because bushings are among them."""
+        """Return whether it depends on this chain's grasps because some of them are bushings."""
         return self.elastic and bool(chain.bushings)
 
     def externals(self, structure: Structure) -> dict[str, External]:
-        """Return the arrays it takes and returns."""
+        """Return the arrays that it reads and writes."""
         chain, options = structure.chain, structure.options
         inputs, parameters = list(self.inputs), list(self.parameters)
         if options.link_wrenches:
@@ -110,13 +110,13 @@ class Computation:
         return externals(inputs, parameters, outputs, known | outputs)
 
     def of_base(self, chain: ClosedChain) -> list[str]:
-        """Return the arrays of a trunk's floating base that are inputs: its pose, and its twist where rates are."""
+        """Return the inputs of a floating base: its pose, and also its twist if velocities are among the inputs."""
         if not chain.floats or not self.parameters:
             return []
         return list(FLOATING) if {"qd", "object_twist"} & {*self.inputs} else [FLOATING[0]]
 
     def starts(self, chain: ClosedChain, result: str) -> list[int]:
-        """Return where each arm's part of a result begins, and where the last one ends."""
+        """Return the offset of each arm's part of a result, and the end of the last part."""
         kinds = [chain.grasps[name].of_kind if name in chain.grasps else None for name in chain.arms]
         sizes = zip(chain.arms.values(), kinds, strict=True)
         return starts(self.results[result](arm.joint_count, kind) for arm, kind in sizes)
@@ -133,7 +133,7 @@ def _torques(chain: ClosedChain, x: Given) -> Found:
 
 
 def _mass_matrices(chain: ClosedChain, x: Given) -> Found:
-    arms = chain.arms.values()  # wherever they stand
+    arms = chain.arms.values()  # the mass matrix does not depend on where the bases are
     return {"mass_matrix": _by_arm(lambda arm, q: mass_matrix(arm, posture(arm, q))[0].ravel(), chain, x, arms)}
 
 
@@ -278,7 +278,7 @@ COMPUTATIONS: dict[str, Computation] = {
     ),
 }
 
-ACCOUNTS = Computation(  # what a run's books say of a state, in one call
+ACCOUNTS = Computation(  # the energies and momenta of a state that a simulation's balances need, in one call
     STATE,
     ("gravity", *_OBJECT, "base_R", "base_p", "base_twist"),
     _accounts,

@@ -1,4 +1,4 @@
-"""Users' arrays, checked before their addresses reach machine code."""
+"""Check the user's arrays before their addresses are passed to machine code."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from holdfast.spatial.scalar import Array
 
 
 def floats(name: str, value: Any, shape: tuple[int, ...]) -> Array:
-    """Return a value as a float64 array of a shape, or with a leading batch axis, C order."""
+    """Return a value as a float64 array in C order, of the given shape or with a leading batch axis."""
     if (
         type(value) is np.ndarray
         and value.dtype == np.float64
@@ -33,16 +33,16 @@ def floats(name: str, value: Any, shape: tuple[int, ...]) -> Array:
 
 
 def require_threads(threads: Any) -> None:
-    """Refuse what is no number of threads."""
+    """Raise a StateError unless `threads` is an integer of at least 1."""
     if not isinstance(threads, int) or isinstance(threads, bool) or threads < 1:
         raise StateError(f"threads: expected an integer >= 1, got {threads!r}")
 
 
 def batch_of(found: Mapping[str, Array], externals: Mapping[str, External]) -> int | None:
-    """Return how many systems the arrays hold; None if none of them has a batch axis.
+    """Return the batch size of the arrays, or None if none of them has a batch axis.
 
     Raises:
-        StateError: they disagree.
+        StateError: The arrays have different batch sizes.
     """
     batch: int | None = None
     for name, a in found.items():
@@ -55,7 +55,7 @@ def batch_of(found: Mapping[str, Array], externals: Mapping[str, External]) -> i
 
 
 def require_fit(out: Any, chain: ClosedChain, batch: int | None, inputs: Sequence[Array]) -> None:
-    """Refuse a result that is not this chain's, of another batch size, or shares memory with an input."""
+    """Raise a StateError if `out` belongs to another chain, has another batch size or shares memory with an input."""
     if not isinstance(out, CompiledResult) or out.chain is not chain:
         raise StateError(f"out: expected a result of this compiled chain, got {type(out).__name__}; leave it out first")
     if out.batch != batch:
@@ -69,10 +69,10 @@ def require_fit(out: Any, chain: ClosedChain, batch: int | None, inputs: Sequenc
 
 
 class Addresses:
-    """Where a kernel finds its arrays: those that stay are written down once."""
+    """Makes tables of the addresses of a kernel's arrays; the addresses of fixed arrays are stored once."""
 
     def __init__(self, externals: Mapping[str, External], fixed: Mapping[str, Array]) -> None:
-        self._externals, self._fixed = externals, dict(fixed)  # their memory stays
+        self._externals, self._fixed = externals, dict(fixed)  # keeps the memory of fixed arrays alive
         self._rows = {name: k for k, name in enumerate(externals)}
         self._template = np.zeros((len(externals), 2), dtype=np.int64)
         self._outputs = slice(len(externals) - sum(e.role == "output" for e in externals.values()), None)
@@ -80,11 +80,13 @@ class Addresses:
             self._template[self._rows[name]] = a.ctypes.data, 0
 
     def table(self, found: Mapping[str, Array], out: CompiledResult) -> Array:
-        """Return address and stride (doubles between systems, 0: shared) of every array, in the kernel's order.
+        """Return the address and the stride of every array, (externals, 2), in the kernel's order.
+
+        The stride is the number of doubles from one system to the next, or 0 if all systems share the array.
 
         Args:
-            found: inputs, and parameters that differ from the fixed ones: float64, C order.
-            out: the result to write.
+            found: the inputs and those parameters that replace fixed ones, as float64 arrays in C order.
+            out: the result to be written.
         """
         table = self._template.copy()
         for name, a in found.items():

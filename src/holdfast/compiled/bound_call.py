@@ -1,4 +1,4 @@
-"""Machine code tied to arrays that stay: the call without arguments, its status, and its parameters."""
+"""Machine code bound to fixed arrays: a call without arguments, its status, and its parameters."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
 
 class BoundCall:
-    """A call that writes one result over and over; for one thread at a time.
+    """A call without arguments that overwrites the same result each time; for one thread at a time.
 
-    Nothing is checked and nothing is raised: the call returns the `Status`, and where that is SINGULAR or INVALID the
-    results are not-a-number.
+    It checks nothing and raises nothing: the call returns the `Status`, and if that is SINGULAR or INVALID the
+    results are NaN.
 
     Attributes:
-        run: the bare call without arguments: a number, 0 if the status is OK.
+        run: the machine code as a function without arguments; it returns the status as an integer, 0 for OK.
     """
 
     def __init__(self, compiled: CompiledChain, calls: Calls) -> None:
@@ -47,7 +47,7 @@ class BoundCall:
         """Change run-time parameters, named as in `CompiledChain.forward_dynamics`.
 
         Raises:
-            StateError: an unknown name, a wrong shape, a number that is not finite.
+            StateError: A parameter has an unknown name, a wrong shape or a number that is not finite.
         """
         found = parse_parameters(parameters, self._externals, self._compiled.chain)
         for name, x in found.items():

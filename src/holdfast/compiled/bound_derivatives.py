@@ -1,4 +1,4 @@
-"""Derivatives of forward dynamics tied to arrays that stay, for control loops."""
+"""Derivatives of forward dynamics bound to fixed arrays, for control loops."""
 
 from __future__ import annotations
 
@@ -15,17 +15,16 @@ if TYPE_CHECKING:
 
 
 class BoundDerivatives(BoundCall):
-    """Write into the inputs, call, read `found`; for one thread at a time.
+    """Derivatives with fixed arrays: write into the inputs, call, read `found`. For one thread at a time.
 
-    Nothing is checked and nothing is raised: the call returns the `Status`, and where that is SINGULAR or INVALID the
-    derivatives are not-a-number.
+    It checks nothing and raises nothing: the call returns the `Status`, and if that is SINGULAR or INVALID the
+    derivatives are NaN.
 
     Attributes:
-        arrays: the inputs by name, those of cotangents or tangents under their results' or arguments' names in
-            `given`.
-        given: what a product is taken with, by name.
-        found: the last call's derivatives.
-        run: the bare call without arguments: a number, 0 if the status is OK.
+        arrays: the inputs of forward dynamics, by name.
+        given: the cotangents by result (of a `vjp`) or the tangents by argument (of a `jvp`).
+        found: the derivatives of the last call.
+        run: the machine code as a function without arguments; it returns the status as an integer, 0 for OK.
     """
 
     def __init__(self, compiled: CompiledChain, code: CompiledDerivatives, given: Mapping[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""Forward dynamics tied to arrays that stay, for control loops."""
+"""Forward dynamics bound to fixed arrays, for control loops."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ if TYPE_CHECKING:
 
 
 class BoundDynamics(BoundCall):
-    """Write into the inputs, call, read `result`; for one thread at a time. Made by `CompiledChain.bind`.
+    """Forward dynamics with fixed arrays: write into the inputs, call, read `result`. Made by `CompiledChain.bind`.
 
-    Nothing is checked and nothing is raised: the call returns the `Status`, and where that is
-    SINGULAR or INVALID the results are not-a-number.
+    It is for one thread at a time. It checks nothing and raises nothing: the call returns the `Status`, and if that is
+    SINGULAR or INVALID the results are NaN.
 
     Attributes:
         q, qd, tau, object_pose, object_twist, object_wrench: the inputs; write with `bound.q[...] = q`.
-        link_wrench: an input too, if it was asked for in `compile`.
-        floating_pose, floating_twist: inputs too, where the trunk's base floats.
-        result: the last call's result.
-        run: the bare call without arguments: a number, 0 if the status is OK.
+        link_wrench: an input if `compile` was asked for it, otherwise None.
+        floating_pose, floating_twist: inputs if the trunk has a floating base, otherwise None.
+        result: the result of the last call.
+        run: the machine code as a function without arguments; it returns the status as an integer, 0 for OK.
     """
 
     def __init__(self, compiled: CompiledChain, calls: Calls, given: Mapping[str, Any]) -> None:
@@ -47,7 +47,7 @@ class BoundDynamics(BoundCall):
         self._made = True
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Refuse new arrays in the place of those that the machine code reads; `bound.q += dq` writes into them."""
+        """Raise an error if an array that the machine code reads would be replaced; `bound.q += dq` is allowed."""
         if "_made" in vars(self) and not name.startswith("_") and value is not vars(self).get(name, self):
             raise FrozenError(_refusal(name, vars(self)))
         object.__setattr__(self, name, value)
@@ -56,14 +56,14 @@ class BoundDynamics(BoundCall):
         """Change run-time parameters, named as in `CompiledChain.forward_dynamics`.
 
         Raises:
-            StateError: an unknown name, a wrong shape, a number that is not finite.
+            StateError: A parameter has an unknown name, a wrong shape or a number that is not finite.
         """
         if any(name in parameters and name not in self._externals for name in MOVING):
             self._move(self._compiled.moving)
         super().set(**parameters)
 
     def _move(self, moving: CompiledChain) -> None:
-        """Change to the code for bases that move; arrays stay what they are."""
+        """Switch to the machine code for moving bases; the arrays remain the same."""
         before, self._bound, self._externals = self._bound, moving.bound(), moving.externals
         for name, x in before.arrays.items():
             if self._externals[name].role == "parameter":
@@ -74,7 +74,7 @@ class BoundDynamics(BoundCall):
 
 
 def _refusal(name: str, known: Mapping[str, Any]) -> str:
-    """Return why an attribute of a bound call cannot be set."""
+    """Return the message that says why an attribute of a bound call cannot be set."""
     if isinstance(known.get(name), np.ndarray):
         return (
             f"bound: {name}: expected the array that the machine code reads to stay; try bound.{name}[...] = values, or"
@@ -87,7 +87,7 @@ def _refusal(name: str, known: Mapping[str, Any]) -> str:
 
 
 def _usable(name: str, x: Any, shape: tuple[int, ...]) -> Array:
-    """Return an array that machine code can read where it is, or refuse it."""
+    """Return the array if machine code can read it in place; otherwise raise a StateError."""
     if is_masked(x):
         raise StateError(f"bind: {name}: expected a float64 array, got a masked array; try its method filled")
     if not isinstance(x, np.ndarray) or x.dtype != np.float64 or x.shape != shape or not x.flags.carray:

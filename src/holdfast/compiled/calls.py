@@ -1,4 +1,4 @@
-"""Machine code called with checked arrays: one system, with the chain's own parameters or others, or a batch."""
+"""Call machine code with checked arrays, for one system or a batch, with the chain's own parameters or others."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from holdfast.spatial.scalar import Array
 
 
 class Calls:
-    """Calls of a kernel whose results have a status; from several threads they may overlap.
+    """Calls of a kernel whose results have a status. Calls from several threads may overlap.
 
     Attributes:
         kernel: the machine code.
-        own: what is not given, by name: numbers of the chain. After a change, `prepare`.
-        layout: the results.
+        own: the chain's own values for arrays that a call does not give, by name. Call `prepare` after changing one.
+        layout: the layout of the results.
     """
 
     def __init__(self, kernel: Kernel, own: Mapping[str, Array]) -> None:
-        """Take the kernel and the chain's own numbers; those that it does not take do not matter."""
+        """Store the kernel and those of the chain's own values that the kernel reads."""
         self.kernel, self._bound, self._lock = kernel, kernel.bind(), threading.Lock()
         self.own = {name: x for name, x in self._bound.arrays.items() if name in own}
         for name, x in self.own.items():
@@ -39,38 +39,39 @@ class Calls:
         """Write the results of one system or a batch; return whether every status is OK.
 
         Args:
-            found: what is given: float64, C order.
-            result: where to; it says how many systems there are.
-            threads: how many threads share a batch.
+            found: the arrays of this call by name, float64 in C order.
+            result: the result to be written; its batch size is that of the call.
+            threads: the number of threads for a batch.
         """
         if result.batch is not None:
             self.kernel.run_batch(self._addresses.table(found, result), result.batch, threads)
             return not result.array("status").any()
         if any(self.kernel.externals[name].role == "parameter" for name in found):
             return self._apart(found, result)
-        return self._run(self.table(found, result).ctypes.data) == 0  # holds Python's lock: no other call is under way
+        # This call holds the global interpreter lock, so no other thread uses the working memory meanwhile.
+        return self._run(self.table(found, result).ctypes.data) == 0
 
     def table(self, found: Mapping[str, Array], result: CompiledResult) -> Array:
-        """Return all addresses and that of working memory, as the code of one system takes them."""
+        """Return the addresses of all arrays and then of working memory, as the code for one system reads them."""
         return np.append(self._addresses.table(found, result)[:, 0], self._bound.table[-1])
 
     def own_table(self) -> Array:
-        """Return the like of arrays that are the chain's own throughout."""
+        """Return a table with the chain's own values for all arrays."""
         return np.array(self._bound.table)
 
     def prepare(self) -> None:
-        """Compute anew what follows from the chain's own numbers alone."""
+        """Recompute what depends only on the chain's own parameters."""
         self._bound.prepare()
 
     def bind(self) -> Bound:
-        """Return the code tied to arrays of its own, which hold the chain's numbers."""
+        """Return the kernel bound to new arrays, which hold the chain's own values."""
         bound = self.kernel.bind()
         for name, x in self.own.items():
             bound.arrays[name][...] = x
         return bound
 
     def _apart(self, found: Mapping[str, Array], result: CompiledResult) -> bool:
-        """Run one system with parameters of its own, apart from what other calls use."""
+        """Run one system with other parameters, in arrays that no other call uses."""
         with self._lock:
             self._spare.use({name: result.array(name) for name in self.layout.shapes})
             for name, x in (self.own | dict(found)).items():

@@ -1,4 +1,4 @@
-"""`holdfast.compile`: the dynamics of one chain as machine code."""
+"""Compile the dynamics of one chain to machine code (`holdfast.compile`)."""
 
 from __future__ import annotations
 
@@ -48,26 +48,26 @@ def compile(
 ) -> CompiledChain:
     """Compile the dynamics of a chain to machine code.
 
-    Joints, link inertias and tips are folded into the code. Bases, grasp frames, the object's
-    inertia and gravity are run-time parameters: a chain that differs in nothing else has its code
-    at once. Code is kept on disk (`HOLDFAST_CACHE=off` or a folder). It is made for this processor, or for
-    the one that `HOLDFAST_CPU` names.
+    Joints, link inertias and tip frames become constants of the code. Bases, grasp frames, the object's inertia and
+    gravity are run-time parameters, so chains that differ only in these share their code. Code is cached on disk
+    (`HOLDFAST_CACHE` is a folder, or `off`). It is made for this processor, or for the one that `HOLDFAST_CPU` names.
 
     Args:
         chain: arms, object and grasps.
-        dtype: float64.
-        method: `auto`, or `recursive` or `mass_matrix`: how each arm answers at its tip.
-        parameters: what else shall be a run-time parameter: `link_inertia` (link_mass, link_com,
-            link_inertia), `link_wrench` (external wrenches on the links).
-        generic_rank: rank of the grasp constraint away from singular configurations; found when
-            it first matters if not given.
+        dtype: the number type; only `float64` is supported.
+        method: how the inverse inertia at each arm's tip is computed: `recursive` (articulated-body recursion),
+            `mass_matrix` (by factorisation), or `auto`, which chooses one for each arm.
+        parameters: further run-time parameters: `link_inertia` (adds link_mass, link_com and link_inertia) and
+            `link_wrench` (external wrenches on the links).
+        generic_rank: the rank of the grasp constraint away from singular configurations. If it is None, it is
+            determined when it first matters.
 
     Returns:
         The chain's dynamics as functions of arrays, for one system or a batch.
 
     Raises:
-        MethodNotApplicable: another algorithm, or another number type.
-        CompileError: this computer cannot.
+        MethodNotApplicable: `method` or `dtype` is not available in machine code.
+        CompileError: The machine code cannot be made on this computer.
     """
     checks.instance(chain, ClosedChain, "compile: chain")
     if generic_rank is not None:
@@ -95,9 +95,9 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
 
     Attributes:
         chain: the chain.
-        options: what was chosen when it was compiled.
-        generic_rank: rank of the grasp constraint in general, or None while it is not known.
-        calls: of forward dynamics.
+        options: the options with which it was compiled.
+        generic_rank: the rank of the grasp constraint away from singular configurations, or None while unknown.
+        calls: the calls of the machine code of forward dynamics.
     """
 
     def __init__(self, chain: ClosedChain, options: Options, generic_rank: int | None) -> None:
@@ -107,7 +107,7 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
         code = kernel("forward", structure, self._externals, lambda: forward_schedule(structure))
         self.calls = Calls(code, parameters_of(chain, generic_rank))
         by_name = FLOATING if chain.floats else ()
-        self._inputs = *_INPUTS, *by_name  # the first of the externals
+        self._inputs = *_INPUTS, *by_name  # these come first among the external arrays
         self._builtin = Builtin(
             code.single_address,
             self.calls.own_table(),
@@ -118,7 +118,7 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
             _DOC,
             by_name,
         )
-        # the builtin takes the calls that repeat `out`; all others come back to `_forward`
+        # The builtin runs calls that repeat `out` in machine code and passes all others to `_forward`.
         self.forward_dynamics = self._builtin.function  # type: ignore[method-assign]
 
     def forward_dynamics(
@@ -133,44 +133,43 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
         threads: int = 1,
         **parameters: Any,
     ) -> CompiledResult:
-        """Return joint accelerations, the force at every grasp and the object's acceleration.
+        """Return joint accelerations, the wrench at every grasp and the object's acceleration.
 
-        The same answers as `holdfast.forward_dynamics`, for one system or a batch (a leading axis
-        on any argument; those without it are shared). The state is taken as it is: `closure` tells
-        how well it satisfies the grasps. Bits do not depend on batch size or threads.
+        The results are those of `holdfast.forward_dynamics`, for one system or a batch. Any argument may have a
+        leading batch axis; arguments without it are shared by all systems. The state is used as given, whether or not
+        it satisfies the grasps (see `closure`). Results do not depend on batch size or number of threads, bit for bit.
 
         Args:
             q: (n,) or (batch, n) joint positions, arms in order, base to tip [rad or m].
-            qd: joint rates.
-            tau: joint torques [N m or N].
+            qd: (n,) joint velocities [rad/s or m/s].
+            tau: (n,) joint torques [N m or N].
             object_pose: (7,) wxyz_xyz of the object frame.
             object_twist: (6,) [omega; v of C], world axes.
-            out: an earlier result to be written over; a single call with it costs least.
-            threads: how many threads share a batch.
-            **parameters: for this call, any of object_wrench (6,), gravity (3,), object_mass (),
-                object_com (3,), object_inertia (3, 3), base_pose (arms, 7), base_twist and
-                base_acceleration (arms, 6), grasp_pose (grasps, 7), and those asked for in `compile`; with a
-                trunk also trunk_base_twist and trunk_base_acceleration (6,), or floating_pose (7,) and
-                floating_twist (6,) of its floating base, which are needed then. With an object_mass
-                goes an object_inertia, or "scale" for it: the chain's own, in proportion to the mass.
+            out: an earlier result to be overwritten; single calls that reuse it are the fastest.
+            threads: the number of threads for a batch.
+            **parameters: values for this call of object_wrench (6,), gravity (3,), object_mass (), object_com (3,),
+                object_inertia (3, 3), base_pose (arms, 7), base_twist and base_acceleration (arms, 6), grasp_pose
+                (grasps, 7), and the parameters added in `compile`. A trunk adds trunk_base_twist and
+                trunk_base_acceleration (6,). A floating base requires floating_pose (7,) and floating_twist (6,)
+                instead. An object_mass requires an object_inertia; "scale" scales the chain's own with the mass.
 
         Returns:
-            A `ForwardResult`. In a batch every system has its `status`, and those that are SINGULAR
-            or INVALID have not-a-number for all else; nothing is raised on their account.
+            A `ForwardResult`. In a batch every system has its own `status`; all other results of systems that are
+            SINGULAR or INVALID are NaN, and no error is raised for them.
 
         Raises:
-            StateError: wrong shapes; for a single call also numbers that are not finite.
-            SingularChainError: for a single call, the constraint's rank drops here.
+            StateError: A shape is wrong; for a single system, also if a number is not finite.
+            SingularChainError: The configuration of a single system is singular.
         """
         return self._forward(q, qd, tau, object_pose, object_twist, out=out, threads=threads, **parameters)
 
     def bind(self, **arrays_or_parameters: Any) -> BoundDynamics:
-        """Return forward dynamics tied to arrays that stay: a call without arguments, for control loops.
+        """Return forward dynamics bound to fixed arrays: a call without arguments, for control loops.
 
         Args:
-            **arrays_or_parameters: q, qd, tau, object_pose, object_twist, object_wrench: arrays of the
-                caller's to read at every call (float64, C order), for those not given there are new
-                ones; parameters as in `forward_dynamics`.
+            **arrays_or_parameters: arrays of the caller for q, qd, tau, object_pose, object_twist or object_wrench,
+                which are read at every call (float64, C order); new arrays are made for the others. Parameters are
+                given as in `forward_dynamics`.
         """
         if not self.options.base_motion and any(name in arrays_or_parameters for name in MOVING):
             return self.moving.bind(**arrays_or_parameters)
@@ -180,11 +179,11 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
         """Write computations of the chain as C or object files that run without Python.
 
         Args:
-            folder: where to.
-            **options: as for `holdfast.codegen.export_c`: name, functions, laws, target, source, state and others.
+            folder: the folder to which the files are written.
+            **options: the keyword arguments of `holdfast.codegen.export_c`, such as name, functions and target.
 
         Raises:
-            HoldfastError: as there.
+            HoldfastError: `holdfast.codegen.export_c` raised it.
         """
         from holdfast.codegen.export import export_c
 
@@ -192,20 +191,20 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
 
     @cached_property
     def moving(self) -> CompiledChain:
-        """The same chain on bases that move: other code, made when a base's motion is first given."""
+        """The same chain compiled for moving bases; it is made when the motion of a base is first given."""
         return CompiledChain(self.chain, replace(self.options, base_motion=True), self.generic_rank)
 
     def __repr__(self) -> str:
-        """Return the chain that it is the machine code of."""
+        """Return a short description that names the chain."""
         return f"<CompiledChain of {self.chain!r}>"
 
     @property
     def operation_count(self) -> int:
-        """Arithmetic operations of one system's forward dynamics, all run-time parameters in."""
+        """The number of arithmetic operations of forward dynamics for one system, including its parameters'."""
         return self.calls.kernel.operation_count
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what makes the object again: machine code is compiled, or found on disk."""
+        """Return how to unpickle the object: its machine code is loaded from the cache or compiled again."""
         return CompiledChain, (self.chain, self.options, self.generic_rank)
 
     def _forward(
@@ -220,7 +219,7 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
         threads: int = 1,
         **parameters: Any,
     ) -> CompiledResult:
-        """Take the calls that the builtin does not; see `forward_dynamics`."""
+        """Run the calls that the builtin does not handle; see `forward_dynamics`."""
         if not self.options.base_motion and any(name in parameters for name in MOVING):
             result = self.moving._forward(q, qd, tau, object_pose, object_twist, out=out, threads=threads, **parameters)
             if self.generic_rank is None and self.moving.generic_rank is not None:
@@ -251,21 +250,21 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
 
     @property
     def externals(self) -> dict[str, External]:
-        """The arrays that forward dynamics takes and returns."""
+        """The arrays that forward dynamics reads and writes, by name."""
         return self._externals
 
     def bound(self) -> Bound:
-        """Return the machine code tied to arrays of its own, parameters those of the chain."""
+        """Return the kernel bound to new arrays, with the chain's own parameters."""
         return self.calls.bind()
 
     def know_rank(self, generic_rank: int) -> None:
-        """Take a generic rank that was found; later calls decide by it at once."""
+        """Store the generic rank, so that later calls can decide every status by themselves."""
         self.generic_rank = generic_rank
         self.calls.own["generic_rank"][...] = float(generic_rank)
         self.calls.prepare()
 
 
 def _origins(parameters: Mapping[str, Any]) -> dict[str, Array]:
-    """Return where given bases stand, which matters only to who seeks the generic rank."""
+    """Return the positions of given bases, which only the search for the generic rank needs."""
     given = parameters.get("base_pose")
     return {} if given is None else {"base_p": np.array(given, dtype=float)[..., 4:]}

@@ -1,4 +1,4 @@
-"""Derivatives of forward dynamics as machine code: checked calls, one system or a batch."""
+"""Derivatives of forward dynamics as machine code, called with checked arrays for one system or a batch."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from holdfast.spatial.scalar import Array
 if TYPE_CHECKING:
     from holdfast.compiled.chain import CompiledChain
 
-NOT_UNIQUE = ("grasp_wrench", "base_wrench")  # where forces are not
+NOT_UNIQUE = ("grasp_wrench", "base_wrench")  # results that are not unique if the constraint's rank is low
 
 
 class Derivatives:
-    """Derivatives of forward dynamics: by name, `found.q` or `found["q"]`; of a Jacobian `found["qdd", "q"]`.
+    """Derivatives of forward dynamics: `found.q` or `found["q"]`, and of a Jacobian `found["qdd", "q"]`.
 
     Attributes:
-        result: forward dynamics there.
-        request: what was asked for.
+        result: the result of forward dynamics at the same state.
+        request: the derivatives that were requested.
     """
 
     result: CompiledResult
@@ -49,7 +49,7 @@ class Derivatives:
         return self.result.array(f"{FOUND}{name}")
 
     def __getitem__(self, name: str | tuple[str, str]) -> Array:
-        """Return the derivatives of one name; or of a result by an argument, (*its shape, *the argument's shape)."""
+        """Return the derivatives of one name, or of a result by an argument, (*result's shape, *argument's shape)."""
         if isinstance(name, str):
             return getattr(self, name)
         of, by = name
@@ -65,17 +65,17 @@ class CompiledDerivatives:
     """Derivatives of forward dynamics as machine code.
 
     Attributes:
-        request: which.
-        externals: the arrays that are given and returned.
-        calls: of the code.
+        request: the derivatives that it computes.
+        externals: the arrays that the machine code reads and writes, by name.
+        calls: the calls of the machine code.
     """
 
     def __init__(self, compiled: CompiledChain, request: Request, moving: bool) -> None:
-        """Compile, or find what is compiled already.
+        """Compile the derivatives, or load their machine code.
 
         Args:
-            compiled: the chain whose forward dynamics it is of.
-            request: which.
+            compiled: the compiled chain.
+            request: the derivatives to compute.
             moving: whether bases move.
         """
         self._compiled, self.request, chain = compiled, request, compiled.chain
@@ -90,13 +90,13 @@ class CompiledDerivatives:
     def __call__(
         self, given: Mapping[str, Any], parameters: Mapping[str, Any], out: Derivatives | None, threads: int
     ) -> Derivatives:
-        """Return the derivatives, and forward dynamics beside them.
+        """Return the derivatives together with the result of forward dynamics.
 
         Args:
-            given: inputs, and what a product is taken with, by the names of `externals`.
-            parameters: of this call, by the users' names.
-            out: earlier ones to be written over.
-            threads: how many threads share a batch.
+            given: the inputs, and the cotangents or tangents, by their names in `externals`.
+            parameters: the parameters of this call, by the names that users know.
+            out: earlier derivatives to be overwritten.
+            threads: the number of threads for a batch.
         """
         compiled, chain = self._compiled, self._compiled.chain
         found = {
@@ -124,7 +124,10 @@ class CompiledDerivatives:
         return Derivatives(result, self.request)
 
     def _settle(self, found: Mapping[str, Array], result: CompiledResult) -> None:
-        """Decide open statuses; refuse derivatives of what is not unique, or leave them not-a-number in a batch."""
+        """Resolve undecided statuses, and reject derivatives of forces that are not unique.
+
+        For one system they raise a StateError; in a batch they become NaN.
+        """
         own = self.calls.own | dict(found)
         statuses.settle(self._compiled, own, result)
         if result.batch is None:
@@ -145,7 +148,7 @@ class CompiledDerivatives:
 
 
 def options_of(options: Options, request: Request, moving: bool) -> Options:
-    """Return the options of derivatives: what is varied must be a run-time parameter."""
+    """Return the options for derivatives: arguments of the derivatives must be run-time parameters."""
     varied = any(name in MOVING for name in request.arguments)
     return replace(
         options,

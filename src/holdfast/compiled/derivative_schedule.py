@@ -1,4 +1,4 @@
-"""Derivatives of forward dynamics as schedules: the reference's own functions, traced."""
+"""Schedules of the derivatives of forward dynamics, made by tracing the reference's functions."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from holdfast.dynamics.closed.forward_jacobian import gradient_shapes, jacobian,
 from holdfast.dynamics.closed.second_solve import point
 from holdfast.model.closed_chain import ClosedChain
 
-WITH = "with."  # before the names of what a product is taken with: cotangents of results, tangents of arguments
-FOUND = "found."  # before the names of derivatives
-UNITS = "units"  # directions of a Jacobian's columns, the rows of an identity
+WITH = "with."  # the prefix of the names of cotangents of results and tangents of arguments
+FOUND = "found."  # the prefix of the names of derivatives
+UNITS = "units"  # the identity, whose rows are the directions of a Jacobian's columns
 
 
 class Request(NamedTuple):
-    """Derivatives of forward dynamics that are asked for.
+    """Which derivatives of forward dynamics are requested.
 
     Attributes:
-        kind: `vjp`, cotangents of results with the Jacobian; `jvp`, the Jacobian with tangents of arguments; or
-            `jacobian` itself.
-        results: those that matter.
-        arguments: likewise.
+        kind: `vjp` (the product of cotangents of results with the Jacobian), `jvp` (the product of the Jacobian with
+            tangents of arguments) or `jacobian`.
+        results: the results to differentiate.
+        arguments: the arguments by which they are differentiated.
     """
 
     kind: Literal["vjp", "jvp", "jacobian"]
@@ -42,16 +42,16 @@ class Request(NamedTuple):
 
     @property
     def name(self) -> str:
-        """What it is called on disk."""
+        """The request's name in the key of the cache."""
         return f"forward_{self.kind}({','.join(self.results)};{','.join(self.arguments)})"
 
     @property
     def given(self) -> tuple[str, ...]:
-        """What a product is taken with."""
+        """The results that have cotangents (`vjp`) or the arguments that have tangents (`jvp`)."""
         return {"vjp": self.results, "jvp": self.arguments, "jacobian": ()}[self.kind]
 
     def found(self, chain: ClosedChain) -> dict[str, Shape]:
-        """Return the shapes of what is returned: by argument, by result, or by both, transposed."""
+        """Return the shapes of the derivatives: by argument (`vjp`), by result (`jvp`), or of transposed blocks."""
         known = derivative_shapes(chain)
         if self.kind == "jacobian":
             sizes = {name: math.prod(known[name]) for name in (*self.results, *self.arguments)}
@@ -59,7 +59,7 @@ class Request(NamedTuple):
         return {name: known[name] for name in (self.arguments if self.kind == "vjp" else self.results)}
 
     def externals(self, structure: Structure) -> dict[str, External]:
-        """Return the arrays it takes and returns."""
+        """Return the arrays that the computation reads and writes."""
         chain, known = structure.chain, derivative_shapes(structure.chain)
         of_forward = forward_externals(structure)
         own = {name: e for name, e in of_forward.items() if e.role == "input"}
@@ -79,7 +79,7 @@ class Request(NamedTuple):
         return traced(externals, lambda given: self.outputs(structure, given), "status", guarded)
 
     def outputs(self, structure: Structure, given: Given) -> dict[str, Any]:
-        """Return forward dynamics and its derivatives: the reference's functions, run on what is given."""
+        """Return forward dynamics and its derivatives by running the reference's functions on traced arrays."""
         chain, route = traced_chain(structure, given), structure.options.route
         state, inputs = traced_state(chain, given), traced_inputs(chain, given)
         own = {name: given[f"{WITH}{name}"] for name in self.given}
@@ -95,6 +95,6 @@ class Request(NamedTuple):
 
 
 def derivative_shapes(chain: ClosedChain) -> dict[str, Shape]:
-    """Return the shapes of cotangents and tangents, by result and argument: poses as [turn; shift]."""
+    """Return the shapes of cotangents and tangents by result and argument; those of poses are [rotation; shift]."""
     known = shapes(chain)
     return {name: known[name] for name in results_of(chain)} | gradient_shapes(chain)

@@ -22,17 +22,18 @@ if TYPE_CHECKING:
 
 
 class ChainDerivatives:
-    """The methods of a `CompiledChain` that are derivatives; machine code is made when first needed.
+    """The methods of a `CompiledChain` that compute derivatives; their machine code is made when first needed.
 
-    They are those of the map (q, qd, tau, object_pose, object_twist, ...) -> results as it stands, each argument
-    varied by itself; along motions of the chain they do not depend on how it is continued beside the grasps. Poses
-    turn by R -> exp(turn) R and shift, those of the object and the bases about their origins along world axes, those
-    of grasps along the object's axes: wherever a pose is differentiated by, its part is (.., 6) [turn; shift].
-    Inertias are varied as symmetric matrices. `result` of what is returned is forward dynamics.
+    They are the partial derivatives of the map (q, qd, tau, object_pose, object_twist, ...) -> results, in which each
+    argument varies independently of the others, so the state may leave the grasp constraint. Along motions that
+    satisfy the constraint, derivatives do not depend on how the map is continued off it. Derivatives by a pose are
+    (.., 6) [rotation vector; shift]: R -> exp(rotation vector) R about the pose's own origin, along world axes for
+    the object and the bases and along the object's axes for grasps. Inertias vary as symmetric matrices. Every method
+    also returns forward dynamics, as `result`.
 
     Attributes:
         chain: the chain.
-        options: what was chosen when it was compiled.
+        options: the options with which it was compiled.
     """
 
     chain: ClosedChain
@@ -55,25 +56,26 @@ class ChainDerivatives:
 
         Args:
             q: (n,) or (batch, n) joint positions, arms in order, base to tip [rad or m].
-            qd: joint rates.
-            tau: joint torques [N m or N].
+            qd: (n,) joint velocities [rad/s or m/s].
+            tau: (n,) joint torques [N m or N].
             object_pose: (7,) wxyz_xyz of the object frame.
             object_twist: (6,) [omega; v of C], world axes.
             by: the arguments whose gradients are wanted: q, qd, tau, object_pose, object_twist, object_wrench,
                 gravity, object_mass, object_com, object_inertia, grasp_pose, base_pose, base_twist,
                 base_acceleration, armature, damping, link_mass, link_com, link_inertia, link_wrench.
-            out: earlier ones of the same names to be written over.
-            threads: how many threads share a batch.
+            out: earlier derivatives of the same request, to be overwritten.
+            threads: the number of threads for a batch.
             **cotangents_and_parameters: cotangents of any of qdd (n,), grasp_wrench (arms, 6), object_acceleration
                 (6,), contact_acceleration (n_g,), base_wrench (arms, 6), and parameters as in `forward_dynamics`.
 
         Returns:
-            By argument its gradient, in its shape. In a batch, a system without an answer has not-a-number.
+            The gradient by every argument, in the shape of the argument. In a batch, gradients of a system without
+            a solution are NaN.
 
         Raises:
-            StateError: wrong names, shapes or numbers; a cotangent of forces that are not unique.
-            SingularChainError: for a single call, the constraint's rank drops here.
-            NotCompiledError: the chain has springs between bodies.
+            StateError: A name, shape or number is wrong, or a cotangent belongs to forces that are not unique.
+            SingularChainError: The configuration of a single system is singular.
+            NotCompiledError: The chain has springs between bodies.
         """
         results = results_of(self.chain)
         cotangents = {n: x for n, x in cotangents_and_parameters.items() if n in results}
@@ -96,28 +98,29 @@ class ChainDerivatives:
         threads: int = 1,
         **parameters: Any,
     ) -> Derivatives:
-        """Return how fast the results of forward dynamics change while arguments do: one more solve, O(n) + O(l).
+        """Return directional derivatives of forward dynamics along tangents of its arguments: O(n) + O(l).
 
         Args:
             q: (n,) or (batch, n) joint positions, arms in order, base to tip [rad or m].
-            qd: joint rates.
-            tau: joint torques [N m or N].
+            qd: (n,) joint velocities [rad/s or m/s].
+            tau: (n,) joint torques [N m or N].
             object_pose: (7,) wxyz_xyz of the object frame.
             object_twist: (6,) [omega; v of C], world axes.
-            along: by argument, how fast it changes, of the shape of its gradient; of one system (d, ...) for d
-                directions at once, of a batch (batch, ...).
-            of: the results whose rates are wanted; all by default.
-            out: earlier ones of the same names to be written over.
-            threads: how many threads share a batch.
-            **parameters: as in `forward_dynamics`.
+            along: the tangents by argument, each in the shape of the argument's gradient; (d, ...) for d directions
+                of one system at once, (batch, ...) for a batch.
+            of: the results whose derivatives are wanted; by default all.
+            out: earlier derivatives of the same request, to be overwritten.
+            threads: the number of threads for a batch.
+            **parameters: parameters as in `forward_dynamics`.
 
         Returns:
-            By result how fast it changes, in its shape, with a leading axis of directions or systems if there is one.
+            The derivative of every result, in the shape of the result, with a leading axis if there are several
+            directions or a batch.
 
         Raises:
-            StateError: wrong names, shapes or numbers; forces are wanted that are not unique.
-            SingularChainError: for a single call, the constraint's rank drops here.
-            NotCompiledError: the chain has springs between bodies.
+            StateError: A name, shape or number is wrong, or a requested force is not unique.
+            SingularChainError: The configuration of a single system is singular.
+            NotCompiledError: The chain has springs between bodies.
         """
         checks.instance(along, Mapping, "forward_dynamics_jvp: along", StateError)
         code = self._derivatives("jvp", results_of(self.chain) if of is None else of, tuple(along), parameters)
@@ -138,28 +141,30 @@ class ChainDerivatives:
         threads: int = 1,
         **parameters: Any,
     ) -> Derivatives:
-        """Return the Jacobian of forward dynamics. O(n^2), as its entries are; many arms want products instead.
+        """Return the Jacobian of forward dynamics.
+
+        It takes O(n^2), as it has O(n^2) entries; for many arms prefer the products `_vjp` and `_jvp`.
 
         Args:
             q: (n,) or (batch, n) joint positions, arms in order, base to tip [rad or m].
-            qd: joint rates.
-            tau: joint torques [N m or N].
+            qd: (n,) joint velocities [rad/s or m/s].
+            tau: (n,) joint torques [N m or N].
             object_pose: (7,) wxyz_xyz of the object frame.
             object_twist: (6,) [omega; v of C], world axes.
-            of: the results.
+            of: the results to differentiate.
             by: the arguments; see `forward_dynamics_vjp`.
-            out: earlier ones of the same names to be written over.
-            threads: how many threads share a batch.
-            **parameters: as in `forward_dynamics`.
+            out: earlier derivatives of the same request, to be overwritten.
+            threads: the number of threads for a batch.
+            **parameters: parameters as in `forward_dynamics`.
 
         Returns:
-            `found[of, by]`, (*shape of the result, *shape of the argument's gradient), a leading axis for a batch;
-            each is a view of an array that holds one column after the other.
+            `found[of, by]` of shape (*result's shape, *shape of the argument's gradient), with a leading axis for a
+            batch. Each is a view of an array that is stored column by column.
 
         Raises:
-            StateError: wrong names, shapes or numbers; forces are wanted that are not unique.
-            SingularChainError: for a single call, the constraint's rank drops here.
-            NotCompiledError: the chain has springs between bodies.
+            StateError: A name, shape or number is wrong, or a requested force is not unique.
+            SingularChainError: The configuration of a single system is singular.
+            NotCompiledError: The chain has springs between bodies.
         """
         code = self._derivatives("jacobian", of, by, parameters)
         given: dict[str, Any] = dict(zip(STATE_AND_TORQUES, (q, qd, tau, object_pose, object_twist), strict=True))
@@ -173,17 +178,17 @@ class ChainDerivatives:
         by: Sequence[str] = STATE_AND_TORQUES,
         **arrays_or_parameters: Any,
     ) -> BoundDerivatives:
-        """Return derivatives tied to arrays that stay: a call without arguments, for control loops.
+        """Return derivatives bound to fixed arrays: a call without arguments, for control loops.
 
         Args:
-            kind: of `forward_dynamics_vjp`, `forward_dynamics_jvp` or `forward_dynamics_jacobian`.
-            of: the results.
-            by: the arguments.
-            **arrays_or_parameters: first values of q, qd, tau, object_pose, object_twist, and parameters.
+            kind: `vjp`, `jvp` or `jacobian`, as in the methods `forward_dynamics_vjp` and so on.
+            of: the results to differentiate.
+            by: the arguments by which they are differentiated.
+            **arrays_or_parameters: initial values of q, qd, tau, object_pose, object_twist, and parameters.
 
         Raises:
-            StateError: wrong names, shapes or numbers.
-            NotCompiledError: the chain has springs between bodies.
+            StateError: A name, shape or number is wrong.
+            NotCompiledError: The chain has springs between bodies.
         """
         if kind not in ("vjp", "jvp", "jacobian"):
             raise StateError(f"bind_derivatives: expected vjp, jvp or jacobian, got {kind!r}")
@@ -193,17 +198,17 @@ class ChainDerivatives:
     def derivative_request(
         self, kind: Literal["vjp", "jvp", "jacobian"], of: Sequence[str], by: Sequence[str]
     ) -> Request:
-        """Return which derivatives are asked for.
+        """Return the request for some derivatives, after checking the names.
 
         Raises:
-            StateError: unknown names.
-            NotCompiledError: machine code has none of this chain.
+            StateError: A name is unknown.
+            NotCompiledError: Derivatives of this chain are not available in machine code.
         """
         what = f"forward_dynamics_{kind}"
         if self.chain.springs:
             raise NotCompiledError(
-                f"compile: '{what}' of a chain with springs between bodies runs as reference only, since their wrenches"
-                f" are made linear apart; holdfast.{what} computes it from the chain"
+                f"compile: '{what}' of a chain with springs between bodies runs as reference only, because the"
+                f" springs' wrenches are differentiated separately; holdfast.{what} computes it from the chain"
             )
         results, arguments = results_of(self.chain), arguments_of(self.chain)
         for names, known, side in ((of, results, "results"), (by, arguments, "arguments")):
@@ -222,7 +227,7 @@ class ChainDerivatives:
         by: Sequence[str],
         parameters: Mapping[str, Any],
     ) -> CompiledDerivatives:
-        """Return the code for some derivatives, compiled when first asked for."""
+        """Return the compiled derivatives; they are compiled when first requested."""
         request = self.derivative_request(kind, of, by)
         key = request, any(name in MOVING for name in parameters)
         made: dict[tuple[Request, bool], CompiledDerivatives] = self.__dict__.setdefault("_derivatives_made", {})

@@ -1,4 +1,4 @@
-"""The arrays that computations of a chain take and return."""
+"""The arrays that computations of a chain read and write."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External
 from holdfast.model.closed_chain import ClosedChain
 
-# Fields of a state by the names of its arrays; the base that floats is a trunk's, "base" alone being an arm's.
+# The fields of a state by the names of its arrays. The array names of a trunk's floating base begin with "floating",
+# because "base" alone means the base of an arm.
 STATE_FIELDS = {name: name for name in ("q", "qd", "object_pose", "object_twist")}
 FLOATING_FIELDS = {"floating_pose": "base_pose", "floating_twist": "base_twist"}
 STATE, FLOATING = tuple(STATE_FIELDS), tuple(FLOATING_FIELDS)
-BASE_MOTION = ("base_twist", "base_acceleration")  # parameters, if bases move
+BASE_MOTION = ("base_twist", "base_acceleration")  # parameters if bases move
 TRUNK_BASE_MOTION = ("trunk_base_twist", "trunk_base_acceleration")
 MOVING = (*BASE_MOTION, *TRUNK_BASE_MOTION)
-LINKS = ("link_mass", "link_com", "link_inertia")  # parameters, if the links' inertias are
+LINKS = ("link_mass", "link_com", "link_inertia")  # parameters if the option `link_inertia` is set
 
 
 def state_fields(chain: ClosedChain) -> dict[str, str]:
@@ -25,7 +26,7 @@ def state_fields(chain: ClosedChain) -> dict[str, str]:
 
 
 def shapes(chain: ClosedChain) -> dict[str, Shape]:
-    """Return the shape of every array of a chain that computations take or return, by name."""
+    """Return the shape of every array that computations of a chain may read or write, by name."""
     n, l, g = chain.joint_count, len(chain.arms), len(chain.grasps)
     of_arms = sum(arm.joint_count for arm in chain.arms.values())
     bodies = 0 if chain.trunk is None else len(chain.trunk.bodies)
@@ -67,7 +68,7 @@ def shapes(chain: ClosedChain) -> dict[str, Shape]:
 
 
 def link_rows(chain: ClosedChain) -> dict[str, slice]:
-    """Return where the links of each arm lie in arrays of the arms' links."""
+    """Return the rows of each arm's links in arrays of all arms' links."""
     ends = starts(arm.joint_count for arm in chain.arms.values())
     return {name: slice(a, b) for name, a, b in zip(chain.arms, ends[:-1], ends[1:], strict=True)}
 
@@ -84,5 +85,5 @@ def externals(
 
 
 def starts(sizes: Iterable[int]) -> list[int]:
-    """Return where parts of these sizes begin when they lie in a row, and where the last one ends."""
+    """Return the offsets of consecutive parts of the given sizes, and the end of the last part."""
     return list(accumulate(sizes, initial=0))

@@ -1,4 +1,4 @@
-"""Inputs that no system has: numbers that are not finite, angles too large, quaternions not of unit length."""
+"""Find invalid inputs: numbers that are not finite, too large angles, and quaternions that are not of unit length."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ _LARGEST = float(np.finfo(np.float64).max)
 
 
 def largest_positions(chain: ClosedChain) -> Array:
-    """Return the largest |q| of each joint, (n,): 1e5 rad; what slides may go anywhere."""
+    """Return the largest valid |q| of each joint, (n,): 1e5 rad for revolute joints, no bound for prismatic ones."""
     return np.array([LARGEST_ARGUMENT if joint.turns else _LARGEST for joint in chain.all_joints])
 
 
 def faulty(found: Mapping[str, Array], ranks: Mapping[str, int], largest: Array, batch: int) -> Array | None:
-    """Return which systems of a batch have a faulty input, (batch,), or None if there are none.
+    """Return which systems of a batch have an invalid input, (batch,), or None if there are none.
 
     Args:
-        found: inputs by name.
-        ranks: how many axes they have for one system; with one more they are the systems' own.
-        largest: (n,) largest |q|.
-        batch: how many systems.
+        found: the inputs by name.
+        ranks: the number of axes of each input for one system; an input with one more axis has a batch axis.
+        largest: (n,) the largest valid |q|.
+        batch: the number of systems.
     """
     unsure = {name: x for name, x in found.items() if not _surely_sound(name, x)}
     if not unsure:
@@ -41,7 +41,7 @@ def faulty(found: Mapping[str, Array], ranks: Mapping[str, int], largest: Array,
 
 
 def fault(found: Mapping[str, Array], largest: Array) -> StateError | None:
-    """Return what is wrong with the inputs of one system, if anything is."""
+    """Return the error for the first invalid input of one system, or None if all are valid."""
     for name, x in found.items():
         if _surely_sound(name, x) or _sound(name, x, largest).all():
             continue
@@ -56,16 +56,16 @@ def fault(found: Mapping[str, Array], largest: Array) -> StateError | None:
 
 
 def _surely_sound(name: str, x: Array) -> bool:
-    """Return whether all numbers are sound at a glance; most are."""
+    """Return whether a fast sufficient test shows that all numbers are valid."""
     if not x.size:
         return True
     most = LARGEST_ARGUMENT if name == "q" else _LARGEST
-    within = bool(-most <= x.min() and x.max() <= most)  # false for not-a-number
+    within = bool(-most <= x.min() and x.max() <= most)  # false if x contains NaN
     return within and (name not in _POSES or bool(_of_unit_length(x).all()))
 
 
 def _sound(name: str, x: Array, largest: Array) -> Array:
-    """Return which numbers are sound; of a quaternion that is not of unit length none is."""
+    """Return which numbers are valid; no number of a pose is if its quaternion is not of unit length."""
     if name == "q":
         return np.abs(x) <= largest
     if name in _POSES:

@@ -1,4 +1,4 @@
-"""Forward dynamics and its derivatives as code that other libraries call with arrays of their own."""
+"""Forward dynamics and its derivatives as machine code that other libraries, such as JAX, call with their arrays."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ STATUS = "status"
 
 
 class ForeignCode(NamedTuple):
-    """Machine code, and the chain's own numbers for what is not given.
+    """Machine code, and the chain's own values of the arrays that the caller does not give.
 
     Attributes:
-        kernel: the code; its arrays are named as those of `externals`.
-        own: arrays by name, of one system.
-        results: the outputs that are asked for, by the names they have there.
+        kernel: the machine code.
+        own: the chain's own values for one system, by array name.
+        results: the name of the kernel's output for every requested result.
     """
 
     kernel: Kernel
@@ -38,20 +38,23 @@ class ForeignCode(NamedTuple):
 
     @property
     def externals(self) -> Mapping[str, External]:
-        """The arrays it takes and returns, results last."""
+        """The arrays that the kernel reads and writes, results last."""
         return self.kernel.externals
 
     def publish(self) -> int:
-        """Let other compilers' programs call it; a system whose rank is low and not judged has not-a-number."""
+        """Register the code so that other compilers' programs can call it; return its key.
+
+        The results of a system with an undecided status are NaN.
+        """
         return self.kernel.publish(STATUS, float(UNDECIDED))
 
     def run(self, compiled: CompiledChain, given: Mapping[str, Array], batch: int | None) -> CompiledResult:
-        """Return what such a program finds, by a call from here.
+        """Run the code as another compiler's program would, and return the result.
 
         Args:
-            compiled: the chain whose code it is.
-            given: arrays of one system, or with a leading axis of `batch`; float64, C order.
-            batch: how many systems, None for one without an axis.
+            compiled: the compiled chain.
+            given: the arrays by name, of one system or with a leading batch axis; float64 in C order.
+            batch: the number of systems, or None for one system without a batch axis.
         """
         result = CompiledResult(compiled.chain, ResultLayout(self.externals), batch)
         addresses = Addresses(self.externals, dict(self.own))
@@ -63,19 +66,19 @@ class ForeignCode(NamedTuple):
 
 
 def forward_code(compiled: CompiledChain, of: Sequence[str], parameters: Sequence[str]) -> ForeignCode:
-    """Return forward dynamics.
+    """Return the code of forward dynamics.
 
     Args:
-        compiled: the chain.
-        of: the results.
-        parameters: the names of those that will be given.
+        compiled: the compiled chain.
+        of: the names of the requested results.
+        parameters: the names of the parameters that calls will give.
 
     Raises:
-        NotCompiledError: the trunk's base floats.
+        NotCompiledError: The trunk has a floating base.
     """
     if compiled.chain.floats:
         lacking = " and ".join(FLOATING)
-        raise NotCompiledError(f"to_jax: a floating base, whose {lacking} are a state of their own, is not there yet")
+        raise NotCompiledError(f"to_jax: a floating base, which adds {lacking} to the state, is not supported yet")
     moves = not compiled.options.base_motion and any(name in MOVING for name in parameters)
     code = compiled.moving if moves else compiled
     return ForeignCode(code.calls.kernel, _judged(code.calls.own, compiled), {name: name for name in of})
@@ -84,17 +87,19 @@ def forward_code(compiled: CompiledChain, of: Sequence[str], parameters: Sequenc
 def derivative_code(
     compiled: CompiledChain, kind: Literal["vjp", "jvp"], of: Sequence[str], by: Sequence[str]
 ) -> ForeignCode:
-    """Return a product with the Jacobian of forward dynamics; what it is taken with is named "with." and its name.
+    """Return the code of a product with the Jacobian of forward dynamics.
+
+    The names of its cotangents or tangents are those of the results or arguments with the prefix "with.".
 
     Args:
-        compiled: the chain.
-        kind: whether cotangents of results are given, or tangents of arguments.
-        of: the results.
-        by: the arguments.
+        compiled: the compiled chain.
+        kind: `vjp` for a product with cotangents of results, `jvp` for one with tangents of arguments.
+        of: the results to differentiate.
+        by: the arguments by which they are differentiated.
 
     Raises:
-        StateError: names that are not there.
-        NotCompiledError: the chain has springs between bodies.
+        StateError: A name is unknown.
+        NotCompiledError: The chain has springs between bodies.
     """
     code = compiled._derivatives(kind, of, by, dict.fromkeys(by))
     names = by if kind == "vjp" else of
@@ -102,11 +107,11 @@ def derivative_code(
 
 
 def handler() -> Any:
-    """Return the function through which XLA's programs call published code, as a capsule."""
+    """Return a Python capsule of the function through which XLA's programs call published code."""
     return foreign_call.capsule()
 
 
 def _judged(own: Mapping[str, Array], compiled: CompiledChain) -> dict[str, Array]:
-    """Return the chain's own numbers as they are now, the rank by which postures are judged among them."""
+    """Return a copy of the chain's own values, including the generic rank by which the status is decided."""
     rank = -1.0 if compiled.generic_rank is None else float(compiled.generic_rank)
     return {name: np.array(x) for name, x in own.items()} | {"generic_rank": np.array(rank)}

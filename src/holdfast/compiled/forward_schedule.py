@@ -1,4 +1,4 @@
-"""Forward dynamics as a schedule: the reference's own functions, traced."""
+"""The schedule of forward dynamics, made by tracing the reference's functions."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array, Scalar, where
 from holdfast.state import Inputs, State
 
-DOUBTFUL = 1e-6  # pivot of a row that may follow from others, in a state beside the grasps
+DOUBTFUL = 1e-6  # a constraint row with a smaller pivot may be dependent, if the state violates the constraint
 GUARDED = ("qdd", "grasp_wrench", "object_acceleration", "contact_acceleration", "base_wrench")
 
 
 def guarded_outputs(chain: ClosedChain) -> tuple[str, ...]:
-    """Return the outputs that are not-a-number where there is no answer."""
+    """Return the outputs that are NaN if there is no solution."""
     of_trunk = [] if chain.trunk is None else ["trunk_base_wrench"]
     return *GUARDED, *of_trunk, *(["floating_acceleration"] if chain.floats else [])
 
@@ -33,11 +33,11 @@ def guarded_outputs(chain: ClosedChain) -> tuple[str, ...]:
 def forward_externals(structure: Structure) -> dict[str, External]:
     """Return the arrays of compiled forward dynamics: inputs, parameters, results."""
     chain, options = structure.chain, structure.options
-    # first those of a call without parameters, as a builtin fills them in
+    # The inputs of a call without parameters come first, because the builtin fills in the first addresses.
     inputs = ["q", "qd", "tau", "object_pose", "object_twist", *(FLOATING if chain.floats else ()), "object_wrench"]
     parameters = ["gravity", "generic_rank", "object_mass", "object_com", "object_inertia"]
     moving = [*BASE_MOTION, *(TRUNK_BASE_MOTION if chain.trunk is not None and not chain.floats else ())]
-    # on a trunk the origins of the bases matter too, and where springs are or wrenches are about the tips
+    # The positions of the bases matter only with a trunk, with springs, or with sliding grasps.
     slides = any(grasp.of_kind.slides for grasp in chain.grasps.values())
     parameters += ["base_R", *(moving if options.base_motion else ()), "grasp_R", "grasp_p"]
     parameters += ["base_p"] if slides or chain.springs or chain.trunk is not None else []
@@ -58,7 +58,7 @@ def forward_schedule(structure: Structure) -> Schedule:
 
 
 def forward(structure: Structure, given: Given) -> dict[str, Any]:
-    """Return the outputs of forward dynamics: the reference's functions, run on what is given."""
+    """Return the outputs of forward dynamics by running the reference's functions on traced arrays."""
     chain = traced_chain(structure, given)
     state, inputs = traced_state(chain, given), traced_inputs(chain, given)
     found = solve_with_status(chain, state, given["tau"], inputs, given["generic_rank"], structure.options.route)
@@ -76,16 +76,16 @@ def outputs_of(chain: ClosedChain, found: SolutionWithStatus) -> dict[str, Any]:
 
 
 class SolutionWithStatus(NamedTuple):
-    """Forward dynamics and how it is to be read.
+    """The solution of forward dynamics and its status.
 
     Attributes:
         whole: accelerations and forces.
-        rank: independent rows of the constraint.
-        status: as `status_of_rank` numbers them.
-        condition: of the constraint.
-        held: which components of the grasps are held, where they are chosen.
-        motion: the chain in motion.
-        found: what `sequential` found.
+        rank: the number of independent rows of the constraint.
+        status: the status, numbered as in `status_of_rank`.
+        condition: the reciprocal of the constraint's smallest pivot.
+        held: which components of the grasps are held, if the algorithm has chosen them; otherwise None.
+        motion: the kinematics and bias terms of the chain.
+        found: the solution of `sequential`.
     """
 
     whole: ChainSolution
@@ -115,11 +115,11 @@ def solve_with_status(
         state: positions and velocities.
         tau: (n,) joint torques.
         inputs: shaped inputs.
-        generic_rank: () of the constraint, -1 if it is not known.
-        route: how each arm answers at its tip.
-        held: which components of the grasps may be held; None: all.
-        choose: hold the strongest of them, as many as the generic rank says.
-        cotangents: what gradients will be taken with, for one way through the filter.
+        generic_rank: () the generic rank of the constraint, or -1 if it is unknown.
+        route: how the inverse inertia at each arm's tip is computed.
+        held: which components of the grasps may be held; None for all.
+        choose: whether to hold only the components with the largest pivots, as many as the generic rank.
+        cotangents: the cotangents of a later gradient, so that both solves share one pass of the filter.
     """
     motion = holding(chain_motion(chain, state, tau, inputs), held)
     if choose:
@@ -132,11 +132,12 @@ def solve_with_status(
 
 
 def status_of_rank(rank: Scalar, generic_rank: Scalar, row_count: int, weakest_pivot: Scalar) -> Scalar:
-    """Return the status of a rank, as `compiled.result` numbers them.
+    """Return the status of a rank, numbered as in `compiled.result`.
 
-    0: all is unique. 1: the rank is constantly low. 2: it is low, or full by a pivot that a gap of the
-    grasps might have made, and the generic rank is not known (given as -1). 3: it is lower than in general,
-    a singular configuration. 4: it is higher than in general, as it can be off the grasps only.
+    0: the solution is unique. 1: the rank is low in every configuration, so forces are not unique. 2: undecided; the
+    generic rank is unknown (-1), and the rank is low or depends on a pivot that may be due to a constraint violation.
+    3: the rank is below the generic rank, so the configuration is singular. 4: the rank is above the generic rank,
+    which happens only if the state violates the constraint.
     """
     full = float(row_count)
     known = where(rank < generic_rank, 3.0, where(rank > generic_rank, 4.0, where(rank < full, 1.0, 0.0)))

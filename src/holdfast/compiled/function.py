@@ -1,4 +1,4 @@
-"""One computation of a chain as machine code: inputs checked, one system or a batch, arrays out."""
+"""One computation of a chain as machine code, called with checked inputs for one system or a batch."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from holdfast.spatial.scalar import Array
 
 
 class CompiledFunction:
-    """A computation of one chain.
+    """A compiled computation of one chain.
 
     Attributes:
-        externals: the arrays its machine code takes and returns.
-        parts: per result, by arm name, where its part lies in the last axis.
+        externals: the arrays that its machine code reads and writes, by name.
+        parts: for every result with parts of arms, the slice of the last axis by arm name.
     """
 
     def __init__(self, name: str, chain: ClosedChain, options: Options, computation: Computation | None = None) -> None:
-        """Compile, or find what is compiled already.
+        """Compile the computation, or load its machine code.
 
         Args:
-            name: of the computation, one of `COMPUTATIONS` unless it is given.
+            name: the name of the computation, which is looked up in `COMPUTATIONS` if `computation` is None.
             chain: the chain.
-            options: the user's choices.
-            computation: the computation, of this room: its text decides the key on disk.
+            options: the options with which the chain was compiled.
+            computation: the computation. It must be defined in this package, whose source is part of the cache key.
         """
         self._chain, computation = chain, computation or COMPUTATIONS[name]
         structure = computation.structure(chain, options)
@@ -61,12 +61,12 @@ class CompiledFunction:
 
         Args:
             given: the inputs, in order.
-            parameters: run-time parameters of this call, by the users' names.
-            threads: how many threads share a batch.
+            parameters: the run-time parameters of this call, by the names that users know.
+            threads: the number of threads for a batch.
 
         Raises:
-            StateError: wrong shapes, unknown parameters; of a single system also numbers that are
-                not finite, angles beyond 1e5 rad and a quaternion that is not of unit length.
+            StateError: A shape is wrong or a parameter is unknown; for a single system, also if a number is not
+                finite, an angle exceeds 1e5 rad or a quaternion is not of unit length.
         """
         arrays.require_threads(threads)
         inputs = {
@@ -101,7 +101,7 @@ class CompiledFunction:
     def _many(
         self, inputs: Mapping[str, Array], changed: Mapping[str, Array], batch: int, threads: int
     ) -> dict[str, Array]:
-        """Run a batch; systems with a faulty input get not-a-number."""
+        """Run a batch; the results of systems with an invalid input are NaN."""
         results = {name: np.empty((batch, *shape)) for name, shape in self._results.items()}
         found = self._own | {**inputs, **changed, **results}
         table = np.zeros((len(self.externals), 2), dtype=np.int64)
@@ -116,7 +116,7 @@ class CompiledFunction:
 
     @cached_property
     def _bound(self) -> Bound:
-        """What single calls with the chain's own parameters run on."""
+        """The kernel with fixed arrays for single calls with the chain's own parameters."""
         bound = self._kernel.bind()
         for name, x in self._own.items():
             bound.arrays[name][...] = x
@@ -125,5 +125,5 @@ class CompiledFunction:
 
     @cached_property
     def _spare(self) -> Bound:
-        """What single calls with other parameters run on."""
+        """The kernel with fixed arrays for single calls with other parameters."""
         return self._kernel.bind()

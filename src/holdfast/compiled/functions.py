@@ -1,4 +1,4 @@
-"""What a compiled chain computes besides forward dynamics; machine code is made when first needed."""
+"""The functions of a compiled chain besides forward dynamics; their machine code is made when first needed."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from holdfast.spatial.scalar import Array
 
 
 class Frames(NamedTuple):
-    """Where frames are in the world.
+    """Poses of frames in the world.
 
     Attributes:
-        R: (..., 3, 3) their axes to world axes.
-        p: (..., 3) their origins [m].
+        R: (..., 3, 3) rotation matrices from the frames' axes to world axes.
+        p: (..., 3) origins of the frames [m].
     """
 
     R: Array
@@ -31,19 +31,19 @@ class Frames(NamedTuple):
 
 
 class ChainFunctions:
-    """The methods of a `CompiledChain` that are computed arm by arm.
+    """The methods of a `CompiledChain` besides forward dynamics and derivatives.
 
-    All take one system or a batch: a leading axis on any argument or parameter, those without it
-    are shared. Bits depend neither on batch size nor on threads. Numbers that are not finite,
-    angles beyond 1e5 rad and an object's quaternion that is not of unit length are a `StateError`
-    for one system; in a batch all results of that system alone are not-a-number. Parameters must
-    be finite everywhere; with an object_mass goes an object_inertia, or "scale" for it: the chain's
-    own, in proportion to the mass. What depends on where a trunk's floating base is takes its floating_pose (7,), and
-    floating_twist (6,) beside rates, by name; trunk_base_twist (6,) of a trunk in the world goes with base_twist.
+    All take one system or a batch: any argument or parameter may have a leading batch axis, and those without it are
+    shared. Results do not depend on batch size or number of threads, bit for bit. If a number is not finite, an angle
+    exceeds 1e5 rad or a quaternion is not of unit length, one system raises a `StateError`; in a batch, only the
+    results of that system are NaN. Parameters must always be finite. An object_mass requires an object_inertia;
+    "scale" scales the chain's own with the mass. With a floating base, functions of its pose require floating_pose
+    (7,), and functions of velocities also floating_twist (6,). Functions that take base_twist also take
+    trunk_base_twist (6,) if the chain has a trunk that does not float.
 
     Attributes:
         chain: the chain.
-        options: what was chosen when it was compiled.
+        options: the options with which it was compiled.
     """
 
     chain: ClosedChain
@@ -56,21 +56,21 @@ class ChainFunctions:
 
         Args:
             q: (n,) or (batch, n) joint positions, arms in order, base to tip [rad or m].
-            qd: joint rates.
-            qdd: joint accelerations.
-            grasp_wrench: (arms, 6) of each arm on the object, about the contact, world axes; rows
-                of arms without a grasp must be zero.
-            threads: how many threads share a batch.
+            qd: (n,) joint velocities [rad/s or m/s].
+            qdd: (n,) joint accelerations [rad/s^2 or m/s^2].
+            grasp_wrench: (arms, 6) wrench [moment; force] of each arm on the object about the contact point, world
+                axes [N m, N]; rows of arms without a grasp must be zero.
+            threads: the number of threads for a batch.
             **parameters: for this call, any of gravity (3,), base_pose (arms, 7), base_twist and
-                base_acceleration (arms, 6), and those asked for in `compile`.
+                base_acceleration (arms, 6), and the parameters added in `compile`.
 
         Returns:
             (n,) joint torques [N m or N].
 
         Raises:
-            StateError: wrong shapes or numbers, or a wrench on an arm that holds nothing.
-            NotCompiledError: the chain has springs between bodies or bushings, whose forces these arguments do not
-                tell, or a floating base.
+            StateError: A shape or number is wrong, or an arm that holds nothing has a wrench.
+            NotCompiledError: The chain has a floating base, or it has springs between bodies or bushings, whose
+                forces depend on the object's pose, which is not an argument.
         """
         require_inverse(self.chain)
         f = arrays.floats("grasp_wrench", grasp_wrench, (len(self.chain.arms), 6))
@@ -112,7 +112,7 @@ class ChainFunctions:
     def closure(
         self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, threads: int = 1, **parameters: Any
     ) -> dict[str, GraspResidual]:
-        """Return how far each grasp is from holding, as `holdfast.dynamics.closure`.
+        """Return the constraint residual of each grasp, as `holdfast.dynamics.closure`.
 
         Args:
             q: (n,) or (batch, n) joint positions [rad or m].
@@ -124,7 +124,7 @@ class ChainFunctions:
                 grasp_pose (grasps, 7).
 
         Returns:
-            By arm name, position rows in contact axes, angles [rad] then lengths [m], and velocity
+            By arm name, position rows in contact axes, first angles [rad] and then lengths [m], and velocity
             rows K (A V(C) - V+) [rad/s, m/s].
 
         Raises:
@@ -145,7 +145,7 @@ class ChainFunctions:
     def kinetic_energy(
         self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, threads: int = 1, **parameters: Any
     ) -> Any:
-        """Return T = sum 1/2 V^T M V over links and object, and 1/2 armature qd^2 of the drives.
+        """Return T = sum 1/2 V^T M V over links and object, plus 1/2 armature qd^2 of the actuators.
 
         Args:
             q: (n,) or (batch, n) joint positions [rad or m].
@@ -227,7 +227,7 @@ class ChainFunctions:
         """Return the closed chain's mobility at C, as `holdfast.dynamics.object_mobility`: alpha(C) changes by P w.
 
         Args:
-            q: (n,) or (batch, n) joint positions [rad or m], taken as they are.
+            q: (n,) or (batch, n) joint positions [rad or m], used as given.
             object_pose: (7,) wxyz_xyz of the object frame.
             threads: how many threads share a batch.
             **parameters: for this call, any of object_mass (), object_com (3,), object_inertia
@@ -242,7 +242,7 @@ class ChainFunctions:
         return self._function("object_mobility")((q, object_pose), parameters, threads)["object_mobility"]
 
     def tip_poses(self, q: Any, *, threads: int = 1, **parameters: Any) -> dict[str, Frames]:
-        """Return where every arm's tip frame is in the world, as `holdfast.dynamics.tip_pose`.
+        """Return the pose of every arm's tip frame in the world, as `holdfast.dynamics.tip_pose`.
 
         Args:
             q: (n,) or (batch, n) joint positions [rad or m].
@@ -250,7 +250,7 @@ class ChainFunctions:
             **parameters: for this call, base_pose (arms, 7).
 
         Returns:
-            By arm name, R (3, 3) tip axes to world axes, and p (3,) the tip's origin [m].
+            By arm name, R (3, 3) from tip axes to world axes, and p (3,) the tip's origin [m].
 
         Raises:
             StateError: wrong shapes or numbers.
@@ -261,7 +261,7 @@ class ChainFunctions:
         }
 
     def link_poses(self, q: Any, *, threads: int = 1, **parameters: Any) -> dict[str, Frames]:
-        """Return where every arm's link frames are in the world, as `holdfast.dynamics.link_poses`.
+        """Return the poses of every arm's link frames in the world, as `holdfast.dynamics.link_poses`.
 
         Args:
             q: (n,) or (batch, n) joint positions [rad or m].
@@ -269,8 +269,8 @@ class ChainFunctions:
             **parameters: for this call, base_pose (arms, 7).
 
         Returns:
-            By arm name, base to tip, R (N, 3, 3) link axes to world axes, and p (N, 3) the origins,
-            on the links' joints [m].
+            By arm name, base to tip, R (N, 3, 3) from link axes to world axes, and p (N, 3) the origins,
+            which lie on the links' joints [m].
 
         Raises:
             StateError: wrong shapes or numbers.
@@ -280,10 +280,11 @@ class ChainFunctions:
     def project(
         self, q: Any, qd: Any, object_pose: Any, object_twist: Any, *, threads: int = 1, **parameters: Any
     ) -> dict[str, Array]:
-        """Return the state moved onto the grasps, positions and velocities, in the kinetic metric.
+        """Return the state projected onto the grasp constraint, positions and velocities, in the kinetic metric.
 
-        Two of the rounds of `holdfast.project` on the positions, which close to rounding what an integrator's
-        step leaves open, then velocities once. States further off are closer after it, not closed: `closure` tells.
+        Positions are corrected by two iterations of `holdfast.project`, which remove the constraint residual of an
+        integrator's step up to rounding; velocities are corrected once. Larger residuals are reduced but may remain;
+        `closure` returns them.
 
         Args:
             q: (n,) or (batch, n) joint positions [rad or m].
@@ -295,7 +296,8 @@ class ChainFunctions:
                 base_pose (arms, 7), base_twist (arms, 6), grasp_pose (grasps, 7), and the links' if asked for.
 
         Returns:
-            q, qd, object_pose and object_twist by these names; floating_pose and floating_twist where a base floats.
+            The arrays q, qd, object_pose and object_twist by name; also floating_pose and floating_twist if the chain
+            has a floating base.
 
         Raises:
             StateError: wrong shapes or numbers.
@@ -304,11 +306,11 @@ class ChainFunctions:
         return {name.removeprefix(CLOSED): x for name, x in found.items()}
 
     def __getattr__(self, name: str) -> NoReturn:
-        """Say of a function of the library's that is not compiled why it is not."""
+        """Raise the error for a missing attribute; for a library function, it says why it is not compiled."""
         raise missing(name, type(self).__name__)
 
     def _function(self, name: str) -> CompiledFunction:
-        """Return a computation, compiled when first asked for."""
+        """Return a compiled computation; it is compiled when first requested."""
         made: dict[str, CompiledFunction] = self.__dict__.setdefault("_functions", {})
         if name not in made:
             made[name] = CompiledFunction(name, self.chain, self.options)
@@ -336,7 +338,7 @@ class ChainFunctions:
         return found if found.ndim else float(found)
 
     def _require_holding(self, f: Array) -> None:
-        """Refuse wrenches (..., arms, 6) on arms that hold nothing."""
+        """Raise a StateError if wrenches (..., arms, 6) are not zero for an arm that holds nothing."""
         for row, name in enumerate(self.chain.names):
             if name in self.chain.grasps:
                 continue
@@ -350,18 +352,18 @@ class ChainFunctions:
 
 
 def require_inverse(chain: ClosedChain) -> None:
-    """Refuse inverse dynamics of chains that machine code has it not of.
+    """Raise an error if inverse dynamics of the chain is not available in machine code.
 
     Raises:
-        NotCompiledError: saying why.
+        NotCompiledError: The chain has a floating base, springs between bodies, or bushings.
     """
     if chain.floats:
         raise NotCompiledError(
-            "compile: 'inverse_dynamics' of a chain whose base floats runs as reference only, which tells whether"
-            " the base, that has no drive, could accelerate so; holdfast.inverse_dynamics computes it"
+            "compile: 'inverse_dynamics' of a chain with a floating base runs as reference only, which checks that"
+            " the base, which has no actuator, can accelerate as given; holdfast.inverse_dynamics computes it"
         )
     if chain.springs or chain.bushings:
         raise NotCompiledError(
             "compile: 'inverse_dynamics' of a chain with springs between bodies or bushings runs as reference only,"
-            " since they ask where the object is; holdfast.inverse_dynamics computes it from the chain"
+            " because their forces depend on the object's pose; holdfast.inverse_dynamics computes it from the chain"
         )

@@ -1,4 +1,4 @@
-"""Machine code by structure: made once a process, and once a machine."""
+"""Kernels by structure: each is made once per process, and its machine code once per machine."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from holdfast.compiler.kernel import Kernel
 from holdfast.compiler.schedule import External, Schedule
 from holdfast.compiler.targets import cpu
 
-# The rooms whose functions become machine code.
+# The packages whose functions become machine code.
 _ROOMS = ("spatial", "model", "state", "dynamics", "compiler", "compiled")
 
 _made: weakref.WeakValueDictionary[str, Kernel] = weakref.WeakValueDictionary()
@@ -24,12 +24,12 @@ _lock = threading.Lock()
 
 
 def key_of(what: str, structure: Structure, *further: str) -> str:
-    """Return what stands on disk for a computation of chains of one structure.
+    """Return the cache key of a computation for chains of one structure.
 
     Args:
-        what: the computation's name, and what else decides it.
-        structure: what is folded into the code.
-        further: rooms whose functions it is made of, besides those of forward dynamics.
+        what: the name of the computation, with anything else on which its code depends.
+        structure: the structure of the chains, whose constants are part of the code.
+        further: the packages whose functions are traced besides those of forward dynamics.
     """
     return f"{what}/{structure.key}/{_sources(*further)}"
 
@@ -38,10 +38,10 @@ def kernel(what: str, structure: Structure, externals: dict[str, External], make
     """Return the kernel of one computation for chains of one structure.
 
     Args:
-        what: the computation's name.
-        structure: what is folded into the code.
-        externals: the arrays it takes and returns.
-        make: returns its schedule, if it must be traced.
+        what: the name of the computation.
+        structure: the structure of the chains, whose constants are part of the code.
+        externals: the arrays that the computation reads and writes, by name.
+        make: returns its schedule; it is called only if the machine code is not in the cache.
     """
     key = f"{key_of(what, structure)}/{cpu.target().name}"
     with _lock:
@@ -53,7 +53,7 @@ def kernel(what: str, structure: Structure, externals: dict[str, External], make
 
 @functools.cache
 def _sources(*further: str) -> str:
-    """Return a digest of the sources that decide the machine code, with the version."""
+    """Return a digest of the library's version and the sources on which machine code depends."""
     root = Path(holdfast.compiler.__file__).parent.parent
     digest = hashlib.sha256(metadata.version("holdfast").encode())
     for room in (*_ROOMS, *further):

@@ -1,4 +1,4 @@
-"""What a compiled chain does not compute, and why: every other function of the dynamics is one of its methods."""
+"""The functions that a compiled chain does not have, with reasons; all others of the dynamics are its methods."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ _PATHS = {path.rpartition(".")[2]: path for path in REASONS}
 
 
 class NotCompiledError(MethodNotApplicable, AttributeError):
-    """A compiled chain has no such method; the message says why, and what there is."""
+    """A compiled chain has no such method; the message says why and what to use instead."""
 
 
 def missing(name: str, kind: str) -> AttributeError:
-    """Return the error for an attribute that a compiled chain has not."""
+    """Return the error for an attribute that a compiled chain does not have."""
     if path := _PATHS.get(name):
         return NotCompiledError(
             f"compile: '{name}' runs as reference only: {REASONS[path]}. holdfast.{path} computes it from the chain"

@@ -1,4 +1,4 @@
-"""The run-time parameters of a chain as the machine code takes them, and as users give them."""
+"""The run-time parameters of a chain: the arrays that machine code reads, made from what users pass."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from holdfast.spatial import rotation
 from holdfast.spatial.real_numbers import real_array
 from holdfast.spatial.scalar import Array
 
-# Poses are given as wxyz_xyz and taken as a rotation (and an origin, where it matters).
+# Users pass poses as wxyz_xyz; machine code reads rotation matrices, and origins if they matter.
 _POSES = {"base_pose": ("base_R", "base_p"), "grasp_pose": ("grasp_R", "grasp_p")}
 WRENCHES = ("link_wrench", "trunk_link_wrench")
 _INTERNAL = {"generic_rank", *(name for pair in _POSES.values() for name in pair)}
 
 
 def parameters_of(chain: ClosedChain, generic_rank: int | None) -> dict[str, Array]:
-    """Return the chain's own parameters, and zeros for what acts on it from outside."""
+    """Return the chain's own parameters by name, with zeros for external wrenches and base motion."""
     arms, grasps, body = list(chain.arms.values()), list(chain.grasps.values()), chain.held_object
     l, g = len(arms), len(grasps)
     links = [link for arm in arms for link in arm.links]
@@ -55,10 +55,10 @@ def parameters_of(chain: ClosedChain, generic_rank: int | None) -> dict[str, Arr
 
 
 def require_floating(names: Iterable[str], given: Collection[str]) -> None:
-    """Refuse a call that leaves out some of the state of a trunk's floating base.
+    """Raise an error if a call does not give the state of a trunk's floating base.
 
     Raises:
-        StateError: naming what is missing.
+        StateError: One of `names` is missing; the message names it.
     """
     for name in names:
         if name not in given:
@@ -68,16 +68,16 @@ def require_floating(names: Iterable[str], given: Collection[str]) -> None:
 def parse_parameters(
     given: Mapping[str, Any], externals: Mapping[str, External], chain: ClosedChain
 ) -> dict[str, Array]:
-    """Return users' parameters by the names and shapes of the machine code.
+    """Convert the parameters that a user passes to the arrays that machine code reads.
 
     Args:
-        given: arrays of a parameter's shape, or with a leading batch axis; base_pose (arms, 7) and
-            grasp_pose (grasps, 7) as wxyz_xyz; beside object_mass an object_inertia, or "scale" for it.
-        externals: what the machine code takes.
-        chain: whose object's inertia is scaled.
+        given: arrays of each parameter's shape, or with a leading batch axis; base_pose (arms, 7) and
+            grasp_pose (grasps, 7) are wxyz_xyz. An object_mass requires an object_inertia, which may be "scale".
+        externals: the arrays that the machine code reads and writes.
+        chain: the chain, whose object's inertia is scaled for "scale".
 
     Raises:
-        StateError: an unknown name, a wrong shape, a number that is not finite, a mass without an inertia.
+        StateError: A name is unknown, a shape is wrong, a number is not finite, or a mass has no inertia.
     """
     shapes = {name: e.shape for name, e in externals.items() if e.role == "parameter" and name not in _INTERNAL}
     shapes |= {name: externals[name].shape for name in ("object_wrench", *WRENCHES, *FLOATING) if name in externals}
@@ -109,13 +109,13 @@ def parse_parameters(
 
 
 def _with_inertia(given: Mapping[str, Any], chain: ClosedChain) -> Mapping[str, Any]:
-    """Return the parameters with the inertia that goes with an object's mass, or refuse a mass without one."""
+    """Return the parameters with "scale" replaced by the scaled inertia; raise an error for a mass without inertia."""
     inertia = given.get("object_inertia")
     if isinstance(inertia, str):
         if inertia != "scale" or "object_mass" not in given:
             raise StateError(f"object_inertia: expected (3, 3) numbers, or 'scale' beside object_mass, got {inertia!r}")
         mass = np.array(real_array(given["object_mass"], "object_mass", "real numbers", StateError), dtype=float)
-        with np.errstate(all="ignore"):  # a mass that is not finite is refused as such
+        with np.errstate(all="ignore"):  # a mass that is not finite raises an error later
             scaled = (mass / chain.held_object.mass)[..., None, None] * chain.held_object.inertia
         return {"object_mass": mass, **given, "object_inertia": scaled}
     if inertia is None and "object_mass" in given:
@@ -127,14 +127,14 @@ def _with_inertia(given: Mapping[str, Any], chain: ClosedChain) -> Mapping[str, 
 
 
 def _require_still(name: str, a: Array, chain: ClosedChain) -> None:
-    """Refuse base motion of its own for an arm on a trunk."""
+    """Raise an error if an arm on a trunk is given its own base motion."""
     for i, arm in enumerate(chain.arms):
         if arm in chain.mounts and a[..., i, :].any():
             raise StateError(f"{name}: arm '{arm}' moves with the trunk it stands on; expected zeros")
 
 
 def _require_inertia(name: str, a: Array) -> None:
-    """Refuse masses and inertias that no body has; an object's must be positive."""
+    """Raise an error for negative masses or inertias that are not positive semidefinite; an object's must be > 0."""
     sizes = a if name.endswith("mass") else np.linalg.eigvalsh(a)
     if name.endswith("inertia") and not np.allclose(a, np.swapaxes(a, -1, -2), rtol=1e-9, atol=0.0):
         raise StateError(f"{name}: expected symmetric matrices")
@@ -145,7 +145,7 @@ def _require_inertia(name: str, a: Array) -> None:
 
 def _from_quaternions(name: str, poses: Array) -> tuple[Array, Array]:
     """Return rotation matrices and origins of poses wxyz_xyz on any leading axes."""
-    # as `checks.pose_numbers` does it, for the same bits
+    # Lengths are computed as in `checks.pose_numbers`, so that the results are the same bit for bit.
     length = np.array([math.hypot(*p) for p in poses[..., :4].reshape(-1, 4)]).reshape(*poses.shape[:-1], 1)
     if not (np.abs(length - 1) <= checks.ROTATION_TOLERANCE).all():
         raise StateError(f"{name}: expected unit quaternions (w, x, y, z), got lengths {np.unique(length)[:3]}")

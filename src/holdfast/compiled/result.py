@@ -1,4 +1,4 @@
-"""What compiled forward dynamics returns: arrays in one block of memory, to be written again and again."""
+"""The result of compiled forward dynamics: arrays in one block of memory, which later calls can overwrite."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 
-# Statuses as the machine code numbers them; see `forward_schedule.status_of_rank`.
+# The numbers of the statuses in machine code; see `forward_schedule.status_of_rank`.
 OK, INDETERMINATE, UNDECIDED, SINGULAR, INVALID = range(5)
 _STATUSES = np.array(
     [Status.OK, Status.INDETERMINATE_FORCES, Status.INDETERMINATE_FORCES, Status.SINGULAR, Status.INVALID]
@@ -21,13 +21,13 @@ _STATUSES = np.array(
 
 
 class ResultLayout:
-    """Which arrays a result has, one after the other in its memory.
+    """The arrays of a result, which are consecutive in its memory.
 
     Attributes:
-        shapes: by name, of one system.
-        sizes: how many numbers each has.
-        starts: where each begins.
-        total: how many numbers there are.
+        shapes: the shape of each array for one system, by name.
+        sizes: the number of entries of each array for one system.
+        starts: the offset of each array [doubles] for one system.
+        total: the number of entries of all arrays for one system.
     """
 
     def __init__(self, externals: Mapping[str, External]) -> None:
@@ -46,24 +46,24 @@ class ResultLayout:
 
 
 class CompiledResult(ForwardResult):
-    """A `ForwardResult` whose arrays are written by machine code; of one system, or of a batch.
+    """A `ForwardResult` of one system or a batch, whose arrays are written by machine code.
 
-    For a batch every array has a leading axis, and `rank`, `status`, `mobility`, `condition` are
-    arrays too. Where the forces are not unique (`INDETERMINATE_FORCES`) they are one solution, not
-    the smallest one. Given as `out=`, a result is written over.
+    For a batch every array has a leading axis, and `rank`, `status`, `mobility` and `condition` are arrays as well.
+    If the forces are not unique (`INDETERMINATE_FORCES`), they are one of the solutions, not the one of least norm.
+    A call with `out=result` overwrites the result.
 
     Attributes:
-        layout: where its arrays are
-        memory: in one block,
-        address: which begins here.
-        batch: how many systems, or None for one without a leading axis.
+        layout: the positions of its arrays in memory.
+        memory: the block of memory that holds all arrays.
+        address: the address of that block.
+        batch: the number of systems, or None for one system without a leading axis.
     """
 
     layout: ResultLayout
     memory: Array
     address: int
     batch: int | None
-    __deepcopy__: Any = None  # unlike other results it is written again, and a copy is one of its own
+    __deepcopy__: Any = None  # allows real copies, because unlike other results this one may be overwritten
 
     def __init__(self, chain: ClosedChain, layout: ResultLayout, batch: int | None) -> None:
         memory = np.empty(layout.total * (1 if batch is None else batch))
@@ -78,28 +78,28 @@ class CompiledResult(ForwardResult):
         return self.__dict__.setdefault(name, self.array(name))
 
     def array(self, name: str) -> Array:
-        """Return an array as the machine code writes it: numbers, also for rank, status and condition."""
+        """Return an array as the machine code writes it: floats, even for rank and status."""
         return self.layout.view(name, self.memory, self.batch)
 
     @property
     def rank(self) -> Any:  # type: ignore[override]
-        """Independent rows of the grasp constraint."""
+        """The number of independent rows of the grasp constraint."""
         found = self.array("rank")
         return int(found) if self.batch is None else found.astype(np.int64)
 
     @property
     def mobility(self) -> Any:  # type: ignore[override]
-        """Dimension of the velocities that the grasps allow."""
+        """The dimension of the space of velocities that the grasps allow."""
         return self.chain.velocity_count + self.chain.contact_freedom_count - self.rank
 
     @property
     def base_acceleration(self) -> Array | None:  # type: ignore[override]
-        """(6,) true acceleration of a floating base; None without one."""
+        """(6,) acceleration of a floating base without the gravity offset; None if there is no floating base."""
         return self._of_trunk("floating_acceleration")
 
     @property
     def trunk_base_wrench(self) -> Array | None:  # type: ignore[override]
-        """(6,) of the base on the trunk about the base origin; None without a trunk."""
+        """(6,) wrench of the base on the trunk about the base origin; None without a trunk."""
         return self._of_trunk("trunk_base_wrench")
 
     def _of_trunk(self, name: str) -> Array | None:
@@ -107,17 +107,17 @@ class CompiledResult(ForwardResult):
 
     @property
     def status(self) -> Any:  # type: ignore[override]
-        """How the answer is to be read; an array of `Status` for a batch."""
+        """The status of the solution; for a batch, an array of `Status`."""
         return _STATUSES[self.array("status").astype(np.intp)]
 
     @property
     def condition(self) -> Any:  # type: ignore[override]
-        """How near the chain is to a singular configuration, see `ForwardResult`; infinite at one."""
+        """A measure of the distance to a singular configuration (see `ForwardResult`); infinite at one."""
         found = np.where(self.array("status") == SINGULAR, np.inf, self.array("condition"))
         return float(found) if self.batch is None else found
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return what makes the result again from a copy of its numbers."""
+        """Return how to unpickle or copy the result from its numbers."""
         return _unpickled, (self.chain, self.layout, self.batch, self.memory)
 
 

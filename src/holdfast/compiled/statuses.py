@@ -1,4 +1,4 @@
-"""What a status means: the generic rank found when it first matters, and errors with a reason."""
+"""Resolve statuses that machine code leaves undecided, and turn bad statuses into errors with a reason."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-_ALWAYS = {"rank", "status", "condition"}  # there, whatever the status
-MOST_TRIED = 16  # open systems that are looked at for one that is closed
+_ALWAYS = {"rank", "status", "condition"}  # results that are valid for every status
+MOST_TRIED = 16  # how many undecided systems are searched for one that satisfies the constraint
 
 if TYPE_CHECKING:
     from holdfast.compiled.chain import CompiledChain
 
 
 def settle(compiled: CompiledChain, found: Mapping[str, Array], result: CompiledResult) -> None:
-    """Decide the statuses that machine code left open, for want of the generic rank.
+    """Resolve the statuses that machine code left undecided because the generic rank was unknown.
 
-    It is sought at the first of the open systems that nearly closes its grasps, and then remembered. Systems
-    that do not have no rank to speak of; among themselves the first one decides.
+    The generic rank is determined near the first undecided system that nearly satisfies the grasp constraint, and is
+    then stored. If no system does, the rank near the first undecided system is used for this call only.
     """
     status, ranks = np.atleast_1d(result.array("status")), np.atleast_1d(result.array("rank"))
     open_ = np.flatnonzero(status == UNDECIDED)
@@ -58,7 +58,7 @@ def settle(compiled: CompiledChain, found: Mapping[str, Array], result: Compiled
 
 
 def system(chain: ClosedChain, found: Mapping[str, Array], row: int) -> tuple[ClosedChain, State]:
-    """Return chain and state of one system of a batch, bases and grasp frames being its own."""
+    """Return the chain, with its own bases and grasp frames, and the state of one system of a batch."""
 
     def of(name: str, axes: int) -> Array:
         return found[name][row] if found[name].ndim > axes else found[name]
@@ -73,10 +73,12 @@ def system(chain: ClosedChain, found: Mapping[str, Array], row: int) -> tuple[Cl
 
 
 def require_answer(compiled: CompiledChain, found: Mapping[str, Array], result: CompiledResult) -> None:
-    """Raise what the reference raises where there is no answer.
+    """Raise the error that the reference would raise if one system has no solution.
 
     Raises:
-        SingularChainError, StateError, ModelError: saying why.
+        SingularChainError: The configuration is singular.
+        StateError: An input is invalid, or the state violates the constraint.
+        ModelError: The accelerations are not finite.
     """
     status = int(result.array("status"))
     if status == SINGULAR:
@@ -89,7 +91,7 @@ def require_answer(compiled: CompiledChain, found: Mapping[str, Array], result: 
 
 
 def reason(chain: ClosedChain, found: Mapping[str, Array]) -> HoldfastError:
-    """Return why one system's results are not finite."""
+    """Return the error that says why the results of one system are not finite."""
     wrong = fault(found, largest_positions(chain))
     if wrong is not None:
         return wrong

@@ -1,4 +1,4 @@
-"""What is folded into the machine code of a chain, and what stays a run-time parameter."""
+"""The structure of a chain: which of its numbers become constants of the machine code, and which are parameters."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.fingerprint import exact_fingerprint, fingerprint
 from holdfast.model.grasp_kinds import GraspKind
 
-OPTIONAL = ("link_inertia", "link_wrench")  # run-time parameters that are asked for by name
+OPTIONAL = ("link_inertia", "link_wrench")  # run-time parameters that exist only on request
 
 
 @dataclass(frozen=True)
 class Options:
-    """What a user chooses about the machine code.
+    """The options on which machine code depends.
 
     Attributes:
-        route: how each arm answers at its tip.
-        link_inertia: links' masses, mass centres and inertias become run-time parameters.
-        link_wrenches: external wrenches on the links become an input.
-        base_motion: twist and acceleration of the bases are run-time parameters, rather than zero.
-        held: steps hold as many rows of the constraint as its generic rank says, see `held_rows`.
-        implicit: what joints have of armature and torque besides becomes an input, for stages of implicit steps.
+        route: how the inverse inertia at each arm's tip is computed.
+        link_inertia: whether masses, mass centres and inertias of links are run-time parameters.
+        link_wrenches: whether external wrenches on the links are an input.
+        base_motion: whether twists and accelerations of the bases are run-time parameters; otherwise they are zero.
+        held: whether steps hold as many rows of the constraint as its generic rank (see `held_rows`).
+        implicit: whether additional joint armatures and torques are inputs, for the stages of implicit steps.
     """
 
     route: Route = "auto"
@@ -44,15 +44,15 @@ class Options:
 
 
 def optional_parameters(parameters: Sequence[str], what: str, route: Route = "auto") -> Options:
-    """Return the options of the parameters that a user asks for: `link_inertia`, `link_wrench`.
+    """Return the options for the optional parameters that a user requests.
 
     Args:
-        parameters: their names.
-        what: who asks, for messages.
-        route: how each arm answers at its tip.
+        parameters: their names, `link_inertia` or `link_wrench`.
+        what: the name of the calling function, for messages.
+        route: how the inverse inertia at each arm's tip is computed.
 
     Raises:
-        StateError: another name.
+        StateError: A name is not one of `OPTIONAL`.
     """
     checks.instance(parameters, (list, tuple, set, frozenset), f"{what}: parameters", StateError)
     for name in parameters:
@@ -67,10 +67,11 @@ class Structure:
 
     Attributes:
         chain: the chain.
-        options: the user's choices.
-        by_grasp: whether the computation depends on the grasps: whether arms that hold differently
-            are of different types.
-        by_links: the same of the links' inertias.
+        options: the options with which it is compiled.
+        by_grasp: whether arms with different kinds of grasp have different types, because the computation depends on
+            the grasps.
+        by_links: whether arms with different link inertias have different types, because the computation depends on
+            them.
     """
 
     chain: ClosedChain
@@ -80,7 +81,7 @@ class Structure:
 
     @cached_property
     def types(self) -> dict[str, list[int]]:
-        """Rows of the arms of each type, by a digest of what they share, in order of appearance."""
+        """The rows of the arms of each type, by the digest of the type, in order of appearance."""
         found: dict[str, list[int]] = {}
         for row, name in enumerate(self.chain.names):
             found.setdefault(self.type_of[name], []).append(row)
@@ -88,7 +89,7 @@ class Structure:
 
     @cached_property
     def key(self) -> str:
-        """A digest of all that the code depends on: arm types in their order, springs, and the options."""
+        """A digest of everything on which the code depends: arm types in order, options, trunk and springs."""
         names = list(self.types)
         order = [names.index(self.type_of[name]) for name in self.chain.names]
         trunk = [] if self.chain.trunk is None else [*_of_trunk(self.chain)]
@@ -97,7 +98,7 @@ class Structure:
 
     @cached_property
     def type_of(self) -> dict[str, str]:
-        """By arm, a digest of its type: arms of one type share their code."""
+        """The digest of each arm's type, by arm name; arms of one type share their code."""
         return {name: self._digest_of(name) for name in self.chain.names}
 
     def _digest_of(self, name: str) -> str:
@@ -109,12 +110,12 @@ class Structure:
 
 @functools.cache
 def _key_of(kind: GraspKind) -> str:
-    """Return what tells a kind of grasp from others; one with functions of the user's is never found again on disk."""
+    """Return a key of a grasp kind; a kind with user-defined functions gets a random key, so it is never cached."""
     return exact_fingerprint(kind) or secrets.token_hex()
 
 
 def _folded(arm: Arm, without_links: bool) -> Iterator[bytes]:
-    """Yield the bytes of everything of an arm that becomes a constant of the code."""
+    """Yield the bytes of all numbers of an arm that become constants of the code."""
     for joint in arm.joints:
         yield repr((joint.type.turns, joint.type.travel)).encode()
         yield from (joint.axis.tobytes(), joint.placement.R.tobytes(), joint.placement.p.tobytes())
@@ -127,7 +128,7 @@ def _folded(arm: Arm, without_links: bool) -> Iterator[bytes]:
 
 
 def _of_trunk(chain: ClosedChain) -> Iterator[bytes]:
-    """Yield the bytes of a trunk, all of which becomes constants, and of who stands where on it."""
+    """Yield the bytes of a trunk, whose numbers all become constants, and of which arm is mounted on which body."""
     trunk = chain.trunk
     assert trunk is not None
     yield repr((chain.names, dict(chain.mounted_on))).encode()

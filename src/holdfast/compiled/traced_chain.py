@@ -1,4 +1,4 @@
-"""A chain whose run-time numbers are traced: what the functions of `dynamics` are run on to learn what they compute."""
+"""A chain whose run-time parameters are traced nodes; functions of `dynamics` are run on it to record them."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def traced(
     status: str | None = None,
     guarded: tuple[str, ...] = (),
 ) -> Schedule:
-    """Return the schedule of a function that is given the caller's arrays and returns the outputs by name."""
+    """Return the schedule of a function that takes the traced arrays and returns the outputs by name."""
     composition = Composition()
     given: dict[str, Array] = {}
     numbers: dict[str, tuple[Node, ...]] = {}
@@ -59,19 +59,19 @@ def traced(
         loops.reset(token)
     outputs = {name: list(np.asarray(found[name], dtype=object).flat) for name, e in externals.items() if name in found}
     assert all(len(x) == math.prod(externals[name].shape) for name, x in outputs.items())
-    # a processor without fma would call a library for each: it keeps products and sums apart
+    # On a processor without fma every fma would be a library call, so products and sums are not fused.
     return derived(composition, externals, numbers, outputs, status, guarded, fused=cpu.has_fma())
 
 
 def traced_chain(structure: Structure, given: Given) -> ClosedChain:
-    """Return the chain with its run-time parameters in place; what is not given does not matter.
+    """Return the chain with traced run-time parameters; values that are not given are placeholders.
 
-    Grasps and the links' inertias are left out where the computation does not depend on them: arms that differ in
-    nothing else are of one type then.
+    Grasps and link inertias are omitted if the computation does not depend on them, so that arms that differ only in
+    these have the same type.
     """
     chain = structure.chain
     arms: dict[str, Arm] = {}
-    of_type: dict[str, Arm] = {}  # its constants: the same objects, which are told apart by looking at them once
+    of_type: dict[str, Arm] = {}  # arms of one type share one object, which the tracer visits only once
     links_of = link_rows(chain)
     for i, (name, arm) in enumerate(chain.arms.items()):
         key = structure.type_of[name]
@@ -94,7 +94,7 @@ def traced_chain(structure: Structure, given: Given) -> ClosedChain:
 
 
 def traced_state(chain: ClosedChain, given: Given) -> State:
-    """Return the state; see `framed`."""
+    """Return the traced state, with the frames that `framed` adds."""
     n, twist = chain.joint_count, given.get("object_twist", np.zeros(6))
     pose = given.get("object_pose", np.eye(7)[0])
     floating = (given.get(name) for name in FLOATING)
@@ -102,7 +102,7 @@ def traced_state(chain: ClosedChain, given: Given) -> State:
 
 
 def framed(state: State) -> State:
-    """Return the state; its object's frame is not-a-number if the quaternion is not of unit length."""
+    """Return the state with the frames of object and floating base, NaN if a quaternion is not of unit length."""
     vars(state)["object_frame"] = unit_pose(state.object_pose, state.object_twist[3:])
     if state.base_pose is not None and state.base_twist is not None:
         vars(state)["base_frame"] = unit_pose(state.base_pose, state.base_twist[3:])
@@ -110,9 +110,10 @@ def framed(state: State) -> State:
 
 
 def unit_pose(wxyz_xyz: Array, unused: Iterable[Scalar]) -> Pose:
-    """Return a pose; not-a-number if its quaternion is not of unit length within 1e-6.
+    """Return a pose; its rotation is NaN if its quaternion is not of unit length within 1e-6.
 
-    So it is where its origin, or what else is not needed, is not finite: no result would tell.
+    It is also NaN if the origin or any of the `unused` numbers is not finite, because results that do not depend on
+    them would not show the error.
     """
     length = sqrt(wxyz_xyz[:4] @ wxyz_xyz[:4])
     length = where(abs(length - 1.0) <= ROTATION_TOLERANCE, length, float("nan"))
@@ -122,7 +123,7 @@ def unit_pose(wxyz_xyz: Array, unused: Iterable[Scalar]) -> Pose:
 
 
 def traced_inputs(chain: ClosedChain, given: Given) -> Inputs:
-    """Return what acts on the chain besides torques."""
+    """Return the traced inputs besides joint torques: external wrenches and base motion."""
     still = np.zeros((len(chain.arms), 6))
     twists, accelerations = (given.get(name, still) for name in BASE_MOTION)
     of_trunk: dict[str, Array | None] = {"trunk_link_wrenches": given.get("trunk_link_wrench")}
@@ -137,7 +138,7 @@ def _pose(given: Given, what: str, i: int) -> Pose:
 
 
 def _with_links(structure: Structure, arm: Arm, given: Given, joints: slice) -> Arm:
-    """Return the arm with links whose inertias are parameters, if they are."""
+    """Return the arm; its link inertias are replaced by traced parameters if the options ask for it."""
     if not structure.by_links or not structure.options.link_inertia:
         return arm
     rows = zip(given["link_mass"][joints], given["link_com"][joints], given["link_inertia"][joints], strict=True)
@@ -146,9 +147,9 @@ def _with_links(structure: Structure, arm: Arm, given: Given, joints: slice) -> 
 
 
 def _with_constants(arm: Arm, structure: Structure) -> Arm:
-    """Return the arm with everything that is folded into code as constants, whose products no BLAS rounds.
+    """Return the arm with its fixed numbers as `Constant`, so that no BLAS computes their products.
 
-    Names and limits, which no algorithm asks for, are left out: arms that differ in them are of one type.
+    Names and limits, which no algorithm uses, are omitted, so that arms that differ only in these have the same type.
     """
     joints, tip = [_constant_joint(joint) for joint in arm.joints], _constant_pose(arm.tip)
     if not structure.by_links:
@@ -158,7 +159,7 @@ def _with_constants(arm: Arm, structure: Structure) -> Arm:
 
 
 def _constant_trunk(trunk: Trunk) -> Trunk:
-    """Return the trunk as constants; it is part of the code as it is."""
+    """Return the trunk with all its numbers as `Constant`."""
     made = object.__new__(Trunk)
     joints = tuple(_constant_joint(joint) for joint in trunk.joints)
     links = tuple(replace(_constant_link(link), name=link.name) for link in trunk.links)  # arms are mounted by name

@@ -1,1 +1,1 @@
-"""From a function of arrays to machine code: trace, fold, fuse, interpret, compile. Knows nothing of robots."""
+"""Turn a function of arrays into machine code: trace, fold, fuse, interpret, compile. It knows nothing of robots."""

@@ -1,6 +1,6 @@
-"""What each operation does to Python floats: IEEE 754 binary64, round to nearest, nothing raised.
+"""The operations on Python floats: IEEE 754 binary64 arithmetic, rounded to nearest, without exceptions.
 
-Bits are defined for every result except not-a-number, of which there are many: a NaN is a NaN.
+The bits of every result are defined, except for those of NaN, which has many representations.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ TRUTHS = frozenset({"less", "less_equal"})  # operations whose result is a truth
 
 
 def divide(a: float, b: float) -> float:
-    """Return a / b, with the infinities and NaN that Python raises for."""
+    """Return a / b; where Python would raise an error, the result is infinite or NaN, as IEEE 754 prescribes."""
     if b != 0.0:
         return a / b
     if a == 0.0 or math.isnan(a) or math.isnan(b):
@@ -21,7 +21,7 @@ def divide(a: float, b: float) -> float:
 
 
 def sqrt(x: float) -> float:
-    """Return the correctly rounded square root; NaN of a negative number."""
+    """Return the correctly rounded square root, or NaN for a negative number."""
     return math.sqrt(x) if x >= 0.0 else math.nan
 
 

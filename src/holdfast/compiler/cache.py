@@ -1,10 +1,10 @@
-"""Object code on disk, so that a program is compiled once.
+"""A cache of object code on disk, so that each program is compiled only once.
 
-An entry is executable code, and a damaged one ends the process inside LLVM. So the folder is used
-only if it belongs to the user and is closed to others, and an entry only if its magic, length and
-SHA-256 (of key and code) are right; any other is removed and built again.
+An entry is executable code, and a damaged entry would crash the process inside LLVM. The folder is therefore used
+only if it belongs to the user and nobody else has access to it. An entry is used only if its magic number, its length
+and its SHA-256 digest (of key and code) are right; otherwise it is removed and built again.
 
-`HOLDFAST_CACHE=off` turns the cache off, `HOLDFAST_CACHE=PATH` puts it elsewhere.
+`HOLDFAST_CACHE=off` turns the cache off; `HOLDFAST_CACHE=PATH` moves it to another folder.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import stat
 import tempfile
 from pathlib import Path
 
-SIZE_CAP = 256 * 2**20  # bytes; beyond it the entries unused for longest go
+SIZE_CAP = 256 * 2**20  # bytes; above this size the least recently used entries are removed
 
 _MAGIC = b"holdfst2"
 _HEAD = len(_MAGIC) + 8 + 32
@@ -24,17 +24,17 @@ _SUFFIX = ".code"
 
 
 def key_of(*parts: str) -> str:
-    """Return the name of the code that these parts determine."""
+    """Return the cache key of the code that these parts determine: a SHA-256 digest."""
     digest = hashlib.sha256()
     for part in parts:
         text = part.encode()
-        digest.update(len(text).to_bytes(8, "little"))  # ("ab", "c") is not ("a", "bc")
+        digest.update(len(text).to_bytes(8, "little"))  # so that ("ab", "c") and ("a", "bc") have different keys
         digest.update(text)
     return digest.hexdigest()
 
 
 def folder() -> Path | None:
-    """Return the cache's folder, made if need be, or None if it is off or not safe to use."""
+    """Return the cache's folder, created if necessary, or None if the cache is off or not safe to use."""
     choice = os.environ.get("HOLDFAST_CACHE", "")
     if choice == "off" or not hasattr(os, "getuid"):
         return None
@@ -42,14 +42,14 @@ def folder() -> Path | None:
         path = Path(choice) if choice else _default_folder()
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = path.lstat()
-    except (OSError, RuntimeError):  # RuntimeError: there is no home
+    except (OSError, RuntimeError):  # a RuntimeError means that the user has no home folder
         return None
     mine = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid()
     return path if mine and not found.st_mode & 0o077 else None
 
 
 def load(key: str) -> bytes | None:
-    """Return the code stored under a key if it is there and whole."""
+    """Return the code stored under a key, or None if there is no undamaged entry."""
     place = folder()
     if place is None:
         return None
@@ -64,12 +64,12 @@ def load(key: str) -> bytes | None:
         _remove(path)
         return None
     with contextlib.suppress(OSError):
-        os.utime(path)  # used now: last to go
+        os.utime(path)  # marks the entry as the most recently used
     return code
 
 
 def store(key: str, code: bytes) -> None:
-    """Store code under a key, all of it or nothing; a full or read-only disk is no error."""
+    """Store code under a key atomically. A full or read-only disk is not an error: nothing is stored then."""
     place = folder()
     if place is None:
         return
@@ -87,16 +87,16 @@ def store(key: str, code: bytes) -> None:
 
 
 def _head(key: str, code: bytes) -> bytes:
-    # with the key, so that an entry under another's name is not taken for it
+    # The digest includes the key, so that an entry whose file was renamed is rejected.
     digest = hashlib.sha256(key.encode() + code).digest()
     return _MAGIC + len(code).to_bytes(8, "little") + digest
 
 
 def _trim(place: Path) -> None:
-    """Remove the entries unused for longest, until the rest is within the cap."""
-    entries = []  # what killed writers left is among them
+    """Remove the least recently used entries until the others are within `SIZE_CAP`."""
+    entries = []  # these include the temporary files of writers that were killed
     for path in place.glob(f"*{_SUFFIX}*"):
-        with contextlib.suppress(OSError):  # another process may trim too
+        with contextlib.suppress(OSError):  # another process may remove entries at the same time
             found = path.stat()
             entries.append((found.st_mtime_ns, found.st_size, path))
     total = sum(size for _, size, _ in entries)

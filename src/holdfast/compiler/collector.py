@@ -1,7 +1,7 @@
-"""Python's collector of garbage, held back while a program is made.
+"""Python's garbage collector, paused while a program is compiled.
 
-Its nodes and instructions come by the hundred thousand, are all in use, and were looked through
-again and again: more than a third of the time.
+Tracing makes hundreds of thousands of nodes and instructions, all of them in use. The collector would inspect them
+again and again, which took more than a third of the compile time.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _wanted = True
 
 @contextlib.contextmanager
 def paused() -> Iterator[None]:
-    """Collect no garbage within; afterwards all is as before. Several threads may be within."""
+    """Pause the garbage collector within the block and restore its state after it. Blocks of threads may overlap."""
     global _pauses, _wanted
     with _LOCK:
         if not _pauses:

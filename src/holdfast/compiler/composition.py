@@ -1,9 +1,10 @@
-"""A function with loops, traced: which regions run for which items, in which order, and what lies between.
+"""Trace a function with loops: which regions run for which items, in which order, and what is computed between them.
 
-`each` traces one item of each type; the others run the same region. What a loop returns for an item are images of
-the region's numbers. A later loop over them goes on in their regions, each item where its first number was made; a
-region is left where a number of it is needed outside, and gone on with in another phase. What is computed between
-loops is the glue, cut into phases likewise. Loops inside a region are written out.
+`each` traces the loop's body for one item of each type into a graph, the region; all items of the type run it. For
+every item the loop returns images: inputs of the outer graph, the glue, that stand for the region's nodes. A later
+loop over images continues in the region that made them: each item in the region of its first image. When the glue
+needs a node of a region, the region is called up to there, and the rest of it belongs to the next phase. What is
+computed between loops belongs to the glue, which is cut into phases as well. Loops inside a region are unrolled.
 """
 
 from __future__ import annotations
@@ -31,15 +32,15 @@ from holdfast.compiler.values import Leaf, Values, numbers_of, with_numbers
 
 
 class Composition:
-    """A function being traced.
+    """The state of a function that is being traced.
 
     Attributes:
-        graph: the glue's.
-        parameters: inputs of the glue that seldom change.
-        origins: of images.
-        groups: in order of their making.
-        phase_calls: the calls so far.
-        scans: all scans.
+        graph: the graph of the glue.
+        parameters: the inputs of the glue that seldom change.
+        origins: the group, item and region node that each image stands for.
+        groups: all groups, in the order in which they were made.
+        phase_calls: the phases called so far, in order.
+        scans: all scans, in order.
         inside: whether a region is being traced.
     """
 
@@ -60,7 +61,7 @@ class Composition:
     # ---- loops ----
 
     def each(self, f: Callable[..., Any], items: list[tuple[Any, ...]]) -> list[Any]:
-        """Return what `each` does, its regions traced."""
+        """Trace an `each` loop and return the value of every item, made of images."""
         flat = self._flat(f, items)
         found: list[Any] = [None] * len(items)
         left = set(range(len(items)))
@@ -87,7 +88,7 @@ class Composition:
         found: list[Any],
         order: Sequence[int],
     ) -> None:
-        """Run the loop's body for all items of a group, the region where it is."""
+        """Continue a group's region with the loop's body, and write every item's value to `found`."""
         done = self._traversal(group.region, group, 0, f, items[0], flat[0])
         group.region = done.after
         self._give(group, done.ports, [leaves for leaves, _ in flat])
@@ -95,7 +96,7 @@ class Composition:
             found[j] = self._values.replaced(done.value, repeat(group.images[i]))
 
     def scan(self, f: Callable[..., Any], carry: Any, items: list[tuple[Any, ...]]) -> tuple[Any, list[Any]]:
-        """Return what `scan` does, its regions traced."""
+        """Trace a `scan` loop and return the last carry and the value of every item, made of images."""
         flat = self._flat(f, items)
         homes = self._all_again(flat)
         traversals, kept = self._traversals(f, carry, items, flat, homes)
@@ -134,10 +135,10 @@ class Composition:
         flat: Sequence[tuple[list[Leaf], Hashable]],
         homes: Sequence[tuple[TracedGroup, int]] | None,
     ) -> tuple[list[Traversal], tuple[tuple[Classes, Hashable], ...]]:
-        """Return what every item does, and what of the carry it is handed; the last one's follows.
+        """Return the traversal of every item, and the classes and shape of the carry before each item and at the end.
 
-        Numbers of the carry that are one and the same for some items may be several for others: what they have in
-        common is found by going through the items until nothing changes.
+        Two numbers of the carry may be the same node for one item and differ for another. The classes that hold for
+        all items are a fixed point: the items are traced again until the classes no longer change.
         """
         shape = self._shape(carry)
         classes: dict[Hashable, Classes] = {shape: _classes(numbers_of(carry))}
@@ -165,7 +166,7 @@ class Composition:
         flat: Sequence[tuple[list[Leaf], Hashable]],
         homes: Sequence[tuple[TracedGroup, int]] | None,
     ) -> tuple[Turns, list[tuple[TracedGroup, int]]]:
-        """Return the groups' turns, and every item's group and place in it."""
+        """Return the queue that the scan's groups share, and every item's group and index in that group."""
         if homes:
             turns = homes[0][0].turns
             assert turns is not None
@@ -185,7 +186,7 @@ class Composition:
         return turns, order
 
     def _all_again(self, flat: Sequence[tuple[list[Leaf], Hashable]]) -> list[tuple[TracedGroup, int]] | None:
-        """Return the homes of items that are all those of an earlier scan, in any order; None otherwise."""
+        """Return every item's group and index if the items are exactly those of an earlier scan, in any order."""
         homes = self._homes(flat, scanned=True)
         turns = {group.turns for group in homes}
         if len(turns) != 1 or sum(map(len, homes.values())) != len(flat):
@@ -202,12 +203,12 @@ class Composition:
     # ---- regions ----
 
     def _flat(self, f: Callable[..., Any], items: list[tuple[Any, ...]]) -> list[tuple[list[Leaf], Hashable]]:
-        """Return the traced numbers of every item and of the loop's body after them, and their key."""
+        """Return for every item the traced nodes of the item and then of the loop's body, and the key of both."""
         of_body, body = self._values.leaves(f)
         return [(found + of_body, (key, body)) for found, key in map(self._values.leaves, items)]
 
     def _homes(self, flat: Sequence[tuple[list[Leaf], Hashable]], scanned: bool) -> dict[TracedGroup, dict[int, int]]:
-        """Return which item each item was of which group: the one that its first number is an image of."""
+        """Return the items by the group, and the index in it, that the first node of each is an image of."""
         homes: dict[TracedGroup, dict[int, int]] = {}
         for j, (leaves, _) in enumerate(flat):
             origin = self.origins.get(leaves[0][0]) if leaves else None
@@ -216,7 +217,7 @@ class Composition:
         return homes
 
     def _signature(self, leaves: Sequence[Leaf], group: TracedGroup | None, item: int) -> tuple[tuple[int, ...], ...]:
-        """Return which numbers of an item are its region's own."""
+        """Return, for every node of an item, the serial of the region's node that it is an image of, or -1."""
         return tuple([tuple([self._own(node, group, item) for node in leaf]) for leaf in leaves])
 
     def _own(self, node: Node, group: TracedGroup | None, item: int) -> int:
@@ -244,7 +245,7 @@ class Composition:
         flat: tuple[list[Leaf], Hashable],
         carry: tuple[Any, Classes, Hashable] | None = None,
     ) -> Traversal:
-        """Return what the loop's body does in a region, traced if it was not done there before."""
+        """Trace the loop's body for one item of a region, or return the traversal known from an equal item."""
         leaves, key = flat
         signature = self._signature(leaves, group, item)
         what = (key, signature, carry and carry[1:])
@@ -285,25 +286,25 @@ class Composition:
     # ---- order ----
 
     def _give(self, group: TracedGroup, ports: Sequence[RegionInput], leaves: Sequence[Sequence[Leaf]]) -> None:
-        """Give the group's region what it takes, item by item."""
+        """Connect new ports of a group's region to the nodes of the glue that each item feeds them."""
         given = []
         for port in ports:
             numbers = tuple([tuple([of_one[port.leaf][p] for p in port.places]) for of_one in leaves])
             self.settle([node for of_one in numbers for node in of_one])
             given.append((port, numbers))
-        for port, numbers in given:  # what they are made of may have closed a phase of this very group
+        for port, numbers in given:  # in a second loop, because `settle` may have called a phase of this very group
             known = all(self._known_before(node) for of_one in numbers for node in of_one)
             group.take(Source(port.inputs, 0 if known else group.done + 1, numbers))
 
     def _known_before(self, node: Node) -> bool:
-        """Return whether a number outside depends on parameters only."""
+        """Return whether a node of the glue depends on parameters only."""
         known = self._constants
-        for n in self.graph.nodes[len(known) : node.serial + 1]:  # one after the other: functions may be long
+        for n in self.graph.nodes[len(known) : node.serial + 1]:  # no recursion, because graphs may be deep
             known.append(n in self.parameters if n.kind == "input" else all(known[a.serial] for a in n.args))
         return known[node.serial]
 
     def settle(self, nodes: Sequence[Node]) -> None:
-        """Call what computes the images that numbers outside are made of."""
+        """Call the phases that compute the images on which nodes of the glue depend."""
         waiting = list(nodes)
         while waiting:
             node = waiting.pop()
@@ -316,7 +317,7 @@ class Composition:
                 self._call(origin.group)
 
     def call_once(self, group: TracedGroup) -> None:
-        """Call a group that no call belongs to so far: what is read of it follows from the parameters alone."""
+        """Call a group that has not been called yet, because all that is read from it depends on parameters only."""
         if group.done == 0:
             self._call(group)
 
@@ -328,7 +329,7 @@ class Composition:
         self.phase_calls.append(PhaseCall(group, group.done, tuple(range(group.count))))
 
     def _call_turns(self, turns: Turns) -> None:
-        """Call the items of a scan in their order, those of one group that follow each other at once."""
+        """Call the waiting items of a scan in their order; consecutive items of one group share one call."""
         order, turns.open = turns.open, []
         runs: list[tuple[TracedGroup, list[int]]] = []
         for group, item in order:
@@ -341,7 +342,7 @@ class Composition:
 
 
 def _classes(numbers: Sequence[Any]) -> Classes:
-    """Return for every number the place of the first that is the same."""
+    """Return for every number the index of its class of equal numbers; classes are numbered by first appearance."""
     found: dict[Hashable, int] = {}
     return tuple([found.setdefault(x if isinstance(x, Node | tuple) else float(x).hex(), len(found)) for x in numbers])
 

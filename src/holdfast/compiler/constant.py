@@ -1,8 +1,8 @@
-"""A number that is known while a function is traced: what a model's lengths and masses are there.
+"""A number that is known while a function is traced, such as a model's length or mass.
 
-NumPy multiplies arrays of floats by BLAS, whose last digits depend on the kernel that it picks for the processor.
-It multiplies arrays of these entry by entry, in order and by the interpreter's operations, so the constants of the
-machine code are the same on every processor.
+NumPy multiplies arrays of floats with BLAS, whose last digits depend on the kernel that it selects for the processor.
+Arrays of `Constant` are multiplied entry by entry, in a fixed order and with the interpreter's operations, so the
+constants of the machine code are the same on every processor.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ NUMBERS = (float, int, np.floating, np.integer, np.bool_)
 
 
 def _binary(kind: str, swapped: bool = False) -> Callable[[Constant, Any], Any]:
-    """Return an operator method; traced scalars and arrays answer for themselves."""
+    """Return an operator method; it leaves nodes and arrays to their own operators."""
     operation = OPERATIONS[kind]
 
     def operator(self: Constant, other: Any) -> Any:
@@ -36,7 +36,7 @@ def _binary(kind: str, swapped: bool = False) -> Callable[[Constant, Any], Any]:
 
 
 class Constant:
-    """A float64 that stays one by one through arrays; what it makes with numbers is a constant again.
+    """A float64 that NumPy treats as an object; its sum or product with a number is a `Constant` again.
 
     Attributes:
         value: the number.
@@ -44,7 +44,7 @@ class Constant:
 
     __slots__ = ("value",)
 
-    __array_priority__ = -1.0  # as of a node: NumPy's scalars leave the operation to it, arrays go entry by entry
+    __array_priority__ = -1.0  # as for `Node`: NumPy's scalars defer to this class, and arrays go entry by entry
 
     def __init__(self, value: float) -> None:
         self.value = float(value)

@@ -1,4 +1,4 @@
-"""A program taken apart: pieces that run one after the other and keep in memory what later ones need."""
+"""Cut a program into pieces that run one after the other and keep in memory the values that later pieces need."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from holdfast.compiler.arithmetic import TRUTHS
 from holdfast.compiler.program import Instruction, Output, Program
 
-# Made again wherever they are used: signs cost nothing there, and truth values have no place in memory.
+# These are recomputed in every piece that uses them: signs are free, and truth values cannot be stored in memory.
 _MADE_AGAIN = frozenset({"constant", "negate", "absolute", *TRUTHS})
 
 
@@ -21,11 +21,11 @@ class Pieces(NamedTuple):
     """A program in pieces.
 
     Piece k takes the program's inputs and then the memories of the pieces before it; it returns
-    its results and then its own memory. A place of -1 in a result is another piece's to write.
+    its results and then its own memory. A place of -1 marks an entry of a result that another piece writes.
 
     Attributes:
-        programs: the pieces.
-        memory: how many numbers each leaves to the later ones.
+        programs: the pieces, in the order in which they run.
+        memory: how many numbers each piece stores for the later ones.
     """
 
     programs: tuple[Program, ...]
@@ -33,13 +33,13 @@ class Pieces(NamedTuple):
 
 
 def cut(program: Program, piece: Sequence[int], outputs: Sequence[Sequence[Output]]) -> Pieces:
-    """Return the program in pieces.
+    """Return the program cut into given pieces.
 
     Args:
         program: the program.
-        piece: for every instruction the piece that computes it, not before its operands are there;
-            those of inputs and constants do not matter.
-        outputs: for every piece its results, as places in the program.
+        piece: for every instruction the index of the piece that computes it, which must not be smaller than that of
+            any operand. The entries of inputs and constants are ignored.
+        outputs: the results of every piece, as places in the program.
     """
     count, first = len(outputs), program.input_size
     roots = _roots(program)
@@ -48,7 +48,7 @@ def cut(program: Program, piece: Sequence[int], outputs: Sequence[Sequence[Outpu
     seen: set[int] = set()
 
     def keep(place: int, reader: int) -> None:
-        """Note what `reader` needs of earlier pieces to have the value at `place`."""
+        """Mark the values that earlier pieces must store so that piece `reader` has the value at `place`."""
         for p in roots[place]:
             if piece[p] < reader and p not in seen:
                 seen.add(p)
@@ -65,7 +65,7 @@ def cut(program: Program, piece: Sequence[int], outputs: Sequence[Sequence[Outpu
                 if p >= 0:
                     keep(p, k)
     memory = tuple(len(places) for places in kept)
-    before = {}  # where a kept value is among the inputs of the later pieces: in each the same
+    before = {}  # the index of a stored value among the inputs of later pieces, which is the same in each
     for places in kept:
         places.sort()
         for p in places:
@@ -84,7 +84,7 @@ def cut(program: Program, piece: Sequence[int], outputs: Sequence[Sequence[Outpu
 
 
 def _roots(program: Program) -> list[tuple[int, ...]]:
-    """Return for every place the computed values from which it is made again: mostly itself."""
+    """Return for every place the stored values from which a later piece obtains it: in most cases the place itself."""
     roots: list[tuple[int, ...]] = []
     for p, (kind, args, _) in enumerate(program.instructions):
         if kind in _MADE_AGAIN:
@@ -104,7 +104,7 @@ class _Piece:
         self.new: dict[int, int] = {}
 
     def place(self, p: int) -> int:
-        """Return where a value is in the piece, made again if need be."""
+        """Return the place of a value in this piece; write its instruction if the piece has to compute it."""
         new = self.new
         if p in new:
             return new[p]
@@ -120,11 +120,11 @@ class _Piece:
 
 
 def by_phase(program: Program, input_phases: Sequence[int], results: Sequence[int]) -> Pieces:
-    """Return the program cut into phases: everything is computed as early as its inputs are there.
+    """Return the program cut into phases; every value is computed in the first phase in which its inputs are known.
 
     Args:
         program: the program.
-        input_phases: when each input array becomes known.
+        input_phases: the phase in which each input array becomes known.
         results: how many of the outputs belong to each phase, in order.
     """
     piece: list[int] = []
@@ -144,13 +144,13 @@ def by_phase(program: Program, input_phases: Sequence[int], results: Sequence[in
 
 
 def by_length(program: Program, length: int) -> Pieces:
-    """Return the program in as few pieces of up to `length` operations as it takes.
+    """Return the program in the smallest number of pieces of up to `length` instructions.
 
-    It is cut where the fewest values lie across; each result is written where it is computed.
+    It is cut where the fewest values are live; each result is written by the piece that computes it.
     """
     first = program.input_size
     count = max(1, -(-(len(program.instructions) - first) // length))
-    if count == 1:  # a piece of `by_phase` already: cutting it again would write the same
+    if count == 1:  # `cut` would return the same program
         outputs = (*program.outputs, Output((0,), ()))
         return Pieces((Program(program.input_shapes, program.instructions, outputs),), (0,))
     cuts = _quietest(_across(program)[first:], count, length)
@@ -166,7 +166,7 @@ def by_length(program: Program, length: int) -> Pieces:
 
 
 def _across(program: Program) -> list[int]:
-    """Return for every place how many values computed before it are needed there or later."""
+    """Return for every place how many values are live: computed before it and needed there or later."""
     last: dict[int, int] = {}
     roots = _roots(program)
     for p, (kind, args, _) in enumerate(program.instructions):
@@ -180,9 +180,12 @@ def _across(program: Program) -> list[int]:
 
 
 def _quietest(across: Sequence[int], count: int, length: int) -> list[int]:
-    """Return where to cut into `count` parts of up to `length` each, so that the least lies across all cuts."""
+    """Return the places of `count - 1` cuts into parts of up to `length` with the fewest live values at all cuts.
+
+    Dynamic programming over the place of the last cut.
+    """
     size = len(across)
-    least, before = np.zeros(1), 0  # of the cuts up to here, by where the last one is, from `before` on
+    least, before = np.zeros(1), 0  # the least sum so far for each place of the last cut, which is `before` or later
     chosen: list[tuple[int, list[int]]] = []
     for k in range(1, count):
         begin, end = max(k, size - (count - k) * length), min(k * length, size - count + k)

@@ -1,4 +1,4 @@
-"""The schedule of a traced composition: arrays, wires, phases and calls follow from it."""
+"""Derive the schedule of a traced composition: its arrays, wires, phases and calls."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ GLUE = "glue"
 
 
 class GlueOutput(NamedTuple):
-    """Numbers that the glue writes.
+    """Numbers that the glue writes into an array.
 
     Attributes:
-        numbers: in the glue.
-        array: where to,
-        place: from which item on (of an external array: from which number).
+        numbers: the nodes of the glue.
+        array: the name of the array.
+        place: the item of an internal array that they fill, or their first entry in an external array.
     """
 
     numbers: Leaf
@@ -38,13 +38,13 @@ class Derivation:
     def __init__(
         self, traced: Composition, externals: Mapping[str, External], given: Mapping[str, Leaf], fused: bool
     ) -> None:
-        """Take what was traced.
+        """Start with no arrays and no wires.
 
         Args:
-            traced: the composition, finished.
-            externals: the caller's arrays.
-            given: the numbers of those that are not outputs, in the glue.
-            fused: whether products go into sums first.
+            traced: the composition, completely traced.
+            externals: the caller's arrays by name.
+            given: the nodes of the glue for every input and parameter, by name.
+            fused: whether products and sums are fused to fma operations.
         """
         self.traced, self.externals, self.given = traced, externals, given
         self.place_of = {node: (name, k) for name, nodes in given.items() for k, node in enumerate(nodes)}
@@ -58,10 +58,10 @@ class Derivation:
         self._ready: list[int] = []
         self._last = {(step.group, step.phase): k for k, step in enumerate(traced.phase_calls)}
 
-    # ---- what the regions are given ----
+    # ---- inputs of the regions ----
 
     def regions(self) -> None:
-        """Wire all that regions take and need, carries included."""
+        """Wire every input that the regions need, including the carries of scans."""
         for k, scan in enumerate(self.traced.scans):
             self._carry(f"carry{k}", scan)
         for group in self.traced.groups:
@@ -71,7 +71,7 @@ class Derivation:
                     self._take(group, source, places)
 
     def _take(self, group: TracedGroup, source: Source, places: Sequence[int]) -> None:
-        """Wire a port, or the numbers of it that are needed."""
+        """Wire a port: as a whole if it is part of an external array, otherwise only the numbers that are needed."""
         assert source.numbers is not None
         inputs, wire = source.inputs, self._external(source.numbers)
         if wire is None:
@@ -81,7 +81,7 @@ class Derivation:
         self.ports[group].given.append((source.phase, inputs, wire))
 
     def _external(self, numbers: tuple[Leaf, ...]) -> Wire | None:
-        """Return the wire to an array of the caller's, if every item's numbers are neighbours there."""
+        """Return the wire to an array of the caller, if the numbers of every item are consecutive in it."""
         names, places = set(), []
         for of_one in numbers:
             at = [self.place_of.get(node) for node in of_one]
@@ -95,7 +95,7 @@ class Derivation:
         return Wire(names.pop(), tuple(places)) if len(names) == 1 else None
 
     def _image(self, group: TracedGroup, numbers: tuple[Leaf, ...]) -> Wire | None:
-        """Return the wire to what other groups return, if every item's numbers are all from one item of one group."""
+        """Return the wire to results of other groups, if all numbers of an item come from one item of one group."""
         found = [self._origin(of_one) for of_one in numbers]
         if any(one is None for one in found):
             return None
@@ -111,7 +111,7 @@ class Derivation:
         return self._gathered(origins)
 
     def _origin(self, numbers: Leaf) -> tuple[TracedGroup, int, Leaf] | None:
-        """Return the group and item that numbers are all images of, and which of its own they are."""
+        """Return the one group and item that all numbers are images of, and their region nodes; otherwise None."""
         origins = [self.traced.origins.get(node) for node in numbers]
         if None in origins or len({(o.group, o.item) for o in origins}) > 1:  # type: ignore[union-attr]
             return None
@@ -119,7 +119,7 @@ class Derivation:
         return first.group, first.item, tuple([o.node for o in origins])  # type: ignore[union-attr]
 
     def _gathered(self, origins: Sequence[tuple[TracedGroup, int, Leaf]]) -> Wire | None:
-        """Return the wire to an array that several groups, or one in another order, write item by item."""
+        """Return the wire to an array that several groups write item by item, or one group in another order."""
         wanted: dict[tuple[TracedGroup, Leaf], dict[int, int]] = {}
         for place, (maker, item, nodes) in enumerate(origins):
             wanted.setdefault((maker, nodes), {})[item] = place
@@ -135,12 +135,13 @@ class Derivation:
         return Wire(self._arrays[key], tuple(range(len(origins))))
 
     def _returned(self, maker: TracedGroup, nodes: Leaf, in_lanes: bool = False) -> str:
-        """Return the array of numbers that a group returns, with a place for each of its items.
+        """Return the name of the array into which every item of a group writes the given numbers.
 
         Args:
-            maker: the group.
-            nodes: the numbers.
-            in_lanes: whether a group reads it whose items run side by side: no other array of these can be shared.
+            maker: the group that returns them.
+            nodes: the numbers, as nodes of its region.
+            in_lanes: whether the group that reads the array runs its items side by side in lanes; such an array is
+                not shared with other readers.
         """
         key = (maker.name, nodes, in_lanes and not _wide(maker))
         if key not in self._arrays:
@@ -164,7 +165,7 @@ class Derivation:
         return Wire(self._arrays[items], (0,) * len(numbers) if same else tuple(range(len(numbers))))
 
     def _carry(self, name: str, scan: Scan) -> None:
-        """Wire what a scan hands on from item to item, as far as it is needed."""
+        """Wire the numbers of a scan's carry that are needed from item to item."""
         names: dict[object, str] = {}
         needed: dict[object, list[int]] = {}
         for k, (group, _, _) in enumerate(scan.order):
@@ -189,7 +190,7 @@ class Derivation:
                 inputs = tuple([source.inputs[c] for c in needed[kept]])
                 self.ports[group].given.append((source.phase, inputs, wire))
         for (group, nodes, array), places in handed.items():
-            assert len(places) == group.count, "all items of a group hand on alike"
+            assert len(places) == group.count, "all items of a group must pass on the same nodes of the carry"
             wire = Wire(array, tuple([places[i] for i in range(group.count)]))
             self._return(group, nodes, wire, scan.source(group).phase)
         if scan.kept[0] in names:
@@ -199,10 +200,10 @@ class Derivation:
     # ---- results ----
 
     def results(self, found: Mapping[str, Sequence[Any]]) -> None:
-        """Wire the results, straight from the groups that return them where that is possible."""
+        """Wire the results: directly from the groups that compute them where possible, otherwise through the glue."""
         for outside, numbers in found.items():
             name = outside
-            if self.externals[outside].role == "carried":  # others read what it was until the end
+            if self.externals[outside].role == "carried":  # its old value may still be read until the end
                 name = f"next.{outside}"
                 self.internals[name] = Internal(len(numbers), 1)
             runs = _runs([self.traced.origins.get(x) if isinstance(x, Node) else None for x in numbers])
@@ -227,7 +228,10 @@ class Derivation:
                     self.glue_outputs.append(GlueOutput(there, name, start))
 
     def _return_alike(self) -> None:
-        """Let groups whose regions are the same return the same, so that they share a stage; nobody reads the rest."""
+        """Let groups with the same region return the same numbers, so that they share one stage.
+
+        The numbers that a group returns only for this reason go to arrays that nobody reads.
+        """
         for alike in self.needed.alike:
             every = {(phase, nodes) for group in alike for phase, nodes, _ in self.ports[group].returned}
             for group in alike:
@@ -240,7 +244,7 @@ class Derivation:
             ports.returned.sort(key=lambda port: (port[0], [node.serial for node in port[1]]))
 
     def _handed_on(self) -> tuple[Stage, dict[str, Wire]]:
-        """Return the stage that makes what is carried the beginning of the next repetition."""
+        """Return the stage that copies the new values of carried arrays to where the next repetition reads them."""
         graph, ports = Graph(), GraphPorts()
         for name, internal in self.internals.items():
             if name.startswith("next."):
@@ -252,7 +256,7 @@ class Derivation:
     # ---- the glue ----
 
     def glued(self) -> list[int]:
-        """Wire the glue; return before which steps it is called."""
+        """Wire the glue; return the indices of the phase calls before which it is called."""
         outside = {name for name, external in self.externals.items() if external.role != "parameter"}
         ready = [max(0 if put.array in outside else -1, *map(self.ready, put.numbers)) for put in self.glue_outputs]
         when = sorted({at for at in ready if at >= 0})
@@ -273,7 +277,7 @@ class Derivation:
         return when
 
     def ready(self, node: Node) -> int:
-        """Return before which step a number of the glue is known; -1: as soon as the parameters are."""
+        """Return the index of the phase call before which a node of the glue is known, or -1 for parameters only."""
         known = self._ready
         for n in self.traced.graph.nodes[len(known) : node.serial + 1]:
             origin = self.traced.origins.get(n)
@@ -287,7 +291,7 @@ class Derivation:
         return known[node.serial]
 
     def _seen(self, used: set[Node]) -> list[tuple[TracedGroup, list[int], Leaf, int]]:
-        """Return what the glue sees of the groups: items, numbers and the phase that returns them."""
+        """Return what the glue reads from the groups: group, items, region nodes, and the phase that returns them."""
         nodes: dict[tuple[TracedGroup, int], set[Node]] = {}
         items: dict[tuple[TracedGroup, int], set[int]] = {}
         for node in used:
@@ -305,7 +309,7 @@ class Derivation:
     # ---- stages ----
 
     def schedule(self, status: str | None, guarded: tuple[str, ...]) -> Schedule:
-        """Return the schedule; all is wired."""
+        """Return the schedule, once inputs and results are wired."""
         when = self.glued()
         self._return_alike()
         groups: dict[str, Group] = {}
@@ -348,12 +352,12 @@ def derived(
 
     Args:
         traced: the composition.
-        externals: the caller's arrays.
-        given: the numbers of inputs and parameters, by name.
-        found: the numbers of the outputs, by name.
-        status: as in `Schedule`.
-        guarded: likewise.
-        fused: whether products go into sums first, as they should where the target has an fma.
+        externals: the caller's arrays by name.
+        given: the nodes of the glue for every input and parameter, by name.
+        found: the numbers of every output, by name.
+        status: the output that holds the status, or None (see `Schedule`).
+        guarded: the outputs that become NaN if the status is bad (see `Schedule`).
+        fused: whether products and sums are fused to fma operations, as they should be if the target has them.
     """
     results = [x for numbers in found.values() for x in numbers if isinstance(x, Node)]
     traced.settle(results)
@@ -368,7 +372,7 @@ def derived(
 
 
 def _runs(origins: Sequence[Origin | None]) -> list[tuple[int, Leaf, Origin | None]]:
-    """Return numbers in a row that are images of one item: where they begin, what they are there, and of which."""
+    """Split numbers into runs of images of one item; return each run's start, region nodes and first origin."""
     found: list[tuple[int, list[Any], Origin | None]] = []
     for k, origin in enumerate(origins):
         before = found[-1][2] if found else None
@@ -383,5 +387,5 @@ def _runs(origins: Sequence[Origin | None]) -> list[tuple[int, Leaf, Origin | No
 
 
 def _wide(group: TracedGroup) -> bool:
-    """Return whether items of a group run side by side."""
+    """Return whether the items of a group run side by side."""
     return group.turns is None and group.count > 1

@@ -11,12 +11,12 @@ import numpy as np
 
 from holdfast.errors import HoldfastError
 
-# Frames of these folders are machinery, not the function somebody wrote.
+# Stack frames of files in these folders belong to the compiler or to NumPy, not to the traced function.
 _MACHINERY = (str(Path(__file__).parent), str(Path(np.__file__).parent))
 
 
 class CompileError(HoldfastError):
-    """A traced function, a program or a kernel's arguments ask for what the compiler cannot do."""
+    """The compiler cannot handle a traced function, a program or the arguments of a kernel."""
 
 
 def place_of_call() -> str:

@@ -1,7 +1,8 @@
-"""Exponential and hyperbolic tangent in the operations every machine rounds alike, so that their bits are defined.
+"""Exponential and hyperbolic tangent in operations that every machine rounds the same, so that their bits are defined.
 
-x = n log 2 + r, |r| <= log(2)/2, with log 2 in two parts; e^r - 1 by its series; then the power of two, bit by bit of
-n, exactly. Errors stay below one unit in the last place of e^x, and below three of tanh x.
+x = n log 2 + r with |r| <= log(2)/2, where log 2 is the sum of two doubles; e^r - 1 is the Taylor series; then the
+result is multiplied by 2^n exactly, one factor per bit of n. Errors stay below one unit in the last place for e^x and
+below three for tanh x.
 """
 
 from __future__ import annotations
@@ -9,18 +10,18 @@ from __future__ import annotations
 import math
 from typing import Any
 
-_LOG_2 = (0.6931471805599453, 2.3190468138462996e-17)  # the second is what the first leaves
-_ROUNDER = 1.5 * 2.0**52  # adding and subtracting it rounds to an integer, |x| < 2^51
+_LOG_2 = (0.6931471805599453, 2.3190468138462996e-17)  # log 2 rounded to a double, and the remainder
+_ROUNDER = 1.5 * 2.0**52  # adding and subtracting it rounds x to an integer if |x| < 2^51
 _LARGEST = 709.782712893384  # log of the largest double
-_SMALLEST = -708.3964185322641  # log of the smallest double that has all its digits
-_FLAT = 20.0  # from here on tanh is 1 to rounding
+_SMALLEST = -708.3964185322641  # log of the smallest normal double
+_FLAT = 20.0  # above this tanh rounds to 1
 _SERIES = tuple(1.0 / math.factorial(k) for k in range(2, 14))  # r^14 / 14! < 5e-18
 
 Value = Any  # a node
 
 
 def exp(x: Value) -> Value:
-    """Return e^x: infinite where it overflows, 0 where it would lose digits to underflow."""
+    """Return e^x; it is infinite where it overflows, and 0 where the result would be subnormal."""
     n, r, rest = _reduced(x)
     found = _times_power(1.0 + _less_one(r, rest), n)
     return (x > _LARGEST).where(math.inf, (x < _SMALLEST).where(0.0, found))
@@ -37,7 +38,7 @@ def tanh(x: Value) -> Value:
 
 
 def _reduced(x: Value) -> tuple[Value, Value, Value]:
-    """Return n, r, and what r is too small by."""
+    """Return n, r, and the correction to add to r."""
     n = x.fma(1.0 / _LOG_2[0], _ROUNDER) - _ROUNDER
     return n, n.fma(-_LOG_2[0], x), n * -_LOG_2[1]
 
@@ -48,12 +49,12 @@ def _less_one(r: Value, rest: Value) -> Value:
     for c in reversed(_SERIES[:-2]):
         series = series.fma(r, c)
     square = r * r
-    rest = rest.fma(square.fma(series, r), rest)  # its share: times e^r
+    rest = rest.fma(square.fma(series, r), rest)  # rest * e^r, to first order in rest
     return r + square.fma(series, rest)
 
 
 def _times_power(x: Value, n: Value) -> Value:
-    """Return x 2^n for a whole number |n| < 1024 + 512, factor by factor, the large ones first."""
+    """Return x 2^n for an integer |n| < 1024 + 512, one power of two at a time, the largest first."""
     left, up = abs(n), n > 0.0
     for bit in (512.0, 512.0, 256.0, 128.0, 64.0, 32.0, 16.0, 8.0, 4.0, 2.0, 1.0):
         there = left >= bit

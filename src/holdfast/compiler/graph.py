@@ -1,8 +1,8 @@
-"""The expression graph: every node made once, and none that need not be made.
+"""The expression graph: equal operations share a node, and operations are simplified before a node is made.
 
-Constants are folded, neutral operands dropped, signs carried outward. Rounded results never change: a rewritten
-operation rounds the same number. Only what an algorithm must not rely on is given up: the sign of a zero, and NaN from
-0 * inf, inf - inf, 0 / 0.
+Constants are folded, neutral operands are dropped, and signs are moved outward. No simplification changes a rounded
+result. Only two things are not preserved, on which an algorithm must not rely: the sign of a zero, and the NaN of
+0 * inf, inf - inf and 0 / 0.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Graph:
         return self.new("input", (), 0.0)
 
     def constant(self, value: float) -> Node:
-        """Return the node of a number; 0.0 and -0.0 are two."""
+        """Return the node of a number; 0.0 and -0.0 have different nodes."""
         bits = value.hex()
         node = self._constants.get(bits)
         if node is None:
@@ -46,11 +46,11 @@ class Graph:
         return node
 
     def known(self, kind: str, *args: Value) -> Node | None:
-        """Return the node of an operation if it was made before."""
+        """Return the node of an operation if it exists already, otherwise None."""
         return self._known.get((kind, *map(SERIAL, self._nodes(args))))
 
     def make(self, kind: str, *args: Value) -> Node:
-        """Return the node of an operation as it stands, without simplifying."""
+        """Return the node of an operation without simplifying it."""
         nodes = self._nodes(args)
         key = (kind, *[node.serial for node in nodes])
         node = self._known.get(key)
@@ -59,7 +59,7 @@ class Graph:
         return node
 
     def apply(self, kind: str, *args: Value) -> Value:
-        """Return an operation's result, simplified: a number if it is known already."""
+        """Return the simplified result of an operation: a node, or a number if all operands are known."""
         traced = False
         for k, a in enumerate(args):
             if isinstance(a, Node):
@@ -80,13 +80,13 @@ class Graph:
         return tuple([a if isinstance(a, Node) else self.constant(a) for a in args])
 
     def new(self, kind: str, args: tuple[Node, ...], value: float) -> Node:
-        """Return a node not there yet."""
+        """Add a node to the graph and return it."""
         node = Node(self, len(self.nodes), kind, args, value)
         self.nodes.append(node)
         return node
 
 
-# The rules by which operations are simplified, by kind; their operands are nodes or floats.
+# The functions below simplify one kind of operation each; their operands are nodes or floats.
 
 
 def add(graph: Graph, a: Any, b: Any) -> Any:
@@ -136,7 +136,7 @@ def multiply(graph: Graph, a: Any, b: Any) -> Any:
 
 
 def divide(graph: Graph, a: Any, b: Any) -> Any:
-    """Return a / b; by a power of two it is a product, which rounds the same."""
+    """Return a / b; division by a power of two becomes a product, which rounds the same."""
     if isinstance(a, float):
         if a == 0.0:
             return 0.0
@@ -155,7 +155,7 @@ def divide(graph: Graph, a: Any, b: Any) -> Any:
 
 
 def negate(graph: Graph, x: Any) -> Any:
-    """Return -x; the sign stays on the outside, for the next sum to take up."""
+    """Return -x; a following sum or difference absorbs the sign."""
     return x.args[0] if is_negated(x) else graph.make("negate", x)
 
 
@@ -188,14 +188,14 @@ def select(graph: Graph, condition: Any, a: Any, b: Any) -> Any:
 
 
 def ordered(a: Any, b: Any) -> tuple[Any, Any]:
-    """Return the operands of a commutative operation in their one order: as made, numbers last."""
+    """Return the operands of a commutative operation in canonical order: nodes by serial number, then floats."""
     if isinstance(b, float):
         return a, b
     return (b, a) if isinstance(a, float) or a.serial > b.serial else (a, b)
 
 
 def is_negated(x: Any) -> TypeGuard[Node]:
-    """Return whether x is a node's negative."""
+    """Return whether x is a `negate` node."""
     return isinstance(x, Node) and x.kind == "negate"
 
 

@@ -1,6 +1,6 @@
-"""The meaning of programs and schedules: one number after the other, in Python.
+"""A Python interpreter of programs and schedules, which defines what they mean.
 
-The machine code must agree bit for bit.
+Machine code must agree with it bit for bit.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ def interpret(program: Program, *inputs: object, fused: bool = True) -> tuple[np
 
     Args:
         program: the program.
-        inputs: an array for each of its input shapes.
-        fused: whether products go into sums first (`fuse`).
+        inputs: one array for each of its input shapes.
+        fused: whether products and sums are fused to fma operations (`fuse`).
     """
     program = lowered(program, fused)
     arrays = [np.asarray(x, dtype=float) for x in inputs]
@@ -49,7 +49,7 @@ def _run(program: Program, given: list[float]) -> list[list[float]]:
 
 
 def interpret_schedule(schedule: Schedule, given: Mapping[str, object]) -> dict[str, np.ndarray]:
-    """Return the outputs of a schedule for one system.
+    """Return the outputs of a schedule for one system, by name.
 
     Args:
         schedule: the schedule.
@@ -90,7 +90,7 @@ def _call(
             size = stage.size(port)
             given += numbers[wire.array][entries(wire, size)] if k <= call.phase else [math.nan] * size
     for k in range(call.phase):
-        given += memory.get((call.group, item, k), [])  # none of a phase that leaves nothing, and is not called
+        given += memory.get((call.group, item, k), [])  # a phase without memory may not have been called at all
     *results, memory[call.group, item, call.phase] = _run(stage.pieces.programs[call.phase], given)
     for port, result in zip(stage.outputs[call.phase], results, strict=True):
         if port in group.wires:
@@ -99,7 +99,7 @@ def _call(
 
 
 def _guard(schedule: Schedule, numbers: dict[str, list[float]]) -> None:
-    """Set the status of a result that is not finite, and take back results of bad status."""
+    """Set the status if a guarded output is not finite, and replace guarded outputs of bad status by NaN."""
     if schedule.status is None:
         return
     if not all(math.isfinite(x) for name in schedule.guarded for x in numbers[name]):

@@ -1,6 +1,6 @@
-"""A schedule as machine code: for one system, tied to arrays that stay; for a batch, in lanes and threads.
+"""A schedule compiled to machine code: for one system with fixed arrays, or for a batch, in lanes and threads.
 
-Who calls it vouches for the arrays: addresses reach machine code unchecked.
+The caller is responsible for the arrays: machine code uses their addresses unchecked.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ Array = np.ndarray
 
 _RUN = ctypes.PYFUNCTYPE(None, ctypes.c_void_p)
 
-# A call of this kind lets other Python threads run meanwhile.
+# A function of this type releases Python's global interpreter lock, so other threads run meanwhile.
 _BATCH = ctypes.CFUNCTYPE(
     None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p
 )
 
 
 class BatchKernel:
-    """A schedule compiled for batches when first run. Calls from several threads may overlap.
+    """A schedule for batches, compiled at its first run. Calls from several threads may overlap.
 
     Attributes:
-        externals: the arrays it takes and returns.
-        lanes: systems computed side by side.
+        externals: the arrays that it reads and writes, by name.
+        lanes: how many systems are computed side by side.
     """
 
     def __init__(
@@ -44,34 +44,35 @@ class BatchKernel:
         lanes: int | None = None,
         quick: bool = False,
     ) -> None:
-        """Take what is to be compiled.
+        """Prepare to compile a schedule; nothing is compiled yet.
 
         Args:
-            externals: the schedule's.
-            make: returns the schedule; not called if the machine code is on disk.
-            key: stands for the schedule there; without it, its source does.
-            lanes: items or systems computed side by side.
-            quick: compile sooner what will not run for long; the bits are the same.
+            externals: the external arrays of the schedule, by name.
+            make: returns the schedule; it is not called if the machine code is in the cache on disk.
+            key: identifies the schedule in the cache; without a key, its source code identifies it.
+            lanes: how many systems are computed side by side; by default as many as fit a vector register.
+            quick: whether to spend less time on optimisation, for code that will not run for long. The results are
+                the same bit for bit.
         """
         self._quick = quick
         self.externals, self.lanes = externals, lanes or cpu.lanes()
         self._make, self._key = make, f"{key}/{self.lanes}" if key else ""
         self._compiling = threading.Lock()
-        self._idle: deque[Array] = deque()  # working memory of earlier calls: to make it anew is slow
+        self._idle: deque[Array] = deque()  # working memory of earlier calls, reused because allocating it is slow
 
     @cached_property
     def schedule(self) -> Schedule:
-        """What it computes, stage by stage."""
+        """The schedule, made when first needed."""
         return self._make()
 
     def run_batch(self, table: Array, batch: int, threads: int = 1, repeats: int = 1) -> None:
-        """Run a batch; the caller vouches for the addresses.
+        """Run a batch; the caller is responsible for the addresses.
 
         Args:
             table: (externals, 2) address and stride in doubles of each array, in order.
-            batch: how many systems.
-            threads: how many threads share their blocks.
-            repeats: how many times each system is run, if the schedule carries arrays on.
+            batch: the number of systems.
+            threads: the number of threads among which the systems are divided.
+            repeats: how many times each system is run, for a schedule with carried arrays.
         """
         with self._compiling:
             code = self._batch_code
@@ -104,11 +105,11 @@ class BatchKernel:
 
 
 class Kernel(BatchKernel):
-    """A compiled schedule. Calls from several threads may overlap.
+    """A compiled schedule, for one system and for batches. Calls from several threads may overlap.
 
     Attributes:
-        externals: the arrays it takes and returns.
-        lanes: systems computed side by side in a batch.
+        externals: the arrays that it reads and writes, by name.
+        lanes: how many systems of a batch are computed side by side.
     """
 
     def __init__(
@@ -118,39 +119,39 @@ class Kernel(BatchKernel):
         key: str = "",
         lanes: int | None = None,
     ) -> None:
-        """Compile, or load what an earlier run compiled.
+        """Compile the schedule for one system, or load its machine code from the cache.
 
         Args:
-            externals: the schedule's.
-            make: returns the schedule; not called if the machine code is on disk.
-            key: stands for the schedule there; without it, its source does.
-            lanes: items or systems computed side by side.
+            externals: the external arrays of the schedule, by name.
+            make: returns the schedule; it is not called if the machine code is in the cache on disk.
+            key: identifies the schedule in the cache; without a key, its source code identifies it.
+            lanes: how many items of one system, or systems of a batch, are computed side by side.
         """
         super().__init__(externals, make, key, lanes)
         self._code = cpu.Code(self._single_source, "single", "prepare", key=self._key and f"{self._key}/single")
 
     @property
     def operation_count(self) -> int:
-        """Arithmetic operations of one system."""
+        """The number of arithmetic operations for one system."""
         return self._code.notes["operations"]
 
     @property
     def single_address(self) -> int:
-        """The function that runs one system from a table of addresses, as in `targets.single_module`."""
+        """The address of the function that runs one system; it takes a table of addresses (`targets.single_module`)."""
         return self._code.address
 
     def bind(self) -> Bound:
-        """Return the kernel tied to arrays of its own, to be called without checks and copies."""
+        """Return the kernel bound to arrays of its own, to be called without checks and copies."""
         return Bound(self.externals, self._code, self._code.notes["arena"])
 
     def publish(self, status: str, open_status: float) -> int:
-        """Let other compilers' programs call the kernel, from now on; return the key by which they name it.
+        """Register the kernel so that code of other compilers, such as XLA, can call it; return its key.
 
         Args:
-            status: the array that says whether a system has an answer.
-            open_status: a status that is not decided: such a system's results become not-a-number.
+            status: the output that says whether a system has a solution.
+            open_status: the status of a system that is undecided; its results become NaN.
         """
-        assert self._key, "what has no key has no name in other processes"
+        assert self._key, "a kernel without a key cannot be named by other processes"
         with self._compiling:
             codes = foreign_call.Codes(self._code, self._batch_code, self.lanes)
         return foreign_call.publish(self._key, codes, self.externals, status, open_status)
@@ -161,17 +162,17 @@ class Kernel(BatchKernel):
 
 
 class Bound:
-    """Write into `arrays`, call, read from `arrays`; for one thread at a time.
+    """A kernel with fixed arrays: write into `arrays`, call `run`, read from `arrays`. For one thread at a time.
 
     Attributes:
-        arrays: the inputs, parameters and outputs by name. After a change of parameters, `prepare`.
-        memory: the one block in which they all lie.
-        table: their addresses, then that of working memory.
-        run: the call: computes, and returns the status (0: all is well).
+        arrays: the inputs, parameters and outputs by name. Call `prepare` after changing a parameter.
+        memory: the block of memory that holds all of them.
+        table: their addresses, then that of the working memory.
+        run: runs the kernel and returns the status, which is 0 if there was no problem.
     """
 
     def __init__(self, externals: Mapping[str, External], code: cpu.Code, arena: int) -> None:
-        self._code = code  # alive as long as its address is used
+        self._code = code  # keeps the machine code alive while its address is in use
         self.memory = aligned(sum(e.size for e in externals.values()))
         self._arena = aligned(arena)
         self.arrays: dict[str, np.ndarray] = {}
@@ -186,7 +187,7 @@ class Bound:
         self.run: Any = no_argument_call(code.addresses["single"], self.table, self)
 
     def use(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Tie some of the arrays to memory of the caller's: C order, float64, of the right shapes."""
+        """Use the caller's memory for some of the arrays; it must be float64 in C order, of the right shapes."""
         self.arrays |= arrays
         for k, name in enumerate(self.arrays):
             self.table[k] = self.arrays[name].ctypes.data
@@ -197,7 +198,7 @@ class Bound:
 
 
 def aligned(count: int) -> np.ndarray:
-    """Return zeros that begin at a cache line."""
+    """Return `count` zeros whose memory begins at a cache line."""
     memory = np.zeros(count + 8)
     start = -(memory.ctypes.data // 8) % 8
     return memory[start : start + count]

@@ -1,6 +1,7 @@
-"""A program as interpreter and machine run it: sines, exponentials and their kin written out, products taken into sums.
+"""Lower a program to the operations that interpreter and machine have.
 
-A product and the sum that takes it up become one operation, rounded once: fma(a, b, c) = a b + c.
+The functions sin, cos, exp and tanh are expanded into basic operations. A product that is used by one sum only is
+fused with it into one operation that rounds once: fma(a, b, c) = a b + c.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ _WRITTEN: dict[str, Callable[[Value], Value]] = {
 
 
 def expand(program: Program) -> Program:
-    """Return the program with sines, exponentials and their kin written out; it is the same one if there are none."""
+    """Return the program with sin, cos, exp and tanh expanded; without any of them, it is the same object."""
     if not any(program.counts[kind] for kind in _WRITTEN):
         return program
     graph = Graph()
@@ -31,15 +32,15 @@ def expand(program: Program) -> Program:
 
 
 def lowered(program: Program, fused: bool = True) -> Program:
-    """Return the program as interpreter and machine run it: expanded, then fused."""
+    """Return the program that interpreter and machine run: expanded, then fused."""
     program = expand(program)
     return fuse(program) if fused else program
 
 
 def _replayed(program: Program, graph: Graph, written: Mapping[str, Callable[[Value], Value]]) -> list[Value]:
-    """Return what every instruction is in a new graph, where some operations are `written` out.
+    """Return the node of every instruction in a new graph, in which the operations of `written` are expanded.
 
-    The others stand as they are: they were simplified when they were traced.
+    The others are copied unchanged, because they were simplified when they were traced.
     """
     values: list[Value] = []
     for kind, places, number in program.instructions:
@@ -63,10 +64,10 @@ def _node(graph: Graph, x: Value) -> Node:
 
 
 def fuse(program: Program) -> Program:
-    """Return the program with fma instructions; their number is in `counts`.
+    """Return the program with fma instructions.
 
-    A product that is used once, by a sum or difference, goes into it; of two such products the
-    later one. This fixes the result's bits: the machine never fuses on its own.
+    A product that is used only once, by a sum or difference, is fused with it; of two such products, the second
+    operand is. This fixes the bits of the result, because the machine never fuses operations on its own.
     """
     instructions = program.instructions
     uses = [0] * len(instructions)
@@ -99,7 +100,7 @@ def fuse(program: Program) -> Program:
 
 
 class _Writer:
-    """Writes instructions one after the other; negatives and constants once each."""
+    """Writes a list of instructions, in which each constant and each negated value appears only once."""
 
     def __init__(self) -> None:
         self.instructions: list[tuple[str, tuple[int, ...], float]] = []

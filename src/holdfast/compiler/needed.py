@@ -1,4 +1,4 @@
-"""What of a traced composition its results need: the rest is not computed."""
+"""Find what the results of a traced composition depend on; the rest is not computed."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from holdfast.compiler.region import Source, TracedGroup
 
 
 class Needed:
-    """What the results need: inputs of regions, and numbers of the glue.
+    """The inputs of regions on which the results depend.
 
     Attributes:
-        inputs: by group.
-        alike: groups whose regions are the same: what one needs the others take too, and share its code.
+        inputs: the needed inputs of each group's region.
+        alike: lists of groups that have the same region. What one of them needs is passed to all of them, so that
+            they share their code.
     """
 
     def __init__(self, traced: Composition) -> None:
@@ -33,7 +34,7 @@ class Needed:
         }
 
     def follow(self, results: Iterable[Node]) -> None:
-        """Note what numbers of the glue are made of."""
+        """Mark everything that the given nodes of the glue depend on."""
         seen: dict[TracedGroup | None, set[Node]] = {group: set() for group in (None, *self._like)}
         elsewhere: list[tuple[TracedGroup | None, Node]] = [(None, node) for node in results]
         while elsewhere:
@@ -48,18 +49,18 @@ class Needed:
                         elsewhere += self._origin(node) if group is None else self._given_to(group, node)
 
     def _origin(self, node: Node) -> list[tuple[TracedGroup | None, Node]]:
-        """Return what an input of the glue is an image of."""
+        """Return the group and the region node that an input of the glue is an image of, if it is one."""
         origin = self.traced.origins.get(node)
         return [] if origin is None else [(self._first[origin.group], origin.node)]
 
     def _given_to(self, group: TracedGroup, node: Node) -> list[tuple[TracedGroup | None, Node]]:
-        """Note that an input of a region is needed; return what it is given."""
+        """Mark an input of a region as needed; return the nodes that feed it in all groups of that region."""
         self.inputs[group].add(node)
         sources = [self._sources(*self._given[other][node]) for other in self._like[group]]
         return [(maker and self._first[maker], x) for found in sources for maker, x in found]
 
     def _sources(self, source: Source, k: int) -> Iterable[tuple[TracedGroup | None, Node]]:
-        """Return what an input of a region is given, by any item."""
+        """Return the nodes, with their groups, that feed input number `k` of a source in any item."""
         if source.numbers is not None:
             return [(None, of_one[k]) for of_one in source.numbers]
         scan = source.before
@@ -68,7 +69,7 @@ class Needed:
         alike = next(kept for kept, (g, *_) in zip(scan.kept, scan.order, strict=False) if scan.source(g) is source)
         for j, (group, _, _) in enumerate(scan.order):
             if scan.kept[j] == alike:
-                found.append((group, scan.source(group).inputs[k]))  # who is handed the same array hands all of it on
+                found.append((group, scan.source(group).inputs[k]))  # these items share the array, hence its size
                 if j == 0:
                     found.append((None, scan.first[k]))
                 else:

@@ -1,4 +1,4 @@
-"""One scalar whose value is not known yet: what a function computes with while it is traced."""
+"""A scalar whose value is not known yet, with which a function computes while it is traced."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NUMBERS = (*NUMBERS, Constant)
 
 
 def _binary(kind: str, swapped: bool = False) -> Callable[[Node, Any], Any]:
-    """Return an operator method; arrays are left to NumPy, which comes back element by element."""
+    """Return an operator method; it leaves arrays to NumPy, which calls it for each element."""
 
     def operator(self: Node, other: Any) -> Any:
         if not isinstance(other, Node):
@@ -29,7 +29,7 @@ def _binary(kind: str, swapped: bool = False) -> Callable[[Node, Any], Any]:
 
 
 def _misuse(what: str, instead: str) -> Callable[..., NoReturn]:
-    """Return a method that refuses what would silently bake one value into the program."""
+    """Return a method that raises an error, because its result would have to be known while tracing."""
 
     def refuse(self: Node, *_: Any) -> NoReturn:
         raise CompileError(f"{place_of_call()}: {what} of a traced value, which is known only at run time; {instead}")
@@ -38,22 +38,21 @@ def _misuse(what: str, instead: str) -> Callable[..., NoReturn]:
 
 
 class Node:
-    """One operation on other nodes: a float64, or a truth value if it is a comparison.
+    """The result of one operation on other nodes: a float64, or a truth value if it is a comparison.
 
-    Made by a `Graph` only; equal operations are the same object.
+    Only a `Graph` makes nodes; within a graph, equal operations are the same object.
 
     Attributes:
-        graph: where it lives.
-        serial: its place in the order of making.
-        kind: `input`, `constant` or an operation of `arithmetic.OPERATIONS`, `sin`, `cos`, `exp`, `tanh`.
+        graph: the graph to which it belongs.
+        serial: its index in the graph's list of nodes.
+        kind: `input`, `constant`, an operation of `arithmetic.OPERATIONS`, or `sin`, `cos`, `exp`, `tanh`.
         args: the operands.
-        value: the number, of a constant.
+        value: the number, if it is a constant; otherwise 0.
     """
 
     __slots__ = ("args", "graph", "kind", "serial", "value")
 
-    # Between NumPy's scalars and its arrays: np.float64(2) * node comes to the node at once,
-    # array * node goes element by element.
+    # With this priority np.float64(2) * node calls the node's operator, and array * node goes element by element.
     __array_priority__ = -1.0
 
     def __init__(self, graph: Graph, serial: int, kind: str, args: tuple[Node, ...], value: float) -> None:

@@ -17,8 +17,8 @@ class Instruction(NamedTuple):
 
     Attributes:
         kind: `input`, `constant`, or an operation.
-        args: places of the operands in the list.
-        value: the number, of a constant.
+        args: the places of the operands in the list of instructions.
+        value: the number, if it is a constant; otherwise 0.
     """
 
     kind: str
@@ -31,7 +31,7 @@ class Output(NamedTuple):
 
     Attributes:
         shape: its shape.
-        places: where its entries are computed, in C order.
+        places: the instructions that compute its entries, in C order.
     """
 
     shape: Shape
@@ -43,8 +43,8 @@ class Program:
     """A function of float64 arrays without branches or loops.
 
     Attributes:
-        input_shapes: shapes of the arguments.
-        instructions: the inputs in C order, argument by argument, then constants and operations.
+        input_shapes: the shapes of the arguments.
+        instructions: the inputs, argument by argument in C order, then constants and operations.
         outputs: the results.
     """
 
@@ -54,17 +54,17 @@ class Program:
 
     @cached_property
     def input_size(self) -> int:
-        """How many numbers go in."""
+        """The number of entries of all arguments."""
         return sum(math.prod(shape) for shape in self.input_shapes)
 
     @cached_property
     def counts(self) -> Counter[str]:
-        """How many instructions of each kind there are, inputs and constants apart."""
+        """The number of instructions of each kind, without inputs and constants."""
         return Counter(i.kind for i in self.instructions if i.kind not in ("input", "constant"))
 
     @property
     def operation_count(self) -> int:
-        """How many arithmetic operations there are: signs, comparisons and selections are not counted."""
+        """The number of arithmetic operations; signs, comparisons and selections are not counted."""
         free = ("negate", "absolute", "less", "less_equal", "select")
         return sum(n for kind, n in self.counts.items() if kind not in free)
 
@@ -74,7 +74,7 @@ def pruned(
     instructions: Sequence[tuple[str, tuple[int, ...], float]],
     outputs: Iterable[Output],
 ) -> Program:
-    """Return the program without instructions that no output needs; unused inputs stay."""
+    """Return the program without the instructions that no output needs; unused inputs are kept."""
     outputs = tuple(outputs)
     needed = bytearray(len(instructions))
     for output in outputs:

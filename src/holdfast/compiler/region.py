@@ -1,4 +1,7 @@
-"""Regions of a traced function, the groups of items that run them, and what these take and hand on."""
+"""Regions (traced bodies of loops), the groups of items that run them, and the connections between them.
+
+"Outside" of a region is the glue: the graph of what is computed between the loops.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +13,11 @@ from holdfast.compiler.graph import Graph
 from holdfast.compiler.node import Node
 from holdfast.compiler.values import Leaf
 
-Classes = tuple[int, ...]  # which numbers of a carry are one and the same
+Classes = tuple[int, ...]  # for every number of a carry, the index of its class of equal numbers
 
 
 class RegionInput(NamedTuple):
-    """A port of a region, and where its numbers are in an item: which of which leaf."""
+    """A port of a region: its input nodes, and the leaf of an item and places in that leaf that feed them."""
 
     inputs: Leaf
     leaf: int
@@ -22,14 +25,14 @@ class RegionInput(NamedTuple):
 
 
 class Traversal(NamedTuple):
-    """What a loop's body does in a region.
+    """One run of a loop's body in a region.
 
     Attributes:
-        value: what it returns for an item.
-        ports: what it takes.
-        carry: what a scan hands on, or None.
-        carried: the region's inputs of what it is handed.
-        after: where the region can be gone on with.
+        value: what the body returns for an item, made of nodes of the region.
+        ports: the ports that it added to the region.
+        carry: the carry that the body of a scan returns; None for `each`.
+        carried: the region's inputs for the carry that the body receives.
+        after: the region as it is after this run.
     """
 
     value: Any
@@ -40,11 +43,11 @@ class Traversal(NamedTuple):
 
 
 class Region:
-    """A traced function under way: a graph that grows with every loop over its items.
+    """A graph that is traced for one item and grows with every loop over the same items.
 
     Attributes:
-        graph: of one item.
-        further: how the function went on from here, by what it did.
+        graph: the graph of one item.
+        further: the runs of loop bodies that started from this state, by body and item.
     """
 
     def __init__(self, graph: Graph) -> None:
@@ -53,11 +56,11 @@ class Region:
 
 
 class Outside(NamedTuple):
-    """What lies around the regions.
+    """The surroundings of all regions.
 
     Attributes:
-        graph: the glue's.
-        origins: of images.
+        graph: the graph of the glue.
+        origins: the origin of every image.
     """
 
     graph: Graph
@@ -65,7 +68,7 @@ class Outside(NamedTuple):
 
 
 class Images(dict[Node, Node]):
-    """Numbers of a region as they are outside, for one item of a group."""
+    """The images of a region's nodes in the glue, for one item of a group; each is made when first asked for."""
 
     def __init__(self, outside: Outside, group: TracedGroup, item: int) -> None:
         super().__init__()
@@ -80,7 +83,7 @@ class Images(dict[Node, Node]):
 
 
 class Origin(NamedTuple):
-    """Where an image comes from."""
+    """The group, the item and the region's node that an image stands for."""
 
     group: TracedGroup
     item: int
@@ -88,13 +91,13 @@ class Origin(NamedTuple):
 
 
 class Source(NamedTuple):
-    """What a port is given.
+    """The numbers that feed a port.
 
     Attributes:
-        inputs: the region's.
-        phase: when; 0: parameters only.
-        numbers: per item, numbers outside; None for a carry.
-        before: for a carry, the scan.
+        inputs: the input nodes of the region.
+        phase: the phase in which they become known; 0 if they depend on parameters only.
+        numbers: the nodes of the glue that feed them, for every item; None for a carry.
+        before: the scan, if the port receives its carry.
     """
 
     inputs: Leaf
@@ -107,13 +110,13 @@ class TracedGroup:
     """Items that run one region.
 
     Attributes:
-        name: for messages and machine code.
-        region: where the traced function is.
-        count: how many items there are.
-        sources: of its ports, in the order of their making.
-        done: how many phases have been called.
-        images: per item.
-        turns: of the scan whose groups they are; None for independent items.
+        name: its name in messages and in machine code.
+        region: the region in its current state.
+        count: the number of items.
+        sources: the sources of its ports, in the order in which the ports were made.
+        done: the number of phases called so far.
+        images: the images of the region's nodes, for every item.
+        turns: the queue of the scan to which the group belongs; None if its items are independent.
     """
 
     def __init__(self, outside: Outside, name: str, region: Region, count: int, turns: Turns | None) -> None:
@@ -131,7 +134,7 @@ class TracedGroup:
             self._given[node.serial] = source.phase
 
     def phase(self, node: Node) -> int:
-        """Return the phase that computes a number of the region."""
+        """Return the phase that computes a node of the region."""
         phases, serial = self._phases, node.serial
         if serial < len(phases):
             return phases[serial]
@@ -141,13 +144,13 @@ class TracedGroup:
                 if phases[a.serial] > latest:
                     latest = phases[a.serial]
             if n.kind == "input":
-                latest = self._given.get(n.serial, -1)  # -1: another group's, which shares the region
+                latest = self._given.get(n.serial, -1)  # -1 if only another group with this region has the port
             phases.append(latest)
         return phases[serial]
 
 
 class Turns:
-    """The groups of a scan, and the order in which their items wait to be run."""
+    """The queue of a scan: the items, with their groups, that wait to be run in this order."""
 
     def __init__(self) -> None:
         self.open: list[tuple[TracedGroup, int]] = []
@@ -157,10 +160,10 @@ class Scan(NamedTuple):
     """One scan.
 
     Attributes:
-        first: the carry's numbers before it, each once.
-        order: group, item and traversal, one after the other.
-        kept: by item and after the last, which numbers of the carry are kept, and what shape they have.
-        handed: by item, the numbers that it hands on, each once.
+        first: the distinct numbers of the initial carry.
+        order: group, item and traversal of every item, in the order in which they run.
+        kept: classes and shape of the carry before every item and after the last.
+        handed: the distinct numbers of the carry that every item returns.
     """
 
     first: tuple[Any, ...]
@@ -169,12 +172,12 @@ class Scan(NamedTuple):
     handed: tuple[tuple[Any, ...], ...]
 
     def source(self, group: TracedGroup) -> Source:
-        """Return what a group's region is handed."""
+        """Return the source of the carry in a group."""
         return next(source for source in group.sources if source.before is self)
 
 
 class PhaseCall(NamedTuple):
-    """A phase of a group called for items; what the glue has to do before is done then."""
+    """A call of one phase of a group for some of its items; the glue that it depends on runs before it."""
 
     group: TracedGroup
     phase: int

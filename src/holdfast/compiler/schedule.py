@@ -1,7 +1,7 @@
-"""A schedule: stages, the arrays between them, and the order in which they run. Plain data.
+"""A schedule: stages, the arrays between them, and the order in which the stages run. It is plain data.
 
-Interpreter and machine code read the same schedule. All sizes are those of one system; batches
-and lanes are the reader's affair.
+The interpreter and the code generators read the same schedule. All sizes are those of one system; code generators
+add batches and lanes.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from holdfast.compiler.stage import Stage, Wire
 
 Role = Literal["input", "parameter", "output", "carried"]
 
-# Numbers that a status may hold, 0 if all is well. From the first bad one on, guarded outputs are not-a-number.
+# A status is 0 if there was no problem. If it is FIRST_BAD or larger, the guarded outputs are NaN.
 FIRST_BAD = 3.0
 NOT_FINITE = 4.0  # set by the machine code itself if a guarded output is not finite
 
 
 class External(NamedTuple):
-    """An array of the caller's.
+    """An array of the caller.
 
     Attributes:
-        shape: of one system.
-        role: inputs change with every call, parameters seldom. What is carried is read and written: a
-            schedule with such arrays may be repeated within one call (batches only).
+        shape: the shape for one system.
+        role: inputs change with every call, parameters seldom. A carried array is read and written; a schedule
+            that has one can be repeated within one call of a batch.
     """
 
     shape: Shape
@@ -36,7 +36,7 @@ class External(NamedTuple):
 
     @property
     def size(self) -> int:
-        """How many numbers it has."""
+        """The number of entries."""
         return math.prod(self.shape)
 
 
@@ -44,8 +44,8 @@ class Internal(NamedTuple):
     """An array between stages.
 
     Attributes:
-        items: how many items it has.
-        size: numbers of each.
+        items: the number of items.
+        size: the number of entries of each item.
     """
 
     items: int
@@ -58,9 +58,9 @@ class Group:
 
     Attributes:
         stage: the stage.
-        count: how many items there are.
-        wires: by port.
-        side_by_side: whether items may run at the same time.
+        count: the number of items.
+        wires: the wire of every port, by port name.
+        side_by_side: whether items may run at the same time, in lanes.
     """
 
     stage: Stage
@@ -70,7 +70,7 @@ class Group:
 
 
 class Call(NamedTuple):
-    """One phase of a stage, run for items of its group in the order given."""
+    """One phase of a group's stage, run for some items of the group in the given order."""
 
     group: str
     phase: int
@@ -79,16 +79,16 @@ class Call(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Schedule:
-    """A computation.
+    """A computation as calls of stages on arrays.
 
     Attributes:
-        externals: the caller's arrays: inputs, then parameters, then outputs.
-        internals: arrays between stages.
-        groups: by name.
-        prepare: calls that need parameters only.
-        calls: the others.
-        status: an output, (), that holds one of the numbers above; None if there is none.
-        guarded: the outputs that it speaks of.
+        externals: the caller's arrays by name: inputs, then parameters, then outputs.
+        internals: the arrays between stages, by name.
+        groups: the groups by name.
+        prepare: the calls that depend on parameters only.
+        calls: the other calls, in order.
+        status: the name of the output of shape () that holds the status, or None if there is none.
+        guarded: the outputs that become NaN if the status is bad.
     """
 
     externals: Mapping[str, External]
@@ -105,6 +105,6 @@ class Schedule:
 
     @cached_property
     def operation_count(self) -> int:
-        """Operations of all stages for one system, its parameters' included (signs and selections are free)."""
+        """The number of arithmetic operations of all stages for one system, including those of `prepare`."""
         run = {(call.group, item) for call in (*self.prepare, *self.calls) for item in call.items}
         return sum(self.groups[group].stage.operations for group, _ in run)

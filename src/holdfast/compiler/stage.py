@@ -1,4 +1,4 @@
-"""A stage: one program compiled once and run for many items, in one phase or several."""
+"""A stage: a program that is compiled once and run for many items, in one or several phases."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ class Stage:
     """A program and what it computes in each phase, for one item.
 
     Attributes:
-        name: for messages and for the machine code.
-        inputs: shapes of the arrays that each phase is given, by port.
-        outputs: shapes of the arrays that each phase returns, by port.
-        program: all phases as one, ready for the machine.
-        pieces: the program by phase; piece k takes the inputs of all phases in order, then the
+        name: its name in messages and in machine code.
+        inputs: the shapes of the arrays that each phase takes, by port.
+        outputs: the shapes of the arrays that each phase returns, by port.
+        program: all phases as one lowered program.
+        pieces: the program cut by phase. Piece k takes the inputs of all phases in order, then the
             memories of the phases before it, and returns its outputs, then its memory.
-        operations: of the traced function, all phases: sums, products, quotients, roots and sines, before
-            products and sums are fused.
+        operations: the number of operations of the traced function in all phases (sums, products, quotients, roots
+            and sines), counted before products and sums are fused.
     """
 
     name: str
@@ -47,11 +47,11 @@ class Stage:
 
     @cached_property
     def shapes(self) -> dict[str, Shape]:
-        """Shape by port."""
+        """The shape of every port."""
         return {port: shape for phase in (*self.inputs, *self.outputs) for port, shape in phase.items()}
 
     def size(self, port: str) -> int:
-        """Return how many numbers a port has."""
+        """Return the number of entries of a port."""
         return math.prod(self.shapes[port])
 
 
@@ -62,7 +62,15 @@ def stage_of(
     outputs: Sequence[Sequence[str]],
     operations: int | None = None,
 ) -> Stage:
-    """Return the stage of a program that is lowered already; `operations` are those before, by default its own."""
+    """Return the stage of a lowered program.
+
+    Args:
+        name: its name in messages and in machine code.
+        program: the lowered program; its inputs and outputs are in the order of the ports.
+        inputs: the shapes of the arrays that each phase takes, by port.
+        outputs: the names of the output ports of each phase.
+        operations: the number of operations before lowering; by default that of `program`.
+    """
     shapes = iter(program.outputs)
     named = tuple({port: next(shapes).shape for port in ports} for ports in outputs)
     phases = [k for k, phase in enumerate(inputs) for _ in phase]
@@ -73,11 +81,11 @@ def stage_of(
 
 
 class Wire(NamedTuple):
-    """Which numbers a port is tied to.
+    """The connection of a port to an array.
 
     Attributes:
-        array: the name of an array.
-        places: per item of the group, its item there (of an external array: its first number).
+        array: the name of the array.
+        places: for every item of the group, the item of an internal array, or the first entry in an external array.
     """
 
     array: str
@@ -92,8 +100,8 @@ class GraphPorts:
     """The ports of one graph.
 
     Attributes:
-        given: what it takes.
-        returned: what it returns.
+        given: its input ports.
+        returned: its output ports.
     """
 
     given: list[Port] = field(default_factory=list)
@@ -101,15 +109,15 @@ class GraphPorts:
 
 
 class Stages:
-    """Makes stages; groups whose regions take and return the same share one."""
+    """Makes stages; groups with the same graph and the same ports share one stage."""
 
     def __init__(self, fused: bool = True) -> None:
-        """Take whether products go into sums first, as they should where the target has an fma."""
+        """Start without stages; `fused` says whether products and sums are fused to fma operations."""
         self._made: dict[object, Stage] = {}
         self._fused = fused
 
     def placed(self, name: str, graph: Graph, ports: GraphPorts, phases: int) -> tuple[Stage, dict[str, Wire]]:
-        """Return the stage of a graph with its ports, and their wires."""
+        """Return the stage of a graph with the given ports, and the wires by port name."""
         given = sorted(ports.given, key=lambda port: port[0])
         returned = sorted(ports.returned, key=lambda port: port[0])
         key = (graph, phases, *(tuple([port[:2] for port in some]) for some in (given, returned)))
@@ -119,7 +127,7 @@ class Stages:
         return self._made[key], found | {f"out{k}": wire for k, (_, _, wire) in enumerate(returned)}
 
     def _stage(self, name: str, graph: Graph, given: Sequence[Port], returned: Sequence[Port], phases: int) -> Stage:
-        """Return the stage that computes what is returned from what is given, phase by phase."""
+        """Return the stage that computes the `returned` ports from the `given` ones, phase by phase."""
         inputs: list[dict[str, Shape]] = [{} for _ in range(phases + 1)]
         outputs: list[list[str]] = [[] for _ in range(phases + 1)]
         for k, (phase, nodes, _) in enumerate(given):
@@ -131,7 +139,7 @@ class Stages:
 
 
 def _program(given: Sequence[Leaf], returned: Sequence[Leaf]) -> Program:
-    """Return the program of a graph, its inputs in the order of the ports."""
+    """Return the program that computes the returned nodes from the given ones, in the order of the ports."""
     inputs = [node for nodes in given for node in nodes]
     new = {node.serial: k for k, node in enumerate(inputs)}
     instructions = [Instruction("input")] * len(inputs)
@@ -144,7 +152,7 @@ def _program(given: Sequence[Leaf], returned: Sequence[Leaf]) -> Program:
 
 
 def made_of(nodes: Iterable[Node]) -> list[Node]:
-    """Return all nodes that others are made of, and those, in the order of their making."""
+    """Return the given nodes and all nodes on which they depend, in order of their serial numbers."""
     found: set[Node] = set()
     waiting = list(nodes)
     while waiting:
@@ -156,5 +164,5 @@ def made_of(nodes: Iterable[Node]) -> list[Node]:
 
 
 def inputs_of(nodes: Iterable[Node]) -> set[Node]:
-    """Return the inputs that numbers are made of."""
+    """Return the input nodes on which the given nodes depend."""
     return {node for node in made_of(nodes) if node.kind == "input"}

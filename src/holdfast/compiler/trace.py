@@ -1,4 +1,4 @@
-"""Running a function once on nodes, to learn what it computes."""
+"""Trace a function: run it once on nodes to record what it computes."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from holdfast.errors import HoldfastError
 
 
 def trace(function: Callable[..., tuple[Any, ...]], input_shapes: Iterable[Shape]) -> Program:
-    """Return what a function computes as a program.
+    """Return the program of what a function computes.
 
     Args:
-        function: takes one array per shape, returns a tuple of arrays and numbers. Numbers of the
-            function become constants of the program; truth values come out as 1.0 and 0.0.
-        input_shapes: the arguments' shapes.
+        function: takes one array per shape and returns a tuple of arrays and numbers. Numbers in the
+            function become constants of the program; truth values are returned as 1.0 and 0.0.
+        input_shapes: the shapes of the arguments.
 
     Raises:
-        CompileError: naming the line of the function that does what cannot be traced.
+        CompileError: The function does something that cannot be traced; the message names the line.
     """
     graph, shapes = Graph(), tuple([tuple(shape) for shape in input_shapes])
     arrays = [inputs(graph, shape) for shape in shapes]
@@ -39,13 +39,13 @@ def trace(function: Callable[..., tuple[Any, ...]], input_shapes: Iterable[Shape
 
 @contextmanager
 def tracing() -> Iterator[None]:
-    """Name the line of a traced function where something cannot be traced.
+    """Turn an error inside a traced function into a `CompileError` that names the line.
 
     Raises:
-        CompileError: naming it.
+        CompileError: The traced function raised an error.
     """
     try:
-        with np.errstate(all="ignore"):  # constants may overflow or vanish; what comes of it is the program's
+        with np.errstate(all="ignore"):  # constants may overflow or underflow, as they would at run time
             yield
     except HoldfastError:
         raise
@@ -57,19 +57,19 @@ def tracing() -> Iterator[None]:
 
 
 def program_of(graph: Graph, input_shapes: tuple[Shape, ...], results: list[tuple[Shape, list[Node]]]) -> Program:
-    """Return the program that computes the given nodes of a graph, in the order of their making."""
+    """Return the program that computes the given nodes of a graph; instructions keep the graph's order."""
     instructions = [(n.kind, tuple(map(SERIAL, n.args)), n.value) for n in graph.nodes]
     outputs = [Output(shape, tuple(map(SERIAL, nodes))) for shape, nodes in results]
     return pruned(input_shapes, instructions, outputs)
 
 
 def inputs(graph: Graph, shape: Shape) -> np.ndarray:
-    """Return an array of new inputs; a function that writes into its arguments is refused where it does."""
+    """Return a read-only array of new input nodes, so that a function cannot write into its arguments."""
     return array_of([graph.input() for _ in range(math.prod(shape))], shape)
 
 
 def as_node(graph: Graph, x: Any) -> Node:
-    """Return a number as a node of a graph: a constant if it is known, 1 or 0 if it is the truth of a comparison."""
+    """Return the node of a number: itself, a constant, or 1.0 or 0.0 for the truth value of a comparison."""
     if isinstance(x, Node):
         return graph.make("select", x, 1.0, 0.0) if x.is_truth else x
     return graph.constant(float(x))

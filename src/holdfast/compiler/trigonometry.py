@@ -1,9 +1,8 @@
-"""Sine and cosine in the operations every machine rounds alike, so that their bits are defined.
+"""Sine and cosine in operations that every machine rounds the same, so that their bits are defined.
 
-x = n pi/2 + r, |r| <= pi/4, with pi/2 in three parts (Cody and Waite) and r in two: for
-|x| <= 1e5 the part of r that is lost is below 2^-140, and no double there comes nearer to a
-multiple of pi/2 than 2^-60. Then sin r or cos r by a polynomial, with the sign and the
-choice that n mod 4 asks for. Errors stay below one unit in the last place.
+x = n pi/2 + r with |r| <= pi/4, where pi/2 is the sum of three doubles (Cody and Waite) and r the sum of two. For
+|x| <= 1e5 the error of r is below 2^-140, and no double there is closer to a multiple of pi/2 than 2^-60. Then sin r
+and cos r are polynomials; n mod 4 selects one of them and the sign. Errors stay below one unit in the last place.
 """
 
 from __future__ import annotations
@@ -14,12 +13,12 @@ from typing import Any
 LARGEST_ARGUMENT = 1e5  # [rad]
 
 _TWO_OVER_PI = 0.6366197723675814
-# pi/2 to 160 bits: each part is the double nearest to what the ones before it leave.
+# pi/2 to 160 bits: each part is the double nearest to the remainder of the parts before it.
 _HALF_PI = (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591698e-33)
-_ROUNDER = 1.5 * 2.0**52  # adding and subtracting it rounds to an integer, |x| < 2^51
+_ROUNDER = 1.5 * 2.0**52  # adding and subtracting it rounds x to an integer if |x| < 2^51
 
-# (sin r / r - 1) / z and (cos r - 1 + z/2) / z^2, z = r^2: interpolated at Chebyshev points of
-# [0, (pi/4)^2] in 60 digits, then rounded; relative errors of sin and cos 2.0e-17 and 1.2e-18.
+# Coefficients of (sin r / r - 1) / z and (cos r - 1 + z/2) / z^2 with z = r^2, interpolated at Chebyshev points of
+# [0, (pi/4)^2] in 60 digits, then rounded. The relative errors of sin and cos are 2.0e-17 and 1.2e-18.
 _SINE = (
     -0.16666666666666666,
     0.008333333333330946,
@@ -37,7 +36,7 @@ _COSINE = (
     -1.1382614868556325e-11,
 )
 
-Value = Any  # a node; the reduction is shared because equal operations are one node
+Value = Any  # a node; sin and cos of one argument share its reduction, because equal operations are one node
 
 
 def sin(x: Value) -> Value:
@@ -57,11 +56,11 @@ def cos(x: Value) -> Value:
 
 
 def _reduced(x: Value) -> tuple[Value, Value, Value]:
-    """Return r, what r is too large or small by, and n mod 4."""
+    """Return r, the correction to add to r, and n mod 4."""
     n = x.fma(_TWO_OVER_PI, _ROUNDER) - _ROUNDER
-    first = n.fma(-_HALF_PI[0], x)  # exact: a multiple of 2^-53 (|x| > pi/4) below 1
-    # first - n pi/2 [1] as r + rest: the product and its error, then Fast2Sum, which is exact
-    # because `first` is a multiple of the product's last bit
+    first = n.fma(-_HALF_PI[0], x)  # exact, because it is a multiple of 2^-53 (for |x| > pi/4) below 1
+    # first - n _HALF_PI[1] is split into r + rest: the product and its rounding error, then Fast2Sum, which is exact
+    # because `first` is a multiple of the product's last bit.
     product = n * _HALF_PI[1]
     product_error = n.fma(_HALF_PI[1], -product)
     r = first - product
@@ -75,12 +74,12 @@ def _reduced(x: Value) -> tuple[Value, Value, Value]:
 def _sine(r: Value, rest: Value) -> Value:
     """Return sin(r + rest) = r + (r^3 S(z) + rest cos r)."""
     z = r * r
-    half = z.fma(-0.5, 1.0)  # cos r, as well as `rest` needs it
+    half = z.fma(-0.5, 1.0)  # cos r, accurate enough for the small factor `rest`
     return r + (z * r).fma(_polynomial(_SINE, z), rest * half)
 
 
 def _cosine(r: Value, rest: Value) -> Value:
-    """Return cos(r + rest) = 1 - z/2 + (z^2 C(z) - r rest), the rounding of 1 - z/2 taken back."""
+    """Return cos(r + rest) = 1 - z/2 + (z^2 C(z) - r rest), corrected for the rounding of 1 - z/2."""
     z = r * r
     half = 0.5 * z
     whole = 1.0 - half

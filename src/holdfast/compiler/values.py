@@ -1,8 +1,8 @@
-"""The traced numbers in a value, and the value around them.
+"""Split a value into its traced nodes and a key for everything else.
 
-What two items of a loop may differ in, sharing their code, is their traced numbers; all else is the value's key. A
-value is made of numbers, arrays, tuples, lists, dicts, dataclasses and functions with what they close over; anything
-else is told apart by identity.
+Two items of a loop share their code if their keys are equal; they may differ in their traced nodes only. A value
+consists of numbers, arrays, tuples, lists, dicts, dataclasses, and functions with the variables that they close over.
+Any other object is compared by identity.
 """
 
 from __future__ import annotations
@@ -23,17 +23,18 @@ Leaf = tuple[Node, ...]  # the distinct nodes of one array, in order of appearan
 
 
 class Values:
-    """Takes values apart; what holds no traced number is looked at once."""
+    """Splits values, and remembers the key of every object that holds no traced node."""
 
     def __init__(self) -> None:
-        self._static: dict[int, tuple[Any, int]] = {}  # by identity, kept alive: the number of its key
+        # The first, third and fourth dict are keyed by `id`; they hold the objects too, so that no id is reused.
+        self._static: dict[int, tuple[Any, int]] = {}  # objects without nodes, and the number of their key
         self._numbers: dict[Hashable, int] = {}
-        self._arrays: dict[int, tuple[np.ndarray, Leaf, Hashable]] = {}  # of traced numbers, likewise
-        self._seen: dict[int, Any] = {}  # values taken apart to be made again, likewise
-        self._open: set[int] = set()  # functions being looked at, which may close over themselves
+        self._arrays: dict[int, tuple[np.ndarray, Leaf, Hashable]] = {}  # arrays with nodes, their leaf and key
+        self._seen: dict[int, Any] = {}  # values for which `replaced` has been called
+        self._open: set[int] = set()  # functions being visited, which may close over themselves
 
     def leaves(self, value: Any) -> tuple[list[Leaf], Hashable]:
-        """Return the traced numbers of a value, array by array, and its key."""
+        """Return the traced nodes of a value, one leaf per array or scalar, and the key of the rest."""
         found: list[Leaf] = []
         return found, self._key(value, found)
 
@@ -98,9 +99,9 @@ class Values:
         return ("function", value.__code__, *cells, *defaults)
 
     def replaced(self, value: Any, numbers: Iterable[Mapping[Node, Any]]) -> Any:
-        """Return the value with other numbers in the place of its traced ones, given leaf by leaf."""
+        """Return the value with other numbers in place of its traced nodes; `numbers` has one mapping per leaf."""
         if id(value) not in self._seen:
-            self.leaves(value)  # from here on, what holds none is known
+            self.leaves(value)  # records in `_static` the parts without nodes, which `_again` does not copy
             self._seen[id(value)] = value
         return self._again(value, iter(numbers))
 
@@ -136,7 +137,7 @@ def numbers_of(value: Any) -> list[Any]:
 
 
 def with_numbers(value: Any, new: Callable[[Any], Any]) -> Any:
-    """Return the value with other numbers in the place of all of its numbers, in order."""
+    """Return the value with every number x, traced or not, replaced by `new(x)`, in order."""
     if isinstance(value, Node | Constant) or (isinstance(value, NUMBERS) and not isinstance(value, bool)):
         return new(value)
     if isinstance(value, np.ndarray):
@@ -147,14 +148,14 @@ def with_numbers(value: Any, new: Callable[[Any], Any]) -> Any:
 
 
 def _rebuilt(value: Any, again: Callable[[Any], Any]) -> Any:
-    """Return a tuple, list, dict or dataclass with other parts."""
+    """Return a tuple, list, dict or dataclass in which every part x is replaced by `again(x)`."""
     if isinstance(value, tuple) and hasattr(value, "_make"):
         return type(value)._make([again(x) for x in value])  # type: ignore[attr-defined]
     if isinstance(value, tuple | list):
         return type(value)([again(x) for x in value])
     if isinstance(value, dict):
         return {name: again(x) for name, x in value.items()}
-    other = object.__new__(type(value))  # its numbers were checked when it was made
+    other = object.__new__(type(value))  # skips the checks of `__init__`, which the original has passed
     for field in dataclasses.fields(value):
         object.__setattr__(other, field.name, again(getattr(value, field.name)))
     return other
@@ -163,12 +164,12 @@ def _rebuilt(value: Any, again: Callable[[Any], Any]) -> Any:
 def _content(cell: Any) -> Any:
     try:
         return cell.cell_contents
-    except ValueError:  # a variable that is not there yet
+    except ValueError:  # the variable has no value yet
         return None
 
 
 def array_of(entries: Sequence[Any], shape: tuple[int, ...]) -> np.ndarray:
-    """Return an array of objects that cannot be written, as a traced function's arguments are."""
+    """Return a read-only array of objects, as a traced function receives its arguments."""
     found = np.empty(len(entries), dtype=object)
     for place, x in enumerate(entries):
         found[place] = x

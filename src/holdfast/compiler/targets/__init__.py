@@ -1,20 +1,20 @@
-"""What belongs to one target: the only door through which the rest of the library reaches it.
+"""The targets of the compiler. The rest of the library imports from this package only, not from its modules.
 
-The compiler's other files say what is computed: programs, stages, schedules. A target makes that run. The one there
-is, `llvm`, is this processor: its lanes, its calling convention, its language. Another (a GPU) is a folder
-beside it that offers the same:
+The compiler's other files describe what is computed, as programs, stages and schedules; a target makes that run. The
+target of the library itself is `llvm`, for the processor of this machine. Another target, such as a GPU, would be
+a folder beside it that offers the same names:
 
-    cpu               the processor (`target`, `lanes`, `has_fma`) and code made for it or loaded (`Code`)
+    cpu               the processor (`target`, `lanes`, `has_fma`) and machine code for it (`Code`)
     single_module     the source of a schedule for one system
     batch_module      the source of a schedule for many systems
-    Builtin           a Python callable that takes arrays straight to the code
+    Builtin           a Python callable that passes arrays directly to the machine code
     no_argument_call  the same without arguments, for control loops
     foreign_call      kernels as functions that other compilers' programs call (`publish`, `capsule`)
 
-Code that leaves the library, for processors by name (`OBJECT_TARGETS`), is not run here:
+Two functions export code, for the processors named in `OBJECT_TARGETS`; such code is not run here:
 
-    object_file       modules as one object file
-    single_source     a schedule for one system in C, of the folder `c`
+    object_file       compiles modules into one object file
+    single_source     writes a schedule for one system in C (folder `c`)
 """
 
 from holdfast.compiler.targets.c.single import single_source

@@ -1,7 +1,7 @@
-"""Where every array of a schedule lies, when one system runs and when a batch does.
+"""The memory layout of a schedule's arrays, for one system and for a batch.
 
-One system: items of a group that runs side by side are packed into lanes, entry after entry; all
-else is numbers in a row. A batch: every number is a vector with one lane for each system.
+For one system, the arrays of a group whose items run side by side are packed into lanes: each entry is a vector with
+one lane per item. All other arrays are contiguous. For a batch, each number is a vector with one lane per system.
 """
 
 from __future__ import annotations
@@ -11,15 +11,15 @@ from typing import NamedTuple
 from holdfast.compiler.schedule import Call, Group, Schedule, Wire
 from holdfast.compiler.targets.split import Access, SplitProgram
 
-_LINE = 8  # doubles; areas begin at a cache line, which is the alignment of the widest vector
+_LINE = 8  # [doubles] areas begin at multiples of a cache line, which is the alignment of the widest vector
 
 
 class Address(NamedTuple):
     """The address of a port's numbers.
 
     Attributes:
-        external: number of the caller's array, or None for working memory.
-        offset: doubles from its beginning.
+        external: the index of an external array, or None for working memory.
+        offset: the distance from its beginning [doubles].
     """
 
     external: int | None
@@ -27,7 +27,7 @@ class Address(NamedTuple):
 
 
 class Area(NamedTuple):
-    """A part of working memory: `items` times `size` numbers, packed by `width` items."""
+    """A part of working memory from `start` on: items of `size` numbers, packed in groups of `width` items."""
 
     start: int
     size: int
@@ -39,10 +39,10 @@ class Layout:
 
     Attributes:
         schedule: the schedule.
-        systems: systems side by side: lanes of a batch, or 1.
-        width: per group, how many of its items run side by side.
-        packed: per (group, port), the external arrays' copies in lanes.
-        total: doubles of working memory, without scratch.
+        systems: the number of systems side by side: the lanes of a batch, or 1.
+        width: how many items of each group run side by side, by group name.
+        packed: the copies of external arrays in lanes, by (group, port).
+        total: the size of working memory without scratch memory [doubles].
     """
 
     def __init__(self, schedule: Schedule, lanes: int, systems: int = 1) -> None:
@@ -56,7 +56,7 @@ class Layout:
         self.external_areas: dict[str, Area] = {}
         if systems > 1:
             for name, external in schedule.externals.items():
-                rounded = -(-external.size // systems) * systems  # rows come and go in square blocks
+                rounded = -(-external.size // systems) * systems  # rows are transposed in square blocks
                 self.external_areas[name] = self._area(1, rounded, 1)
         self._internal_areas = {
             name: self._area(i.items, i.size, packing.get(name, 1)) for name, i in schedule.internals.items()
@@ -72,7 +72,7 @@ class Layout:
                 self._memories[name, phase] = self._area(group.count, size, width)
 
     def blocks(self, group: str, items: tuple[int, ...]) -> list[int]:
-        """Return the first items of what runs side by side, in order."""
+        """Return the first item of every block of items that run side by side, in order."""
         width = self.width[group]
         if width == 1:
             return list(items)
@@ -80,7 +80,7 @@ class Layout:
         return list(range(0, len(items), width))
 
     def access(self, group: str, port: str) -> Access:
-        """Return how a stage's function finds a port's numbers."""
+        """Return how a stage's function accesses the numbers of a port."""
         if self.systems > 1:
             return Access(self.systems)
         width, wire = self.width[group], self._group(group).wires[port]
@@ -94,7 +94,7 @@ class Layout:
         return Access(area.width)
 
     def accesses(self, call: Call) -> tuple[list[Access], list[Access]]:
-        """Return how the function of a stage's phase finds its inputs, and its outputs: memory last in both."""
+        """Return how the function of a stage's phase accesses its inputs and its outputs; memories are last in both."""
         stage = self._group(call.group).stage
         memory = self._memory_access(call.group)
         known = [port for phase in stage.inputs[: call.phase + 1] for port in phase]
@@ -125,15 +125,15 @@ class Layout:
         return [found(item) for item in self.blocks(call.group, call.items)]
 
     def _memory_access(self, group: str) -> Access:
-        """Return how a stage's function finds its memory."""
+        """Return how a stage's function accesses its memory."""
         return Access(max(self.systems, self.width[group]))
 
     def _memory(self, group: str, phase: int, item: int) -> Address:
-        """Return where the memory of a phase is for an item."""
+        """Return the address of the memory that a phase keeps for an item."""
         return self._at(self._memories[group, phase], item)
 
     def address(self, group: str, port: str, item: int) -> Address:
-        """Return where a port's numbers are for an item (the first one, if several run side by side)."""
+        """Return the address of a port's numbers for an item, which is the first of those that run side by side."""
         wire = self._group(group).wires[port]
         if (group, port) in self.packed:
             return self._at(self.packed[group, port], item)
@@ -147,7 +147,7 @@ class Layout:
         return self.schedule.groups[name]
 
     def _packing(self) -> dict[str, int]:
-        """Return how the internal arrays are packed: as the group does that runs side by side on them."""
+        """Return how many items of each internal array are packed: as many as its group runs side by side."""
         found: dict[str, int] = {}
         for name, group in self.schedule.groups.items():
             for wire in group.wires.values():
@@ -168,5 +168,5 @@ class Layout:
 
 
 def shared(wire: Wire) -> bool:
-    """Return whether all items find the same numbers."""
+    """Return whether all of several items use the same numbers."""
     return len(set(wire.places)) == 1 and len(wire.places) > 1

@@ -1,4 +1,4 @@
-"""A program as a target writes it: short functions that are called in order, and where each finds its numbers."""
+"""Split a program into short functions that are called in order, and assign the memory that each reads and writes."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import NamedTuple
 from holdfast.compiler.cut import Pieces, by_length
 from holdfast.compiler.program import Program
 
-# Longer functions are cut: a compiler's cost grows faster than their length, and so do its spills.
+# Longer functions are split, because compile time and register spills grow faster than the length of a function.
 LONGEST = 1000
 
 
 class Access(NamedTuple):
-    """How a function finds the numbers of one array.
+    """How a function accesses the numbers of one array.
 
     Attributes:
-        step: doubles from one number to the next.
-        splat: one double for all lanes, rather than a vector of them.
+        step: the distance from one number to the next [doubles].
+        splat: whether all lanes read the same double, rather than a vector.
     """
 
     step: int = 1
@@ -26,12 +26,12 @@ class Access(NamedTuple):
 
 
 class Number(NamedTuple):
-    """Where a function finds a number, or leaves it.
+    """The location of a number that a function reads or writes.
 
     Attributes:
-        pointer: to an array.
-        place: there.
-        access: how the array lies.
+        pointer: the name of the pointer to an array.
+        place: the index of the number in that array.
+        access: how the array is accessed.
     """
 
     pointer: str
@@ -43,9 +43,9 @@ class Part(NamedTuple):
     """One of the functions.
 
     Attributes:
-        program: what it computes.
-        sources: where its inputs are, one number after the other.
-        targets: per output, where its numbers go; those that two outputs have go there once.
+        program: the program that it computes.
+        sources: the location of every input number, in order.
+        targets: for every output, the locations to which its numbers are written.
     """
 
     program: Program
@@ -54,7 +54,7 @@ class Part(NamedTuple):
 
     @property
     def wanted(self) -> dict[int, dict[Number, str]]:
-        """By place in the program, where its value goes, and a name for each."""
+        """The locations to which each value is written, by place in the program; each location once, with a name."""
         found: dict[int, dict[Number, str]] = {}
         for k, output in enumerate(self.program.outputs):
             for e, place in enumerate(output.places):
@@ -67,10 +67,10 @@ class SplitProgram(NamedTuple):
     """A program in parts, all of which have the same parameters.
 
     Attributes:
-        parts: in the order in which they run.
-        reads: which of the program's inputs are parameters,
-        writes: and which of its outputs.
-        scratch: how many numbers the scratch memory has, the last parameter; 0 without it.
+        parts: the parts in the order in which they run.
+        reads: the indices of the program's inputs to which the functions take pointers.
+        writes: the indices of the program's outputs to which the functions take pointers.
+        scratch: the number of values in scratch memory, which is the last parameter; 0 if there is none.
     """
 
     parts: list[Part]
@@ -88,14 +88,14 @@ class SplitProgram(NamedTuple):
 def split(
     program: Program, lanes: int, inputs: Sequence[Access], outputs: Sequence[Access], longest: int = LONGEST
 ) -> SplitProgram:
-    """Return a program in parts: in one, or several if it is long.
+    """Return a program as one part, or as several parts if it is long.
 
     Args:
-        program: what is computed.
-        lanes: how many systems or items side by side.
-        inputs: how each input array lies in memory.
-        outputs: the same of the outputs.
-        longest: operations in one part.
+        program: the program.
+        lanes: how many systems or items are computed side by side.
+        inputs: how each input array is accessed.
+        outputs: how each output array is accessed.
+        longest: the largest number of instructions of one part.
     """
     pieces = by_length(program, longest)
     sizes = [math.prod(shape) for shape in program.input_shapes]
@@ -118,7 +118,7 @@ def split(
 
 
 def _kept(pieces: Pieces, lanes: int, outputs: Sequence[Access]) -> list[Number]:
-    """Return where the parts keep what later ones need: in a result, if it is one, else in scratch memory."""
+    """Return the locations of values that later parts need: in a result if the value is one, else in scratch memory."""
     found: list[Number] = []
     count = 0
     for part in pieces.programs:

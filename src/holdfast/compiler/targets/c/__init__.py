@@ -1,1 +1,1 @@
-"""C11 as a target: source for one system, to be compiled by whoever has it."""
+"""The C11 target: source code for one system, which the user compiles."""

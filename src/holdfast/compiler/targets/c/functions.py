@@ -1,7 +1,7 @@
-"""A program as functions in C: one straight line of operations on doubles.
+"""Write a program as C functions: straight-line code of operations on doubles.
 
-`fma` is written where the program has it. With `-ffp-contract=off` a compiler adds none of its own, and reorders
-nothing, so the bits are the interpreter's.
+`fma` is called where the program has it. With `-ffp-contract=off` a C compiler adds no further fma and does not
+reorder operations, so the results are those of the interpreter, bit for bit.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ class Function(NamedTuple):
     """A program in C.
 
     Attributes:
-        lines: one or more functions.
-        names: of the functions, to be called in this order with the same arguments.
-        split: the program in as many parts.
+        lines: the source of one or more functions.
+        names: the names of the functions, which are called in this order with the same arguments.
+        split: the program, split into one part for each function.
     """
 
     lines: list[str]
@@ -51,7 +51,7 @@ def function(name: str, program: Program, inputs: Sequence[Access], outputs: Seq
     lines: list[str] = []
     for own, part in zip(names, found.parts, strict=True):
         lines += ["", f"ONE_FUNCTION void {own}({', '.join(pointers)})", "{"]
-        # a part need not read all that another one does
+        # All parts have the same parameters, but a part need not use all of them.
         unused = [p for p in found.parameters if p not in _used(part)]
         lines += [f"    (void){pointer};" for pointer in unused]
         lines += [*(f"    {line}" for line in _body(part)), "}"]
@@ -59,7 +59,7 @@ def function(name: str, program: Program, inputs: Sequence[Access], outputs: Seq
 
 
 def constant(value: float) -> str:
-    """Return a number, exactly, as C writes it."""
+    """Return a number as an exact C constant."""
     if math.isnan(value):
         return "NAN"
     if math.isinf(value):
@@ -77,7 +77,7 @@ def _used(part: Part) -> set[str]:
 
 
 def _body(part: Part) -> list[str]:
-    """Return the operations; results are stored at once."""
+    """Return the lines of the operations; every result is stored as soon as it is computed."""
     program, wanted = part.program, part.wanted
     names: dict[int, str] = {}
     lines: list[str] = []

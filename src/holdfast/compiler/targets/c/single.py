@@ -2,7 +2,7 @@
 
     int64_t name(const arrays_type *arrays)    void name_prepare(const arrays_type *arrays)
 
-`arrays` holds the addresses of the external arrays, by name, and of `workspace`.
+The structure `arrays` holds the addresses of the external arrays and of the working memory, `workspace`.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from holdfast.compiler.schedule import FIRST_BAD, NOT_FINITE, Call, Schedule
 from holdfast.compiler.targets.c.functions import Function, function
 from holdfast.compiler.targets.layout import Address, Layout
 
-_WRITTEN_OUT = 2  # calls; more of them are a loop
+_WRITTEN_OUT = 2  # up to so many calls are written one after the other; more become a loop
 
 
 def single_source(
     schedule: Schedule, names: tuple[str, str], arrays: str, fields: Mapping[str, str]
 ) -> tuple[str, int]:
-    """Return the source and how many doubles of working memory it needs.
+    """Return the source and the number of doubles of working memory that it needs.
 
     Args:
-        schedule: what it computes.
-        names: of its two functions.
-        arrays: the type of the structure with the addresses.
-        fields: of that structure, by the names of the schedule's arrays.
+        schedule: the schedule to run.
+        names: the names of its two functions.
+        arrays: the name of the C structure that holds the addresses.
+        fields: the field of that structure for each array of the schedule, by the array's name.
     """
     writer = _Writer(schedule, names[0], list(fields.values()))
     single = [line for call in schedule.calls for line in writer.call(call)]
@@ -43,12 +43,12 @@ def single_source(
 
 
 class _Writer:
-    """Text of a schedule in the making.
+    """Collects the source of a schedule.
 
     Attributes:
-        layout: where arrays lie.
-        functions: the stages' functions so far.
-        scratch: how many numbers the functions' scratch memory has.
+        layout: the addresses of all arrays.
+        functions: the lines of the stage functions written so far.
+        scratch: the number of doubles of scratch memory that the functions need.
     """
 
     def __init__(self, schedule: Schedule, prefix: str, fields: list[str]) -> None:
@@ -86,7 +86,7 @@ class _Writer:
         return f"arrays->{array} + {shift or place.offset}"
 
     def _function(self, call: Call) -> Function:
-        """Return the function of a stage's phase, written once."""
+        """Return the function of a stage's phase; it is written at the first call only."""
         stage = self.layout.schedule.groups[call.group].stage
         inputs, outputs = self.layout.accesses(call)
         key = (id(stage), call.phase, tuple(inputs), tuple(outputs))
@@ -104,7 +104,7 @@ def _identifier(name: str) -> str:
 
 
 def _status(schedule: Schedule, status: str, fields: Mapping[str, str]) -> list[str]:
-    """Return the end: the status, and not-a-number instead of results of bad status."""
+    """Return the last lines, which set the status, replace results of bad status by NaN and return the status."""
     at = f"arrays->{fields[status]}[0]"
     sizes = [(fields[name], schedule.externals[name].size) for name in schedule.guarded]
     lines = ["    double odd = 0.0; /* x - x is 0 for every finite x */"]

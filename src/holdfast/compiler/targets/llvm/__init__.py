@@ -1,1 +1,1 @@
-"""Schedules as machine code of this processor, by LLVM."""
+"""The LLVM target: machine code for the processor of this machine, and object files for others."""

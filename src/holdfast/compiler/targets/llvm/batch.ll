@@ -1,5 +1,5 @@
-; The function that runs a schedule for a batch: blocks begin <= b < end of $lanes systems, each of them `repeats` times
-; in a row if the schedule carries arrays on. Row k of `table` holds address and stride of external array k.
+; The function that runs a schedule for a batch: blocks begin <= b < end of $lanes systems each, `repeats` times in a
+; row if the schedule has carried arrays. Row k of `table` holds the address and the stride of external array k.
 
 define void @batch(ptr %table, i64 %begin, i64 %end, i64 %count, i64 %repeats, ptr %arena) nounwind {
 entry:

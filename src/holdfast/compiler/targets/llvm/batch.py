@@ -1,11 +1,11 @@
-"""The module that runs a schedule for a batch, one system in each lane.
+"""The LLVM module that runs a schedule for a batch, one system in each lane.
 
     void batch(i64 *table, i64 begin, i64 end, i64 count, i64 repeats, double *arena)
 
-runs blocks begin <= b < end of `lanes` systems, each so many times in a row if the schedule
-carries arrays on. `table` holds address and stride (doubles from one system to the next, 0: shared
-by all) of every external array, in order. Lanes beyond the last system repeat it: they compute, and
-write, the same bits again, so a tail needs no code of its own.
+The function runs the blocks begin <= b < end, each of `lanes` systems; if the schedule has carried arrays, each block
+is run `repeats` times in a row. `table` holds the address and the stride of every external array in order; the stride
+is the number of doubles from one system to the next, or 0 if all systems share the array. Lanes beyond the last
+system repeat it: they compute and write the same bits again, so a tail needs no code of its own.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _WAYS: dict[Role, tuple[str, ...]] = {
 
 
 def batch_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
-    """Return the module's source and how many doubles of working memory a thread needs."""
+    """Return the module's source and the number of doubles of working memory that a thread needs."""
     layout = Layout(schedule, lanes, systems=lanes)
     module = Module(layout)
     addresses: list[str] = []
@@ -83,7 +83,7 @@ def _moved(function: str, schedule: Schedule, role: Role) -> list[str]:
 
 
 def _status(schedule: Schedule, status: str, lanes: int) -> str:
-    """Return what sets the status of systems with results that are not finite, and takes back bad results."""
+    """Return the code that sets the status of systems with non-finite results and blanks results of bad status."""
     T, zero = number_type(lanes), constant(0.0, lanes)
     index = {name: k for k, name in enumerate(schedule.externals)}
     guarded = [(index[name], schedule.externals[name].size) for name in schedule.guarded]

@@ -1,4 +1,4 @@
-; `differences` adds x - x, which is 0 for every finite x, to a sum; `blank` writes not-a-number over bad systems.
+; `differences` adds x - x, which is 0 for every finite x, to a sum; `blank` writes NaN to the results of bad systems.
 
 declare i1 @llvm.vector.reduce.or.v${lanes}i1(<$lanes x i1>)
 

@@ -1,9 +1,9 @@
-; What the machine code of Python builtins shares: the record that belongs to one builtin, Python's buffers and Python's
-; own functions. `builtin.py` appends one of `call_without_arguments.ll` and `call_with_arrays.ll`.
+; The declarations that all Python builtins share: the record of one builtin, Python's buffers and Python's own
+; functions. `builtin.py` appends either `call_without_arguments.ll` or `call_with_arrays.ll`.
 
 %record = type { ptr, ptr, ptr, ptr, ptr, i64, i64, i64, ptr, i64, ptr, [0 x i64] }
-; run, table, fallback, "out", expected, begin and end of its memory, number of inputs, the type of arrays, how many of
-; the inputs are given by place, the names of the others, the bytes of each input
+; run, table, fallback, "out", expected result, begin and end of its memory, number of inputs, the type of arrays, the
+; number of positional inputs, the names of the other inputs, the size of each input in bytes
 %buffer = type { ptr, ptr, i64, i64, i32, i32, ptr, ptr, ptr, ptr, ptr }
 ; buf, obj, len, itemsize, readonly, ndim, format, shape, strides, suboffsets, internal
 

@@ -1,10 +1,10 @@
-"""Machine code as Python builtins: the shortest way from a Python call to a kernel.
+"""Machine code as Python builtins: the fastest way from a Python call to a kernel.
 
-NumPy's struct is not read, and of an object only its type: buffers come through `PyObject_GetBuffer` alone, in the
-stable ABI since Python 3.11, for some 35 ns an array, 60 ns when its buffer is first asked for. Remembering the arrays
-of the last call would spare that when they come again, but is not safe: `resize(refcheck=False)` moves and `dtype=`
-reinterprets an array's memory under a held buffer, and a kernel that keeps its caller's arrays alive forbids them an
-ordinary `resize`.
+The machine code reads only the type of a Python object, and gets an array's memory by `PyObject_GetBuffer`, which
+belongs to the stable ABI since Python 3.11. This takes some 35 ns per array, and 60 ns for the first buffer of an
+array. Remembering the arrays of the last call would save this time for repeated calls, but it would not be safe:
+`resize(refcheck=False)` moves an array's memory and `dtype=` reinterprets it while a buffer is held, and a kernel
+that kept its caller's arrays alive would make an ordinary `resize` fail.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ import numpy as np
 from holdfast.compiler.targets.llvm import cpu
 from holdfast.compiler.targets.llvm.templates import filled
 
-# With no global lock, two calls would write one table at a time.
+# Without the global interpreter lock, two threads could write the same table at the same time.
 _POSSIBLE = sys.implementation.name == "cpython" and not sysconfig.get_config_var("Py_GIL_DISABLED")
-_MOST = 256  # inputs; a call keeps their views on the stack, 80 bytes each
-_OUT = sys.intern("out")  # as Python does with keywords
+_MOST = 256  # the largest number of inputs; a call keeps a buffer of 80 bytes for each on the stack
+_OUT = sys.intern("out")  # Python interns the names of keywords, so they can be compared by address
 
-_TYPE_OFFSET = object.__basicsize__ - 8  # where an object has its type: last in what all objects have
+_TYPE_OFFSET = object.__basicsize__ - 8  # the type is the last field of the header that all objects share
 
 _EXPECTED, _BEGIN, _END = 4, 5, 6  # places in a record, which is an int64 array laid out as %record in `builtin.ll`
 
-# What a template of a function is to Python: METH_FASTCALL | METH_KEYWORDS, or METH_NOARGS.
+# Python's flags for the function of each template: METH_FASTCALL | METH_KEYWORDS, or METH_NOARGS.
 _FLAGS = {"call_with_arrays": 0x80 | 0x02, "call_without_arguments": 0x04}
 
 
@@ -48,11 +48,11 @@ class _MethodDef(ctypes.Structure):
 
 
 class Builtin:
-    """A kernel's builtin; it owns what the builtin needs, and lives as long as that.
+    """A Python builtin that runs a kernel, and the memory that the builtin uses.
 
     Attributes:
         function: `function(x0, x1, ..., *, name=x, ..., out=result)`. With flat float64 inputs in C order and the
-            expected `result`, it runs the kernel and returns `result`; any other call is the fallback's.
+            expected `result`, it runs the kernel and returns `result`; it passes any other call to the fallback.
     """
 
     def __init__(
@@ -66,17 +66,18 @@ class Builtin:
         doc: str = "",
         names: Sequence[str] = (),
     ) -> None:
-        """Make the builtin; until `expect` every call is the fallback's.
+        """Make the builtin; until `expect` is called, it passes every call to the fallback.
 
         Args:
-            run: address of `i64 run(ptr table)`; it returns 0 when all is well, else the fallback is called too.
-            table: int64; its first entries get the inputs' addresses, the others are the caller's.
-            sizes: how many float64 each input holds.
-            fallback: what takes the calls that machine code does not; it also keeps the code at `run` alive.
-            name: what the builtin is called,
-            signature: takes,
-            doc: and does, for the reader.
-            names: of the last inputs, which are given by name.
+            run: the address of `i64 run(ptr table)`, which returns 0 for success; otherwise the fallback runs too.
+            table: an int64 array. The builtin writes the inputs' addresses to its first entries; the caller fills
+                the others.
+            sizes: the number of float64 entries of each input.
+            fallback: the Python function for all other calls; it must also keep the code at `run` alive.
+            name: the builtin's `__name__`.
+            signature: the builtin's signature, as `help` shows it.
+            doc: the builtin's docstring.
+            names: the names of the last inputs, which are passed by keyword.
         """
         interned = tuple(map(sys.intern, names))
         words = np.array([id(word) for word in interned], dtype=np.int64)
@@ -106,13 +107,15 @@ class Builtin:
         """Let later calls with this very object as `out` run in machine code.
 
         Args:
-            out: what they return; it is kept alive, and so is
-            memory: the contiguous block where the kernel writes. Inputs inside it are the fallback's.
-            addresses: what follows the inputs in the table from now on, changed when no call can use it.
+            out: the object that these calls return; it is kept alive.
+            memory: the contiguous block to which the kernel writes; it is kept alive. Calls with an input inside
+                this block go to the fallback.
+            addresses: the new entries of the table after the inputs' addresses. They are written while all calls go
+                to the fallback.
         """
         with self._lock:
-            self._record[_EXPECTED] = 0  # until all is changed, other threads' calls are the fallback's
-            before = self._results.copy()  # let go of at the end, as that may run any code
+            self._record[_EXPECTED] = 0  # until the record is complete, calls of other threads go to the fallback
+            before = self._results.copy()  # released at the very end, because a destructor may run any code
             self._results[:] = out, memory
             begin = memory.ctypes.data
             self._record[_BEGIN], self._record[_END] = begin, begin + memory.nbytes
@@ -122,14 +125,14 @@ class Builtin:
 
 
 def no_argument_call(run: int, table: np.ndarray, keep: object, name: str = "call", doc: str = "") -> Callable[[], int]:
-    """Return a builtin without arguments for control loops: it returns what `run(table)` returns.
+    """Return a builtin without arguments for control loops: it returns the result of `run(table)`.
 
     Args:
-        run: address of `i64 run(ptr table)`.
-        table: int64, filled by the caller.
-        keep: what must live as long as the builtin, such as the code and the arrays in the table.
-        name: what the builtin is called,
-        doc: and does, for the reader.
+        run: the address of `i64 run(ptr table)`.
+        table: an int64 array, filled by the caller.
+        keep: an object that must live as long as the builtin, such as the owner of the code and the arrays.
+        name: the builtin's `__name__`.
+        doc: the builtin's docstring.
     """
     if _POSSIBLE:
         record = np.array([run, table.ctypes.data], dtype=np.int64)
@@ -141,10 +144,9 @@ def no_argument_call(run: int, table: np.ndarray, keep: object, name: str = "cal
 def _builtin(
     template: str, name: str, signature: str, doc: str, record: np.ndarray, *keep: object
 ) -> Callable[..., Any]:
-    """Return the builtin whose `self` is the record's address and all that the record points to.
+    """Return a builtin whose `self` is a tuple: the address of the record and the objects to which the record points.
 
-    It is a tuple, as the garbage collector empties no tuple and no array when it breaks a cycle: whatever still calls
-    the builtin then finds what the record points to.
+    The garbage collector never empties tuples or arrays when it breaks a cycle, so a call during collection is safe.
     """
     new = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, ctypes.py_object, ctypes.py_object)
     definition = _definition(template, name, f"{name}{signature}\n--\n\n{doc}")
@@ -166,6 +168,6 @@ def _code(template: str) -> cpu.Code:
 
 
 def _immortal(x: Any) -> Any:
-    """Keep an object even after this module is gone: builtins read their PyMethodDef when they die."""
+    """Keep an object alive for ever, because builtins read their PyMethodDef when they are destroyed at exit."""
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(x))
     return x

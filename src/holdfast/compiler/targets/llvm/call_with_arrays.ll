@@ -1,8 +1,8 @@
-; `function(x0, x1, ..., *, name=x, ..., out=result)` runs the kernel on the inputs' buffers; any other call is the
-; fallback's. Names come in any order.
+; `function(x0, x1, ..., *, name=x, ..., out=result)` runs the kernel on the inputs' buffers; any other call is passed
+; to the fallback. Keywords may be in any order.
 ;
-; Taking and releasing a buffer may run Python code, and that may call the same builtin. Hence the table is written only
-; when all buffers are there, and nothing that runs Python comes between that and the kernel.
+; Acquiring or releasing a buffer may run Python code, which may call the same builtin. Hence the table is written only
+; after all buffers have been acquired, and no Python code can run between that and the kernel.
 define ptr @function(ptr %self, ptr %args, i64 %given, ptr %names) {
   %address = call ptr @PyTuple_GetItem(ptr %self, i64 0)
   %record = call ptr @PyLong_AsVoidPtr(ptr %address)

@@ -1,8 +1,8 @@
-"""LLVM's language to machine code. The only file that loads llvmlite.
+"""Compile LLVM's language to machine code of this processor.
 
-`HOLDFAST_CPU` chooses the processor that code is made for: `host` (the default), or one of the levels `x86-64-v2`,
+`HOLDFAST_CPU` chooses the processor for which code is made: `host` (the default), or one of the levels `x86-64-v2`,
 `x86-64-v3` and `x86-64-v4`, for code that is the same on every machine of a cluster. `HOLDFAST_COMPILE=quick` compiles
-everything sooner, to code that runs half as long again; the bits are the same.
+everything in less time, to code that takes 1.5 times as long; its results are the same bit for bit.
 """
 
 from __future__ import annotations
@@ -26,27 +26,27 @@ from holdfast.compiler.errors import CompileError
 lock = threading.Lock()  # LLVM's compiler is used by one thread at a time
 _other: ContextVar[Target | None] = ContextVar("other", default=None)  # see `made_for`
 
-# Of code generation; no optimisation pass is needed. Level 1 leaves out the last scheduling of instructions, which
-# gains one percent at most and is a quarter of the time that LLVM takes: too much for long modules.
-_LEVEL, _LEVEL_OF_LONG, _LONG = 2, 1, 2**21  # characters
-_QUICK_LEVEL = 0  # a third of LLVM's time, and half as long again to run; every level gives the same bits
+# LLVM's level of code generation; optimisation passes are not needed. Level 1 omits the last instruction scheduling,
+# which gains at most one percent but takes a quarter of LLVM's time. It is used for modules longer than _LONG.
+_LEVEL, _LEVEL_OF_LONG, _LONG = 2, 1, 2**21  # _LONG in characters
+_QUICK_LEVEL = 0  # takes a third of LLVM's time; the code takes 1.5 times as long, with the same bits
 
-# What each level of x86-64 adds to the one before (System V psABI, 3.1.1), by LLVM's names.
+# The features that each level of x86-64 adds to the one before (System V psABI, 3.1.1), by LLVM's names.
 _V2 = ("cx16", "popcnt", "sahf", "sse3", "sse4.1", "sse4.2", "ssse3")
 _V3 = (*_V2, "avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
 _V4 = (*_V3, "avx512bw", "avx512cd", "avx512dq", "avx512f", "avx512vl")
-_WIDE = "-prefer-256-bit"  # wide registers are used where LLVM would rather not
+_WIDE = "-prefer-256-bit"  # makes LLVM use registers of 512 bits, which it avoids by default
 LEVELS = {"x86-64-v2": _V2, "x86-64-v3": _V3, "x86-64-v4": _V4}
 
 
 class Target(NamedTuple):
-    """A processor that code is made for.
+    """A processor for which code is made.
 
     Attributes:
-        name: as `HOLDFAST_CPU` says it.
+        name: the processor's name in `HOLDFAST_CPU`.
         cpu: LLVM's name for it.
-        features: what it has, by LLVM's names.
-        feature_text: the same for LLVM, where the name does not say it.
+        features: its instruction sets, by LLVM's names.
+        feature_text: the features to be passed to LLVM in addition to the name.
     """
 
     name: str
@@ -56,17 +56,17 @@ class Target(NamedTuple):
 
 
 def target() -> Target:
-    """Return the processor that code is made for.
+    """Return the processor for which code is made.
 
     Raises:
-        CompileError: `HOLDFAST_CPU` names no processor, or one that this machine's is not.
+        CompileError: `HOLDFAST_CPU` is not a known name, or names a processor whose code this machine cannot run.
     """
     return _other.get() or _target(os.environ.get("HOLDFAST_CPU") or "host")
 
 
 @contextmanager
 def made_for(other: Target) -> Iterator[None]:
-    """Let programs be written for another processor meanwhile, in this thread."""
+    """Within the block and in this thread, write programs for another processor."""
     token = _other.set(other)
     try:
         yield
@@ -99,23 +99,23 @@ def level(name: str) -> Target:
 
 @functools.cache
 def features() -> frozenset[str]:
-    """Return which instruction sets this machine's processor has, as LLVM names them."""
+    """Return the instruction sets of this machine's processor, by LLVM's names."""
     return frozenset(name for name, there in dict(binding.get_host_cpu_features()).items() if there)
 
 
 def lanes() -> int:
-    """Return how many doubles one register holds."""
+    """Return how many doubles one vector register holds."""
     has = target().features
     return 8 if "avx512f" in has else 4 if "avx2" in has else 2
 
 
 def has_fma() -> bool:
-    """Return whether there is an instruction for fma; without it, it is a call of the C library."""
+    """Return whether the processor has an fma instruction; otherwise fma is a call of the C library."""
     return "fma" in target().features
 
 
 def declare(name: str, address: int) -> None:
-    """Give code that is compiled or loaded from now on a C function to call by name."""
+    """Make a C function callable by name from code that is compiled or loaded from now on."""
     binding.add_symbol(name, address)
 
 
@@ -124,22 +124,22 @@ Source = str | Callable[[], tuple[str, Notes]]
 
 
 class Code:
-    """Machine code in memory; it lives as long as this object.
+    """Machine code in memory; it is freed together with this object.
 
     Attributes:
-        addresses: of the functions asked for, by name.
-        address: of the first of them.
-        notes: what was written down when it was compiled.
+        addresses: the addresses of the requested functions, by name.
+        address: the address of the first of them.
+        notes: the notes stored with the code when it was compiled.
     """
 
     def __init__(self, source: Source, *functions: str, key: str = "", quick: bool = False) -> None:
-        """Compile one module, or load what an earlier run made of it.
+        """Compile one module, or load its machine code from the cache.
 
         Args:
-            source: the module in LLVM's language, or what makes it and notes to keep with it.
+            source: the module in LLVM's language, or a function that returns it together with notes.
             functions: the names of the functions to call.
-            key: stands for the source on disk; without it, its source does.
-            quick: compile sooner what will not run for long.
+            key: identifies the module in the cache; without a key, its source identifies it.
+            quick: whether to spend less time on optimisation, for code that will not run for long.
         """
         quick = quick or _always_quick()
         made = None if key else _made(source)
@@ -159,10 +159,10 @@ class Code:
 
 
 def _always_quick() -> bool:
-    """Return whether everything is to be compiled sooner.
+    """Return whether `HOLDFAST_COMPILE` asks to spend less time on optimisation for all code.
 
     Raises:
-        CompileError: `HOLDFAST_COMPILE` says neither `quick` nor `full`.
+        CompileError: `HOLDFAST_COMPILE` is neither `quick` nor `full`.
     """
     how = os.environ.get("HOLDFAST_COMPILE") or "full"
     if how not in ("full", "quick"):
@@ -204,7 +204,7 @@ def _target_machine(level: int = _LEVEL) -> Any:
 
 @functools.cache
 def _fma_of_the_c_library() -> int:
-    """Return the address of the C library's fma, which rounds once too; sines and cosines need it to."""
+    """Return the address of the C library's fma, which rounds only once, as sin and cos require."""
     try:
         fma = ctypes.CDLL(None).fma
     except (OSError, AttributeError) as error:
@@ -213,7 +213,7 @@ def _fma_of_the_c_library() -> int:
 
 
 def _fingerprint(quick: bool) -> tuple[str, ...]:
-    """Return what besides the source decides the code."""
+    """Return everything besides the source on which the machine code depends."""
     versions = (llvmlite.__version__, str(binding.llvm_version_info))
     levels = str(_QUICK_LEVEL) if quick else f"{_LEVEL} {_LEVEL_OF_LONG} {_LONG}"
     made_for = target()

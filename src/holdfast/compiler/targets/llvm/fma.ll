@@ -1,9 +1,9 @@
-; a b + c rounded once, to nearest even, by integers: for processors without the instruction.
+; a b + c rounded once to nearest even, in integer arithmetic, for processors without an fma instruction.
 
 declare i64 @llvm.ctlz.i64(i64, i1)
 declare i128 @llvm.ctlz.i128(i128, i1)
 
-; The mantissa of a finite x other than 0, its leading bit at 52, and the exponent of its last bit.
+; Return the mantissa of a finite nonzero x, with its leading bit at position 52, and the exponent of its last bit.
 define internal { i64, i64 } @exact.apart(double %x) noinline nounwind {
   %bits = bitcast double %x to i64
   %field.0 = lshr i64 %bits, 52
@@ -24,7 +24,7 @@ define internal { i64, i64 } @exact.apart(double %x) noinline nounwind {
   ret { i64, i64 } %r
 }
 
-; x shifted down by n >= 0 places; what is lost sets the last bit.
+; Return x shifted right by n >= 0 places; if any bit that is lost is set, the last bit is set.
 define internal i128 @exact.down(i128 %x, i64 %n) noinline nounwind {
   %far = icmp ugt i64 %n, 127
   %m.0 = select i1 %far, i64 127, i64 %n
@@ -78,7 +78,7 @@ general:
   %ea = extractvalue { i64, i64 } %A, 1
   %eb = extractvalue { i64, i64 } %B, 1
   %ec = extractvalue { i64, i64 } %C, 1
-  ; both with leading bits from 122 to 123, so that a sum has room and a shift by a few places is exact
+  ; Both have their leading bits at 122 or 123, so that a sum does not overflow and a shift by a few places is exact.
   %mm = mul i128 %ma, %mb
   %p = shl i128 %mm, 18
   %q = shl i128 %mc, 71

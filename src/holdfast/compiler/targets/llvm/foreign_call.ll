@@ -1,5 +1,5 @@
-; XLA's programs call kernels through `handler`, one for all of them: their attribute `key` says which. XLA's structs are
-; those of its FFI's C interface, version 0.$minor; `foreign_call.py` makes the records.
+; XLA's programs call all kernels through `handler`; their attribute `key` selects the kernel. XLA's structures are
+; those of the C interface of its FFI, version 0.$minor; `foreign_call.py` makes the records.
 
 %extension = type { i64, i32, i32, ptr, ptr }  ; size, kind, -, next, what it is about
 %metadata = type { i64, i64, ptr, i32, i32, i32 }  ; size, (size, extension, major, minor) of the interface, traits
@@ -13,8 +13,8 @@
 %error = type { i64, ptr, ptr, i32, i32 }  ; size, extension, message, code
 
 %record = type { ptr, ptr, ptr, i64, i64, i64, ptr, ptr, i64, i64, double, [0 x { i64, i64 }] }
-; single, prepare, batch, lanes, bytes of working memory for one system, for a batch, such memory not in use, how many
-; arrays, which of them is the status, the status that is not decided, rank and size of each array
+; single, prepare, batch, lanes, bytes of working memory for one system and for a batch, free working memory of each,
+; number of arrays, index of the status, the undecided status, rank and size of each array
 
 @registry = internal global ptr null  ; how many records, then key and address of each
 @unknown = internal constant [$unknown_size x i8] c"$unknown\00"
@@ -132,7 +132,7 @@ entry:
   ret ptr %array
 }
 
-; Run one system, or a batch if the status has an axis; false: there is not enough memory.
+; Run one system, or a batch if the status has an axis; return false if there is not enough memory.
 define internal i1 @run(ptr %frame, ptr %record) {
 entry:
   %arrays.at = getelementptr %record, ptr %record, i64 0, i32 8
@@ -242,7 +242,7 @@ look:
   ret i1 true
 }
 
-; Results of systems whose status is left open are not-a-number: nobody decides it here.
+; Set the results of systems with an undecided status to NaN, because the caller cannot resolve it.
 define internal void @withhold(ptr %frame, ptr %record, i64 %arrays, ptr %status, i64 %count) {
 entry:
   %given.at = getelementptr %frame, ptr %frame, i64 0, i32 5, i32 2

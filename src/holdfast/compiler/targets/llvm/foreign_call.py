@@ -1,8 +1,9 @@
-"""Kernels as functions that XLA's programs call by address: those of JAX, on this processor.
+"""Kernels as functions that XLA's programs, such as those of JAX, call on this processor.
 
-One handler serves all kernels. A program says by an attribute `key` which it means, a number that is the same in every
-process: programs that are kept on disk, where addresses would lie, find their kernel again or say that it is not here.
-What is known here stays: no one tells when the last program is gone.
+One handler serves all kernels. A program selects its kernel by the attribute `key`, a number that is the same in every
+process. A program that was stored on disk, where an address would be invalid, can therefore find its kernel again, or
+reports that the kernel is not in this process. Published kernels are never freed, because XLA does not tell when it
+discards the last program that calls them.
 """
 
 from __future__ import annotations
@@ -22,23 +23,23 @@ from holdfast.compiler.targets.llvm import cpu
 from holdfast.compiler.targets.llvm.functions import constant
 from holdfast.compiler.targets.llvm.templates import filled
 
-_MINOR = 1  # of XLA's FFI, 0.x: the oldest that XLA of today takes; what the handler needs is in all of them
+_MINOR = 1  # the version of XLA's FFI is 0._MINOR: the oldest that XLA accepts; it has all that the handler needs
 _UNKNOWN = "holdfast: this program's kernel is not in this process; expected holdfast.interop.to_jax of its chain first"
 _EXHAUSTED = "holdfast: not enough memory for this kernel"
 _ALIGNMENT = 64  # bytes; working memory begins at a cache line
 
 _LOCK = threading.Lock()
-_records: dict[int, np.ndarray] = {}  # by key, laid out as %record in `foreign_call.ll`
-_kept: list[object] = []  # what published addresses lie in
+_records: dict[int, np.ndarray] = {}  # by key; each is laid out as %record in `foreign_call.ll`
+_kept: list[object] = []  # keeps the objects alive whose addresses have been published
 
 
 class Codes(NamedTuple):
     """A kernel's machine code.
 
     Attributes:
-        single: functions `single` and `prepare`.
-        batch: function `batch`.
-        lanes: systems that it computes side by side.
+        single: the code with the functions `single` and `prepare`.
+        batch: the code with the function `batch`.
+        lanes: how many systems `batch` computes side by side.
     """
 
     single: cpu.Code
@@ -47,14 +48,14 @@ class Codes(NamedTuple):
 
 
 def publish(name: str, codes: Codes, externals: Mapping[str, External], status: str, open_status: float) -> int:
-    """Let XLA's programs call a kernel; return its key.
+    """Register a kernel so that XLA's programs can call it; return its key.
 
     Args:
-        name: stands for the kernel in every process.
+        name: identifies the kernel in every process.
         codes: its machine code.
-        externals: the arrays it takes and returns, results last.
-        status: which of them is the status.
-        open_status: a status that is not decided: all results of such a system become not-a-number.
+        externals: the arrays that it reads and writes, results last.
+        status: the name of the array that holds the status.
+        open_status: the status of a system that is undecided; all its results become NaN.
     """
     digest = hashlib.sha256(f"{name}/{status}/{open_status!r}".encode()).digest()
     key = int.from_bytes(digest[:8], "little") >> 1  # an int64, positive
@@ -68,7 +69,7 @@ def publish(name: str, codes: Codes, externals: Mapping[str, External], status: 
 
 
 def capsule() -> Any:
-    """Return the function that XLA calls, `XLA_FFI_Handler` of its C interface, as a capsule."""
+    """Return a Python capsule of the function that XLA calls (`XLA_FFI_Handler` of its C interface)."""
     make = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
     return make(("PyCapsule_New", ctypes.pythonapi))(_code().address, None, None)
 

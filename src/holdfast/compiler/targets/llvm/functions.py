@@ -1,6 +1,7 @@
-"""A program as a function in LLVM's language: one straight line of operations, on numbers or on lanes.
+"""Write a program as functions in LLVM's language: straight-line code on numbers or on vectors of lanes.
 
-No fast-math flag is ever written, so LLVM neither fuses nor reorders: the bits are the interpreter's.
+No fast-math flag is set, so LLVM neither fuses nor reorders operations: the results are those of the interpreter,
+bit for bit.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ class Function(NamedTuple):
     """A program in LLVM's language.
 
     Attributes:
-        lines: one or more LLVM functions.
-        names: of the functions, to be called in this order with the same arguments.
-        split: the program in as many parts.
+        lines: the source of one or more LLVM functions.
+        names: the names of the functions, which are called in this order with the same arguments.
+        split: the program, split into one part for each function.
     """
 
     lines: list[str]
@@ -34,7 +35,7 @@ class Function(NamedTuple):
 def function(
     name: str, program: Program, lanes: int, inputs: Sequence[Access], outputs: Sequence[Access], longest: int = LONGEST
 ) -> Function:
-    """Return a program as one function, or several if it is long; arguments as for `split`."""
+    """Return a program as one function, or several if it is long; for the arguments see `split`."""
     found = split(program, lanes, inputs, outputs, longest)
     parameters = ", ".join(f"ptr noalias %{pointer}" for pointer in found.parameters)
     names = [f"{name}.{k}" for k in range(len(found.parts))]
@@ -46,7 +47,7 @@ def function(
 
 
 def declarations(lanes: int) -> list[str]:
-    """Return the declarations of what functions on so many lanes call."""
+    """Return the declarations of the intrinsics that functions on so many lanes call."""
     T = number_type(lanes)
     functions = [f"declare {T} @llvm.{name}.{_suffix(lanes)}({T})" for name in _FUNCTIONS.values()]
     return [*functions, f"declare {T} @llvm.fma.{_suffix(lanes)}({T}, {T}, {T})"]
@@ -58,13 +59,13 @@ def number_type(lanes: int) -> str:
 
 
 def constant(value: float, lanes: int) -> str:
-    """Return a number by its bits, in every lane."""
+    """Return an LLVM constant with the number's bits in every lane."""
     bits = f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
     return bits if lanes == 1 else f"splat (double {bits})"
 
 
 def splat(name: str, scalar: str, lanes: int) -> list[str]:
-    """Return the lines that make `name` a vector of one number."""
+    """Return the lines that define `name` as a vector with the same number in every lane."""
     T = number_type(lanes)
     return [
         f"  {name}.one = insertelement {T} poison, double {scalar}, i64 0",
@@ -81,7 +82,7 @@ def _suffix(lanes: int) -> str:
 
 
 def _body(part: Part, lanes: int) -> list[str]:
-    """Return the operations; each input is read where it is first needed, each result stored at once."""
+    """Return the lines of the operations; inputs are loaded at first use, and results are stored when computed."""
     program, sources, wanted = part.program, part.sources, part.wanted
     T, truth, suffix = number_type(lanes), _truth_type(lanes), _suffix(lanes)
     lines: list[str] = []

@@ -8,18 +8,18 @@ from holdfast.compiler.schedule import Call
 from holdfast.compiler.targets.layout import Address, Layout
 from holdfast.compiler.targets.llvm.functions import Function, function
 
-_UNROLLED = 2  # calls that are written out; more of them are a loop
+_UNROLLED = 2  # up to so many calls are written one after the other; more become a loop
 
 
 class Module:
-    """Text of a module in the making.
+    """Collects the source of a module.
 
     Attributes:
-        layout: where arrays lie.
-        functions: the stages' functions so far.
-        tables: constants: addresses that a loop runs through.
-        scratch: how many numbers the functions' scratch memory has.
-        lanes: vector lengths that occur.
+        layout: the addresses of all arrays.
+        functions: the lines of the stage functions written so far.
+        tables: constant tables of the addresses over which loops run.
+        scratch: the number of doubles of scratch memory that the functions need.
+        lanes: the vector lengths that the functions use.
     """
 
     def __init__(self, layout: Layout) -> None:
@@ -38,7 +38,7 @@ class Module:
         return label
 
     def label(self) -> int:
-        """Return a number not used yet."""
+        """Return a number that no label or variable uses yet."""
         self._labels += 1
         return self._labels
 
@@ -78,7 +78,7 @@ class Module:
         return f"after{n}"
 
     def _function(self, call: Call) -> Function:
-        """Return the function of a stage's phase for this layout, written once."""
+        """Return the function of a stage's phase for this layout; it is written at the first call only."""
         layout, stage = self.layout, self.layout.schedule.groups[call.group].stage
         inputs, outputs = layout.accesses(call)
         lanes = max(layout.systems, layout.width[call.group])

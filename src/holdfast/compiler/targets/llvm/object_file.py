@@ -1,6 +1,6 @@
-"""Object files for a processor that is named, perhaps another than this one: code without Python.
+"""Object files without Python, for this processor or another one.
 
-They call nothing, keep no state, and never ask for memory. What a function needs of the stack is read from its
+Their functions call no library, keep no state and allocate no memory. How much stack a function needs is read from its
 assembly.
 """
 
@@ -19,12 +19,12 @@ from holdfast.compiler.targets.llvm.templates import filled
 
 
 class ObjectTarget(NamedTuple):
-    """A processor that object files are made for, under Linux.
+    """A processor, under Linux, for which object files are made.
 
     Attributes:
         made_for: the processor.
         triple: LLVM's name of the architecture and the operating system.
-        flags: of GCC and Clang, for the same processor.
+        flags: the flags of GCC and Clang that select the same processor.
     """
 
     made_for: cpu.Target
@@ -33,7 +33,7 @@ class ObjectTarget(NamedTuple):
 
     @property
     def name(self) -> str:
-        """As users say it."""
+        """The target's name in the user interface."""
         return self.made_for.name
 
 
@@ -41,8 +41,8 @@ class ObjectFile(NamedTuple):
     """Machine code to be linked.
 
     Attributes:
-        content: the file's bytes, ELF.
-        stack: by function, the most bytes of stack that a call needs, its own return address included.
+        content: the bytes of the file, in ELF format.
+        stack: the largest number of bytes of stack that a call needs, its return address included, by function.
     """
 
     content: bytes
@@ -60,7 +60,7 @@ def object_file(modules: Sequence[str], target: ObjectTarget) -> ObjectFile:
     """Compile modules into one object file.
 
     Args:
-        modules: in LLVM's language, for as many lanes as the target has; of different public names.
+        modules: their sources in LLVM's language, written for this target; no two may share a public name.
         target: the processor.
 
     Raises:
@@ -99,7 +99,7 @@ def _linked(modules: list[Any]) -> Any:
 
 
 def _with_own_fma(text: str, target: ObjectTarget) -> str:
-    """Return the module with fma as a function of its own, where there is no instruction for it."""
+    """Return the module with its own fma function added, if the target has no fma instruction."""
     if "fma" in target.made_for.features:
         return text
     used = {1 if not n else int(n) for n in re.findall(r"@llvm\.fma\.(?:v(\d+))?f64\(", text)}
@@ -111,7 +111,7 @@ def _with_own_fma(text: str, target: ObjectTarget) -> str:
 
 
 def _fma_of_lanes(lanes: int) -> str:
-    """Return the function that does to vectors what `fma.ll` does to numbers."""
+    """Return the function that applies the scalar fma of `fma.ll` to every lane of vectors."""
     T, result = number_type(lanes), "poison"
     lines = [f"define internal {T} @llvm.fma.v{lanes}f64({T} %a, {T} %b, {T} %c) noinline nounwind {{"]
     for j in range(lanes):
@@ -123,22 +123,22 @@ def _fma_of_lanes(lanes: int) -> str:
 
 
 _FUNCTION = re.compile(r"^([\w.$]+|\"[^\"]+\"):")
-_FRAME = (  # how much of the stack a line takes: x86-64, then 64-bit ARM
+_FRAME = (  # instructions that allocate stack: of x86-64, then of 64-bit ARM
     (re.compile(r"\bpushq\b"), 8),
     (re.compile(r"\bsubq\s+\$(\d+), %rsp"), None),
     (re.compile(r"\bandq\s+\$-(\d+), %rsp"), None),
     (re.compile(r"\bsub\s+sp, sp, #(\d+)(?:, lsl #12)?"), None),
     (re.compile(r"\bst[rp]\s.*\[sp, #-(\d+)\]!"), None),
 )
-_BELOW = re.compile(r"\s-(\d+)\(%rsp")  # x86-64: the 128 bytes below the stack that a function may use as they are
+_BELOW = re.compile(r"\s-(\d+)\(%rsp")  # accesses to the red zone of x86-64: 128 bytes below the stack pointer
 _CALL = re.compile(r"\b(?:callq|jmp|bl|b)\s+([\w.$]+|\"[^\"]+\")(?:@PLT)?$")
 
 
 def stack_needed(assembly: str) -> dict[str, int]:
-    """Return what each function that other files can call needs of the stack [bytes], whatever it calls included.
+    """Return the stack that each public function needs, including the functions that it calls [bytes].
 
     Args:
-        assembly: of a module without recursion.
+        assembly: the assembly of a module without recursion.
     """
     own: dict[str, int] = {}
     below: dict[str, int] = {}

@@ -1,10 +1,10 @@
-"""The module that runs a schedule for one system.
+"""The LLVM module that runs a schedule for one system.
 
     i64 single(i64 *table)    void prepare(i64 *table)
 
-`table` holds the addresses of the external arrays in order, then of working memory. `prepare` does
-what depends on parameters only. `single` returns the status as an integer, 0 if all is well; what is
-carried is one step further afterwards.
+`table` holds the addresses of the external arrays in order, then that of the working memory. `prepare` computes what
+depends on parameters only. `single` returns the status as an integer, which is 0 if there was no problem; it also
+updates carried arrays to the next repetition.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from holdfast.compiler.targets.llvm.functions import constant, declarations, num
 from holdfast.compiler.targets.llvm.module import Module
 from holdfast.compiler.targets.llvm.templates import filled
 
-_INLINE = 32  # numbers that are looked at one register after the other; more of them in a loop
+_INLINE = 32  # up to so many numbers of an array are checked in straight-line code; more are checked in a loop
 
 
 def single_module(schedule: Schedule, lanes: int, names: tuple[str, str] = ("single", "prepare")) -> tuple[str, int]:
-    """Return the module's source and how many doubles of working memory it needs.
+    """Return the module's source and the number of doubles of working memory that it needs.
 
     Args:
-        schedule: what it computes.
-        lanes: items computed side by side.
-        names: of its two functions.
+        schedule: the schedule to run.
+        lanes: how many items of a group are computed side by side.
+        names: the names of its two functions.
     """
     layout = Layout(schedule, lanes)
     module = Module(layout)
@@ -69,10 +69,10 @@ def _head(result: str, name: str, layout: Layout) -> list[str]:
 
 
 def _move(lines: list[str], module: Module, wire: Wire, area: Area, label: str, inward: bool) -> str:
-    """Copy the items' numbers from the caller's array into lanes, or back; return the last block's label.
+    """Write the code that copies items from an external array into lanes, or back; return the last block's label.
 
-    Lanes without an item are given the last one's numbers. What they make of them is worth nothing:
-    on the way back they write first, and the last item over them.
+    Lanes without an item receive the numbers of the last item. On the way back they are written before it, so that
+    the results of the last item overwrite theirs.
     """
     k, T = list(module.layout.schedule.externals).index(wire.array), number_type(area.width)
     n, count = module.label(), -(-len(wire.places) // area.width)
@@ -118,7 +118,7 @@ def _move(lines: list[str], module: Module, wire: Wire, area: Area, label: str, 
 
 
 def _status(schedule: Schedule, status: str, lanes: int) -> list[str]:
-    """Return the end of `single`: status, and not-a-number instead of results of bad status."""
+    """Return the last lines of `single`, which set and return the status and replace results of bad status by NaN."""
     index = {name: k for k, name in enumerate(schedule.externals)}
     T, zero = number_type(lanes), constant(0.0, lanes)
     lines: list[str] = []
@@ -156,7 +156,7 @@ def _status(schedule: Schedule, status: str, lanes: int) -> list[str]:
 
 
 def _difference(lines: list[str], name: str, T: str, k: int, e: int, before: str) -> str:
-    """Append what adds x - x, 0 for every finite x, to a sum; return the sum's name."""
+    """Append the lines that add x - x, which is 0 for every finite x, to a sum; return the name of the sum."""
     lines.append(f"  {name}.a = getelementptr double, ptr %external{k}, i64 {e}")
     lines.append(f"  {name}.x = load {T}, ptr {name}.a, align 8")
     lines.append(f"  {name}.d = fsub {T} {name}.x, {name}.x")
@@ -171,7 +171,7 @@ def _any(lanes: int, truth: str) -> str:
 
 
 def _guard(lanes: int) -> list[str]:
-    """Return `unsound`, whether any of n numbers is not finite, and `blank`, which takes them back."""
+    """Return the functions `unsound` (whether any of n numbers is not finite) and `blank` (sets n numbers to NaN)."""
     reduce = [f"declare i1 @llvm.vector.reduce.or.v{lanes}i1(<{lanes} x i1>)"] if lanes > 1 else []
     values = {"lanes": lanes, "T": number_type(lanes), "zero": constant(0.0, lanes), "nan": constant(math.nan, 1)}
     return [*reduce, filled("single_guard", **values, any_odd=_any(lanes, "%odd"))]

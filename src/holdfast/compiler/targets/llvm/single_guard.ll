@@ -1,4 +1,4 @@
-; `unsound` says whether any of n numbers is not finite (x - x is 0 for every finite x); `blank` writes not-a-number.
+; `unsound` returns whether any of n numbers is not finite (x - x is 0 for every finite x); `blank` writes NaN.
 
 define internal i1 @unsound(ptr %x, i64 %n) noinline nounwind {
 entry:

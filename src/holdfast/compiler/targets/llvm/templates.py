@@ -1,4 +1,4 @@
-"""The parts of modules that are files of LLVM's language; `$name` in them stands for what Python fills in."""
+"""Templates of modules: files in LLVM's language in which Python replaces every `$name`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from string import Template
 
 
 def filled(name: str, **values: object) -> str:
-    """Return a template, `name.ll` beside this file, with its `$names` filled in; lists of lines are joined."""
+    """Return the template `name.ll` of this folder with every `$name` replaced; a list is a value of several lines."""
     texts = {key: "\n".join(value) if isinstance(value, list) else value for key, value in values.items()}
     return _template(name).substitute(texts)
 

@@ -1,21 +1,21 @@
-"""Rows of systems to lanes and back, as square blocks turned over in registers.
+"""Copy the rows of a batch's systems into lanes and back, by transposing square blocks in registers.
 
     void to_lanes.N(double *rows, i64 stride, i64 first, i64 last, double *lanes)
     void from_lanes.N(the same)
 
-Lane j is row min(first + j, last); `stride` doubles lie between rows (0: one row for all), N of
-them are moved. Number by number this took a quarter of a batch's time.
+Lane j is row min(first + j, last). The first N doubles of each row are copied; rows are `stride` doubles apart, or
+0 if all systems share one row. Copying number by number took a quarter of a batch's time.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
-_UNROLLED = 2  # squares that are written out; more of them are a loop
+_UNROLLED = 2  # up to so many square blocks are written one after the other; more become a loop
 
 
 def transpositions(sizes: Iterable[tuple[str, int]], lanes: int) -> list[str]:
-    """Return the source of the functions for the given directions and sizes, and what they call."""
+    """Return the source of the functions for pairs of (`to_lanes` or `from_lanes`, size), with declarations."""
     V = f"<{lanes} x double>"
     lines = [
         f"declare {V} @llvm.masked.load.v{lanes}f64.p0(ptr, i32, <{lanes} x i1>, {V})",
@@ -54,7 +54,7 @@ def _function(name: str, size: int, lanes: int) -> list[str]:
     else:
         for k in range(whole):
             lines += _square(name, f"q{k}", str(k * lanes), lanes, lanes)
-    if rest and whole:  # some numbers are moved twice
+    if rest and whole:  # the last block overlaps the one before it, so some numbers are copied twice
         lines += _square(name, "t", str(size - lanes), lanes, lanes)
     elif rest:
         lines += _square(name, "t", "0", lanes, rest)
@@ -62,7 +62,7 @@ def _function(name: str, size: int, lanes: int) -> list[str]:
 
 
 def _square(name: str, tag: str, entry: str, lanes: int, width: int) -> list[str]:
-    """Return what turns over `lanes` rows of `width` numbers each from an entry on."""
+    """Return the lines that transpose a block: `width` numbers, from `entry` on, of `lanes` rows."""
     V = f"<{lanes} x double>"
     lines = [f"  %{tag}.first = mul i64 {entry}, {lanes}"]
     for j in range(lanes):
@@ -111,7 +111,10 @@ def _square(name: str, tag: str, entry: str, lanes: int, width: int) -> list[str
 
 
 def _part(name: str, value: str, row: str, lanes: int, width: int) -> list[str]:
-    """Return what stores the first numbers of a vector in powers of two: masked stores are slow on some CPUs."""
+    """Return the lines that store the first `width` numbers of a vector, in pieces of 2^k numbers.
+
+    Masked stores would be slow on some processors.
+    """
     lines, start = [], 0
     while start < width:
         size = 1 << ((width - start).bit_length() - 1)
