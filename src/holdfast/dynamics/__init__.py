@@ -1,4 +1,4 @@
-"""The algorithms: open chain (`arm`), closed chain (`closed`), and what is asked of them."""
+"""The algorithms for single arms (`arm`) and closed chains (`closed`), and the functions that users call."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Closing the chains: positions that satisfy every grasp, and velocities that keep them so."""
+"""Solve the grasp constraints for positions (`close`) and for velocities (`project_velocity`)."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ from holdfast.model.tip_direction import advice_for
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
-CLOSED = 1e-13  # rad, and lengths over the arms' reach: where iterating on stops
-ACCEPTED = 1e-10  # the same: what counts as closed
+CLOSED = 1e-13  # rad, and lengths relative to the arms' reach: the iteration stops below this residual
+ACCEPTED = 1e-10  # same units: a state with a residual below this counts as closed
 MAX_ITERATIONS = 200
-# Of the largest singular value, per position gap: beside the constraint rows may seem independent that are not on it.
+# Relative singular value per unit of position residual. Off the constraint manifold, dependent rows can look
+# independent; singular values below this bound are checked again at a closed state.
 NULL_PER_GAP = 1e3
-LONGEST_STEP = 0.5  # rad, or part of the arms' reach, in one iteration
-WORTH_NAMING = 1e-2  # of the largest miss: a smaller one was only waiting for it
-MOST_NAMED = 4  # arms in one message
-MOST_ADVISED = 2  # pieces of advice, where tips seem to point another way than the hands
+LONGEST_STEP = 0.5  # largest step of one iteration: rad, or fraction of the arms' reach
+WORTH_NAMING = 1e-2  # fraction of the largest residual below which an arm is not reported as unreachable
+MOST_NAMED = 4  # arms named in one message
+MOST_ADVISED = 2  # hints in one message about tip frames that seem to point in the wrong direction
 
 
 def close(
@@ -40,27 +41,27 @@ def close(
 ) -> State:
     """Return the consistent state nearest to a guess.
 
-    Positions by damped Gauss-Newton steps of least length on the position rows (lengths in
-    units of the arms' reach), joints kept within their limits; then velocities by
-    `project_velocity`. O(l^3) a step; O(l) with the object held.
+    Damped Gauss-Newton steps of least norm close the position rows (lengths in units of the arms' reach), with the
+    joints kept within their limits. `project_velocity` then corrects the velocities. The cost of a step is O(l^3),
+    or O(l) with `hold_object`.
 
     Args:
         chain: the chain.
         guess: positions and velocities to stay near.
-        hold_object: keep the object's pose and twist, and those of a trunk; move the arms only.
-        hold_trunk: False: with the object held, a trunk may move as well.
-        hold_base: keep pose and twist of a floating base.
+        hold_object: keep the object's pose and twist, and those of a trunk, and move the arms only.
+        hold_trunk: if False, a trunk may move even though `hold_object` is set.
+        hold_base: keep the pose and twist of a floating base.
         limits: keep joints within their position limits.
         inputs: base motion, if the bases move.
 
     Raises:
-        ClosureError: naming the arms that cannot reach, and by how much.
+        ClosureError: if some arms cannot reach their grasps; the message names them and their residuals.
     """
     guess.fits(chain)
     low, high = np.array([joint.position_limits for joint in chain.all_joints]).reshape(-1, 2).T
     if not limits:
         low, high = np.full_like(low, -np.inf), np.full_like(high, np.inf)
-    # the object where it is: a turn by nothing may cost the last bit
+    # only q is changed here: even a zero rotation of the object could change the last bit of its pose
     state = replace(guess, q=np.clip(guess.q, low, high))
     alone = hold_object and (hold_trunk or chain.trunk is None)
     if alone:
@@ -81,15 +82,15 @@ def project_velocity(
     hold_base: bool = False,
     inputs: Inputs | None = None,
 ) -> State:
-    """Return the state with the nearest velocities that keep every grasp.
+    """Return the state with the nearest velocities that satisfy every grasp.
 
-    Nearest in the norm of (qd, V(C)) with lengths in units of the arms' reach; the
+    The change of (qd, V(C)) has least norm, with lengths in units of the arms' reach, and makes the
     velocity rows K (A V(C) - J qd) vanish. O(n^3).
 
     Args:
         chain: the chain.
         state: positions that close the grasps, and velocities to stay near.
-        hold_object: keep the object's twist, and that of a trunk; change the joint rates of the arms only.
+        hold_object: keep the object's twist and the velocities of a trunk, and change the arms' joint velocities only.
         hold_base: keep the twist of a floating base.
         inputs: base motion, if the bases move.
 
@@ -102,7 +103,7 @@ def project_velocity(
 
 
 def _with_velocities(chain: ClosedChain, state: State, hold: Array, inputs: Inputs | None) -> State:
-    """Return the state with the nearest velocities that keep every grasp, some coordinates held; see above."""
+    """Return `project_velocity` with some coordinates held; `hold` is a mask over the constraint's columns."""
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), (inputs or Inputs()).shaped(chain))
     if not any(c.rows for c in motion.contacts):
         return state
@@ -112,7 +113,8 @@ def _with_velocities(chain: ClosedChain, state: State, hold: Array, inputs: Inpu
     rank = int((s > NULL_SINGULAR_VALUE * s[0]).sum())
     position_gap = np.abs(_position_gaps(motion, state)).max(initial=0.0)
     if rank > 0 and s[rank - 1] < NULL_PER_GAP * position_gap * s[0]:
-        # a row that follows from others does so where the grasps are closed; beside it, it would stop the motion
+        # Dependent rows look independent where the grasps are slightly open, and would wrongly stop the motion.
+        # The rank is therefore taken at the nearest closed state.
         free = np.full(n, np.inf)
         none = np.zeros(chain.velocity_count, dtype=bool)
         closed = chain_at_rest(chain, _brought_together(chain, state, -free, free, none))
@@ -123,7 +125,7 @@ def _with_velocities(chain: ClosedChain, state: State, hold: Array, inputs: Inpu
 
 
 def _held_columns(chain: ClosedChain, *, hold_object: bool, hold_trunk: bool, hold_base: bool) -> Array:
-    """Return which columns of `ConstraintRows.matrix` are kept from moving, (n + 6,) or (n + 12,) booleans."""
+    """Return the mask of columns of `ConstraintRows.matrix` that must not move, (n + 6,) or (n + 12,) booleans."""
     n, held = chain.joint_count, np.zeros(chain.velocity_count, dtype=bool)
     held[n : n + 6] = hold_object
     held[n + 6 :] = hold_base or hold_trunk
@@ -133,12 +135,15 @@ def _held_columns(chain: ClosedChain, *, hold_object: bool, hold_trunk: bool, ho
 
 
 def _velocity_rows(motion: ChainMotion, held: Array) -> Array:
-    """Return K [J, -A] for unknowns in units of `coordinate_sizes`, zero where they are held."""
+    """Return K [J, -A] for unknowns in units of `coordinate_sizes`, with the columns of held coordinates zero."""
     return np.where(held, 0.0, constraint_rows(motion).matrix * coordinate_sizes(motion))
 
 
 def _arms_brought(chain: ClosedChain, state: State, low: Array, high: Array) -> State:
-    """Return the state with the grasps closed, the object held: each arm is alone, none waits for one that cannot."""
+    """Return the state with the grasps closed and the object held.
+
+    Each arm is solved by itself, so that an arm that cannot reach does not keep the others from converging.
+    """
     q, arms = np.array(state.q), chain_at_rest(chain, state).arms
     for name, grasp in chain.grasps.items():
         part = chain.joints[name]
@@ -150,7 +155,7 @@ def _arms_brought(chain: ClosedChain, state: State, low: Array, high: Array) -> 
 
 
 def _brought_together(chain: ClosedChain, state: State, low: Array, high: Array, held: Array) -> State:
-    """Return the state with the grasps closed, as far as they can be; coordinates that are held stay."""
+    """Return the state with the grasps closed as far as possible; held coordinates do not change."""
     motion, gap = _gap(chain, state)
     damping = 1e-6
     for _ in range(MAX_ITERATIONS):
@@ -167,20 +172,20 @@ def _brought_together(chain: ClosedChain, state: State, low: Array, high: Array,
             state, motion, gap = trial, trial_motion, trial_gap
             damping = max(damping / 10, 1e-9)
         elif size <= ACCEPTED or damping > 1e3:
-            break  # as closed as rounding allows, or as near as it comes
+            break  # rounding allows no smaller residual, or the iteration has stalled
         else:
             damping *= 10
     return state
 
 
 def _gap(chain: ClosedChain, state: State) -> tuple[ChainMotion, Array]:
-    """Return the motion and the position residuals, lengths over the arms' reach; velocities have no part in them."""
+    """Return the chain at rest and its position residuals, with lengths divided by the arms' reach."""
     motion = chain_at_rest(chain, state)
     return motion, _position_gaps(motion, state)
 
 
 def _position_gaps(motion: ChainMotion, state: State) -> Array:
-    """Return the position residuals of all grasps, lengths over the arms' reach."""
+    """Return the position residuals of all grasps, with lengths divided by the arms' reach."""
     reach = coordinate_sizes(motion)[-1]
     parts = []
     for gap in residuals(motion, state).values():
@@ -190,7 +195,7 @@ def _position_gaps(motion: ChainMotion, state: State) -> Array:
 
 
 def _position_rows(motion: ChainMotion) -> Array:
-    """Return d(gap)/d(q, object): the velocity rows that are rates of position rows."""
+    """Return d(residual)/d(q, object): those velocity rows that are time derivatives of position rows."""
     rows = constraint_rows(motion)
     reach = coordinate_sizes(motion)[-1]
     matrix = -rows.matrix
@@ -202,28 +207,28 @@ def _position_rows(motion: ChainMotion) -> Array:
 
 
 def _inward_step(rows: Array, gap: Array, damping: float, lowest: Array, highest: Array) -> Array:
-    """Return the damped Gauss-Newton step; joints at a limit that it would push beyond stay where they are.
+    """Return the damped Gauss-Newton step; joints at a limit do not move if the step would push them beyond it.
 
     Args:
-        rows: (rows, n + 6) of d(gap).
-        gap: (rows,).
-        damping: smallest singular value that counts.
-        lowest: (n,) whether a joint stands at its lowest position.
-        highest: the same of the highest.
+        rows: (rows, n + 6) Jacobian of the residuals.
+        gap: (rows,) the residuals.
+        damping: singular values below this are damped out.
+        lowest: (n,) True where a joint is at its lower limit.
+        highest: (n,) True where a joint is at its upper limit.
     """
     n, rows = len(lowest), rows.copy()
     while True:
         U, s, Vt = np.linalg.svd(rows, full_matrices=False)
         step = -Vt.T @ (s / (s**2 + damping**2) * (U.T @ gap))
         beyond = (lowest & (step[:n] < 0)) | (highest & (step[:n] > 0))
-        beyond &= rows[:, :n].any(axis=0)  # those left out already take no step but rounding's
+        beyond &= rows[:, :n].any(axis=0)  # columns that are already removed move by rounding only
         if not beyond.any():
             return step
         rows[:, :n][:, beyond] = 0.0
 
 
 def _clipped(state: State, step: Array, low: Array, high: Array) -> State:
-    """Return the state displaced by (dq, turn, shift), its joints kept within the limits."""
+    """Return the state displaced by (dq, rotation vector, translation), with the joints kept within the limits."""
     there = moved(state, step)
     return replace(there, q=np.clip(there.q, low, high))
 
@@ -247,7 +252,7 @@ def _require_reached(chain: ClosedChain, state: State) -> None:
 
 
 def _tips_advice(chain: ClosedChain, missed: dict[str, float], worst: float) -> str:
-    """Return what to say of tips that seem to point another way than their hands, those of arms that are named."""
+    """Return hints for the reported arms whose tip frames seem to point in another direction than their hands."""
     advice: dict[str, list[str]] = {}
     for name, gap in missed.items():
         if gap > WORTH_NAMING * worst and (told := advice_for(chain.arms[name], chain.grasps[name])):

@@ -1,8 +1,9 @@
-"""Does a state satisfy its grasps? Position and velocity residuals, grasp by grasp.
+"""Position and velocity residuals of the grasp constraints, grasp by grasp.
 
-Closed means: rigid: tip frame = contact frame; hinge: origins and x axes agree; soft
-finger and ball: origins agree. Rows, position / velocity: rigid 6/6, hinge 5/5, soft
-finger 3/4 (its no-spin condition does not integrate), ball 3/3. Others: docs/theory/contacts.md.
+A grasp is closed in position if, for a rigid grasp, tip frame and contact frame coincide; for a hinge, their origins
+and x axes coincide; for a soft finger or a ball, their origins coincide. The numbers of position and velocity rows
+are rigid 6/6, hinge 5/5, soft finger 3/4 (its no-spin condition is nonholonomic) and ball 3/3. The other kinds are
+in docs/theory/contacts.md.
 """
 
 from __future__ import annotations
@@ -29,11 +30,11 @@ RATE_TOLERANCE = 1e-8  # rad/s, relative to max(1, |W|)
 
 
 class GraspResidual(NamedTuple):
-    """How far one grasp is from holding.
+    """The constraint residuals of one grasp.
 
     Attributes:
-        position: position rows, contact axes: angles [rad] first, then lengths [m].
-        velocity: (6 - n_g,) velocity rows K (A V(C) - V+) [rad/s, m/s].
+        position: residuals of the position rows along contact axes: angles [rad] first, then lengths [m].
+        velocity: (6 - n_g,) residuals of the velocity rows, K (A V(C) - V+) [rad/s, m/s].
     """
 
     position: Array
@@ -41,42 +42,43 @@ class GraspResidual(NamedTuple):
 
 
 def tip_from_contact(c: Contact, contact_point: Array, tip: Pose) -> Pose:
-    """Return the tip frame seen from the contact frame: the identity where a rigid grasp holds.
+    """Return the pose of the tip frame in the contact frame, which is the identity for a closed rigid grasp.
 
-    A motion given by hand has its place in the tip's axes, since these carry it.
+    If the grasp has a motion subspace of the user's own, the position is along the tip's axes, because the tip
+    carries that subspace.
 
     Args:
         c: the grasp in motion.
-        contact_point: (3,) on the object, world axes.
-        tip: the arm's tip frame in the world.
+        contact_point: (3,) contact point on the object in the world, world axes [m].
+        tip: pose of the arm's tip frame in the world.
     """
     axes = c.R if c.grasp.of_kind.given is None else c.frame
     return Pose.unchecked(axes.T @ tip.R, (tip.p - contact_point) @ c.R)
 
 
 def position_gap(c: Contact, contact_point: Array, tip: Pose) -> Array:
-    """Return [turn; shift] that would bring the tip to the contact, (6,) world axes.
+    """Return the displacement [rotation vector; translation] that would close the grasp, (6,) world axes [rad, m].
 
-    The turn is the rotation vector from tip frame to contact frame for a rigid grasp, the
-    shortest one between the x axes for a hinge, and 0 where attitudes are free.
+    The rotation takes the tip frame to the contact frame for a rigid grasp. It is the smallest one between the
+    x axes for a hinge, and zero for grasps that leave the attitude free.
 
     Args:
         c: the grasp in motion.
-        contact_point: (3,) on the object, world axes.
-        tip: the arm's tip frame in the world.
+        contact_point: (3,) contact point on the object in the world, world axes [m].
+        tip: pose of the arm's tip frame in the world.
     """
     seen = tip_from_contact(c, contact_point, tip)
     return rotate(c.R, c.grasp.of_kind.gap(seen.R, seen.p))
 
 
 def position_residual(c: Contact, contact_point: Array, tip: Pose) -> Array:
-    """Return the position rows of one grasp, contact axes: angles [rad], then lengths [m]."""
+    """Return the residuals of one grasp's position rows along contact axes: angles [rad], then lengths [m]."""
     kind, seen = c.grasp.of_kind, tip_from_contact(c, contact_point, tip)
     return kind.along(kind.gap(seen.R, seen.p))[list(kind.position_rows)]
 
 
 def residuals(motion: ChainMotion, state: State) -> dict[str, GraspResidual]:
-    """Return position and velocity residuals of every grasp, by arm name."""
+    """Return the position and velocity residuals of every grasp, by arm name."""
     origin = state.object_frame.p
     return {
         name: GraspResidual(position_residual(c, origin + c.origin, motion.arms[name].at.tip), c.velocity_gap)
@@ -85,11 +87,11 @@ def residuals(motion: ChainMotion, state: State) -> dict[str, GraspResidual]:
 
 
 def closure(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> dict[str, GraspResidual]:
-    """Return how far each grasp is from holding, by arm name. O(n) + O(l).
+    """Return the constraint residuals of every grasp, by arm name. O(n) + O(l).
 
     Args:
         chain: the chain.
-        state: any state, consistent or not.
+        state: any state; it need not satisfy the grasps.
         inputs: base motion, if the bases move.
 
     Raises:
@@ -118,15 +120,15 @@ def require_closed(
     position_tolerance: float = POSITION_TOLERANCE,
     velocity_tolerance: float = VELOCITY_TOLERANCE,
 ) -> None:
-    """Refuse a state that breaks a grasp.
+    """Refuse a state that does not satisfy the grasps.
 
     Raises:
-        StateError: naming the gap of every grasp that is open.
+        StateError: if a residual exceeds its tolerance; the message lists every such grasp.
     """
     limit = velocity_tolerance * max(1.0, float(np.linalg.norm(state.qd)))
     open_grasps = []
     for name, gap in residuals(motion, state).items():
-        x, v = (float(np.abs(part).max(initial=0.0)) for part in gap)  # bushings have no gaps
+        x, v = (float(np.abs(part).max(initial=0.0)) for part in gap)  # a bushing has no constraint rows
         if not (x <= position_tolerance and v <= limit):
             open_grasps.append(f"arm '{name}': position gap {x:.3g} (m, rad), velocity gap {v:.3g} (m/s, rad/s)")
     if open_grasps:
@@ -137,10 +139,10 @@ def require_closed(
 
 
 def require_rates(motion: ChainMotion, rates: Array, tolerance: float = RATE_TOLERANCE) -> None:
-    """Refuse given relative rates W that are not those the velocities imply.
+    """Refuse relative velocities W of the grasps that contradict the velocities of the tips and of the object.
 
     Raises:
-        StateError: naming the gap of every grasp.
+        StateError: if they disagree; the message lists the difference at every such grasp.
     """
     gaps = []
     for (name, part), c in zip(motion.chain.contact_freedoms.items(), motion.contacts, strict=True):

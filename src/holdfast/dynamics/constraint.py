@@ -1,7 +1,8 @@
-"""The grasp constraint on velocities: K_i J_i qd_i = K_i A_i V(C), arm by arm; J_i has columns for a trunk's joints.
+"""The grasp constraint on velocities: K_i J_i qd_i = K_i A_i V(C) for every arm i.
 
-With the relative rates W as unknowns it reads [J, -A, H^T] (qd, V(C), W) = base motion, six
-rows a grasp; K takes W out. rank[J, -A, H^T] = rank K[J, -A] + sum n_g.
+With a trunk, J_i also has columns for the trunk's joints. With the relative velocities W as unknowns the constraint
+reads [J, -A, H^T] (qd, V(C), W) = base motion, with six rows per grasp; multiplying by K eliminates W, so that
+rank[J, -A, H^T] = rank K[J, -A] + sum n_g.
 """
 
 from __future__ import annotations
@@ -16,18 +17,18 @@ from holdfast.model.closed_chain import TRUNK
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import twist_shift
 
-DEPENDENT = 1e-9  # of the largest singular value: what is smaller counts as zero
-SMALLEST_LENGTH = 1e-3  # m: what is smaller sets no scale
+DEPENDENT = 1e-9  # singular values below this fraction of the largest count as zero
+SMALLEST_LENGTH = 1e-3  # m: shorter lengths are not used as a length scale
 
 
 class ConstraintRows(NamedTuple):
-    """Rows of K [J, -A] over all joints, V(C) and the twist of a floating base, one block a grasp, in order.
+    """The rows of K [J, -A], one block per grasp in order.
 
     Attributes:
-        joints: (rows, n).
-        object: (rows, 6).
-        base: (rows, 6) of the twist of a floating base; (rows, 0) without one.
-        slices: per grasp, where its rows lie.
+        joints: (rows, n) columns of the joint velocities.
+        object: (rows, 6) columns of the object's twist V(C).
+        base: (rows, 6) columns of the twist of a floating base; (rows, 0) without one.
+        slices: the rows of each grasp.
     """
 
     joints: Array
@@ -37,12 +38,12 @@ class ConstraintRows(NamedTuple):
 
     @property
     def matrix(self) -> Array:
-        """(rows, n + 6) all of K [J, -A]; 6 columns more of a floating base."""
+        """The whole matrix K [J, -A], (rows, n + 6), with six more columns for a floating base."""
         return np.hstack([self.joints, self.object, self.base])
 
     @property
     def motions(self) -> Array:
-        """(n + 6, m) an orthonormal basis of the velocities that the rows allow. O(n^3)."""
+        """An orthonormal basis of the null space, which is that of the allowed velocities, (n + 6, m). O(n^3)."""
         matrix = self.matrix
         if not len(matrix):
             return np.eye(matrix.shape[1])
@@ -51,11 +52,11 @@ class ConstraintRows(NamedTuple):
 
 
 def coordinate_sizes(motion: ChainMotion) -> Array:
-    """Return what counts as one unit of each joint and of [turn; shift] of the object, (n + 6,).
+    """Return the unit of each joint coordinate and of the object's [rotation; translation], (n + 6,).
 
-    1 rad for what turns; for what slides the longest reach of an arm, or of the object to a grasp if that is longer
-    [m], so that no step, norm or rank depends on the unit of length. With a floating base (n + 12,), it
-    comes last.
+    The unit of an angle is 1 rad. The unit of a length is the longest reach of an arm, or the largest distance of a
+    grasp from C if that is longer [m], so that no step, norm or rank depends on the user's unit of length. With a
+    floating base the result is (n + 12,), with the base last.
     """
     reach = [r for arm in motion.arms.values() for r in arm.at.reach] + [c.offset for c in motion.contacts]
     if motion.trunk is not None:
@@ -68,9 +69,9 @@ def coordinate_sizes(motion: ChainMotion) -> Array:
 
 
 def length_scale(offsets: list[Array]) -> float:
-    """Return L: rms distance of the contact points from their centroid [m].
+    """Return L, the rms distance of the contact points from their centroid [m].
 
-    One contact, or contacts in one point, have no such distance: 1 m is taken.
+    L is 1 m for a single contact and for contacts that all lie at one point.
     """
     if len(offsets) < 2:
         return 1.0
@@ -80,7 +81,7 @@ def length_scale(offsets: list[Array]) -> float:
 
 
 def constraint_rows(motion: ChainMotion) -> ConstraintRows:
-    """Return K J and -K A of all grasps (velocity rows)."""
+    """Return the velocity rows K J and -K A of all grasps."""
     chain, trunk = motion.chain, motion.trunk
     free = 6 if chain.floats else 0
     joint_rows, object_rows = [np.zeros((0, chain.joint_count))], [np.zeros((0, 6))]

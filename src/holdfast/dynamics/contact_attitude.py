@@ -1,7 +1,7 @@
-"""How a contact is turned: Theta, and Theta_dot = F(Theta) W (paper, Appendix A).
+"""The attitude Theta of a contact and its rate, Theta_dot = F(Theta) W (paper, Appendix A).
 
-Theta is the rotation of the contact frame from the tip's side to the object's side: R_Theta =
-R_tip^T R_contact. Its rate is the relative angular velocity omega_object - omega_tip = h W.
+Theta describes the attitude of the contact frame, which moves with the object, relative to the tip frame: R_Theta =
+R_tip^T R_contact. Its rate follows from the relative angular velocity omega_object - omega_tip = h W.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
 Parameters = Literal["quaternion", "euler"]
-EULER_SINGULAR = 1e-6  # cos(pitch) below which yaw and roll rates are no longer defined
+EULER_SINGULAR = 1e-6  # cos(pitch) below which the rates of yaw and roll are not defined
 
 
 class ContactAttitude(NamedTuple):
@@ -28,9 +28,9 @@ class ContactAttitude(NamedTuple):
 
     Attributes:
         theta: (4,) unit quaternion (w >= 0), or (3,) Euler angles yaw, pitch, roll [rad].
-        F: (m, n_g) with Theta_dot = F W.
-        W: (n_g,) relative rates [rad/s]; hinge and soft finger along the contact frame's
-            free axes, ball along world axes.
+        F: (m, n_g) matrix in Theta_dot = F W.
+        W: (n_g,) relative angular velocity [rad/s], along the contact frame's free axes for a hinge and a soft
+            finger, and along world axes for a ball.
     """
 
     theta: Array
@@ -51,8 +51,7 @@ def contact_attitudes(
 ) -> dict[str, ContactAttitude]:
     """Return the attitude of every grasp, by arm name: Theta_dot = F(Theta) W (a.4). O(n) + O(l).
 
-    Quaternions are regular everywhere; Euler angles (R = Rz Ry Rx) are singular at a
-    pitch of +-pi/2.
+    Quaternions have no singularity; Euler angles (R = Rz Ry Rx) are singular at a pitch of +-pi/2.
 
     Args:
         chain: the chain.
@@ -61,7 +60,7 @@ def contact_attitudes(
         inputs: base motion, if the bases move.
 
     Raises:
-        StateError: Euler angles asked for at their singularity.
+        StateError: if Euler angles are requested where they are singular.
     """
     state.fits(chain)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), (inputs or Inputs()).shaped(chain))
@@ -84,13 +83,13 @@ def contact_attitudes(
 
 
 def quaternion_rate_map(q: Array) -> Array:
-    """Return F-bar, (4, 3): q_dot = F-bar omega, omega along the turned (object side) axes."""
+    """Return F-bar, (4, 3), with q_dot = F-bar omega, omega along the rotated axes, those of the object's side."""
     w, x, y, z = q
     return 0.5 * np.array([[-x, -y, -z], [w, -z, y], [z, w, -x], [-y, x, w]])
 
 
 def euler_rate_map(yaw_pitch_roll: Array) -> Array:
-    """Return F-bar, (3, 3): d(yaw, pitch, roll)/dt = F-bar omega, along the turned axes."""
+    """Return F-bar, (3, 3), with d(yaw, pitch, roll)/dt = F-bar omega, omega along the rotated axes."""
     _, pitch, roll = yaw_pitch_roll
     c, s = math.cos(roll), math.sin(roll)
     sec, tan = 1 / math.cos(pitch), math.tan(pitch)
@@ -98,5 +97,5 @@ def euler_rate_map(yaw_pitch_roll: Array) -> Array:
 
 
 def _free_axes(c: Contact) -> Array:
-    """Return the axes of W along the object-side contact axes, (3, n_g)."""
+    """Return the axes of W as columns in the contact frame of the object's side, (3, n_g)."""
     return c.R.T @ c.h

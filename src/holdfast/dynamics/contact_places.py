@@ -1,4 +1,4 @@
-"""Where the grasps are, without motion: the axes and the point that their wrenches are given along and about."""
+"""The axes and contact points of the grasps at rest: grasp wrenches are expressed along and about them."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ from holdfast.state import State
 
 
 class ContactPlace(NamedTuple):
-    """Axes and point of one grasp, world axes.
+    """The axes and the contact point of one grasp.
 
     Attributes:
         grasp: the grasp.
-        R: (3, 3) its axes of freedom and transmission.
-        offset: (3,) from C to the contact point, the tip's where the object slides [m].
+        R: (3, 3) rotation from the axes of its free and transmitted directions to world axes.
+        offset: (3,) from C to the contact point, world axes [m]. If the object slides, the contact point is the tip's
+            origin.
     """
 
     grasp: Grasp
@@ -29,7 +30,7 @@ class ContactPlace(NamedTuple):
 
 
 def contact_places(chain: ClosedChain, state: State) -> list[ContactPlace]:
-    """Return where each grasp is, in order. O(l), and O(n) where axes or point follow the tips."""
+    """Return axes and contact point of each grasp, in order. O(l), or O(n) if any of them follow the tips."""
     frame, found = state.object_frame, []
     tips = tip_frames(chain, state, [name for name, grasp in chain.grasps.items() if grasp.of_kind.follows_tip])
     for name, grasp in chain.grasps.items():
@@ -42,7 +43,7 @@ def contact_places(chain: ClosedChain, state: State) -> list[ContactPlace]:
 
 
 def tip_frames(chain: ClosedChain, state: State, names: Iterable[str]) -> dict[str, Pose]:
-    """Return the poses of some arms' tips in the world, by name. O(n)."""
+    """Return the tip poses of the named arms in the world. O(n)."""
     trunk = trunk_at_rest(chain, state)
     mounts = {} if trunk is None else trunk.mounts
     arms = {

@@ -1,4 +1,4 @@
-"""What a configuration can and cannot do: mobility, rank, lost directions, indeterminate forces."""
+"""Diagnosis of a configuration: mobility, rank, singular directions and indeterminate forces."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from holdfast.state import State
 
 @dataclass(frozen=True, eq=False)
 class IndeterminateForce(Frozen):
-    """A pattern of grasp wrenches that no joint and no object motion feels.
+    """A set of grasp wrenches that loads no joint and does not accelerate the object.
 
     Attributes:
-        words: the pattern in words.
-        wrenches: (arms, 6) about the contacts, world axes; largest entry 1 (N, or N m per
-            metre of the force split's length).
+        words: a description of the pattern.
+        wrenches: (arms, 6) [moment; force] about the contact points, world axes. The largest entry is 1 N, or
+            1 N m per metre of the length L that the force decomposition uses.
     """
 
     words: str
@@ -36,18 +36,18 @@ class IndeterminateForce(Frozen):
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Frozen):
-    """What a configuration allows.
+    """Mobility, rank and singular directions of a configuration.
 
     Attributes:
-        mobility: dimension of the velocities (qd, V(C), W) that the grasps allow.
-        rank: independent rows of the grasp constraint here.
-        generic_rank: the same at closed neighbours.
-        rows: all its rows, six a grasp.
-        condition: how near the chain is to a singular configuration, as in `ForwardResult`; infinite at one.
-        status: "regular", "indeterminate" (rank constantly low: the forces are not unique) or
-            "singular" (rank lower than nearby).
-        lost_directions: where single arms cannot move their tips.
-        indeterminate_forces: a basis of the forces that dynamics leaves open.
+        mobility: dimension of the space of velocities (qd, V(C), W) that the grasps allow.
+        rank: number of independent rows of the grasp constraint in this configuration.
+        generic_rank: the rank at neighbouring closed configurations.
+        rows: number of all its rows, six per grasp.
+        condition: condition number of the constraint as in `ForwardResult`; infinite at a singular configuration.
+        status: "regular", "indeterminate" (the rank is low here and nearby, so the forces are not unique) or
+            "singular" (the rank is lower than nearby).
+        lost_directions: directions in which single arms cannot move their tips.
+        indeterminate_forces: a basis of the grasp wrenches that the dynamics does not determine.
     """
 
     mobility: int
@@ -68,7 +68,7 @@ class Diagnosis(Frozen):
         return f"<pre>{escape(self.report())}</pre>"
 
     def report(self) -> str:
-        """Return the diagnosis in words, several lines."""
+        """Return the diagnosis as text of several lines."""
         lines = [
             f"{self.status}: rank {self.rank} of {self.rows} (nearby {self.generic_rank}), mobility {self.mobility},"
             f" condition {self.condition:.3g}"
@@ -83,23 +83,23 @@ class Diagnosis(Frozen):
 
 
 def diagnose(chain: ClosedChain, state: State) -> Diagnosis:
-    """Return rank, mobility, lost directions and indeterminate forces of a configuration.
+    """Return rank, mobility, singular directions and indeterminate forces of a configuration.
 
-    Velocities do not enter. One arm at a singularity does not make the chain singular;
-    the structural wrenches of several arms must be dependent for that. O(n^3).
+    Velocities do not enter. A singular configuration of one arm does not make the chain singular; for that, the
+    wrenches that several arms bear without joint torque must be linearly dependent. O(n^3).
 
     Args:
         chain: the chain.
-        state: its configuration; it need not be closed exactly.
+        state: its configuration, which need not satisfy the grasps exactly.
 
     Returns:
-        A `Diagnosis`: numbers, lost directions and indeterminate forces, and a text of them (`str`).
+        A `Diagnosis`; `str` of it is a report.
 
     Raises:
         StateError: a state of the wrong shape for the chain.
 
     Reference:
-        `docs/theory/singular.md`; the constraint's rank is that of the filter's pivots.
+        `docs/theory/singular.md`; the rank is the number of pivots that the object filter keeps.
     """
     state.fits(chain)
     still = state.at_rest()
@@ -125,7 +125,7 @@ def diagnose(chain: ClosedChain, state: State) -> Diagnosis:
 
 
 def _indeterminate(motion: ChainMotion) -> list[IndeterminateForce]:
-    """Return the null wrenches, sparsest first, in words."""
+    """Return a basis of the indeterminate grasp wrenches with descriptions."""
     chain = motion.chain
     length = length_scale([c.offset for c in motion.contacts])
     result = []

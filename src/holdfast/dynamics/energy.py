@@ -1,4 +1,4 @@
-"""Energy, momentum and power of a closed chain: the books every simulation must balance."""
+"""Energy, momentum and power of a closed chain, whose balances check every simulation."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from holdfast.state import Inputs, State
 
 
 class Body(NamedTuple):
-    """A moving rigid body: its inertia and twist in its own axes about its own origin."""
+    """A moving rigid body: inertia and twist about its own origin in its own axes, and its pose (R, origin)."""
 
     inertia: RigidInertia
     twist: Array
@@ -37,12 +37,12 @@ class Body(NamedTuple):
 
     @property
     def mass_moment(self) -> Array:
-        """(4,) the mass [kg] and `com`."""
+        """Mass [kg] and first moment of mass about the world's origin, world axes [kg m], (4,)."""
         return concatenate([[self.inertia.m], self.com])
 
     @property
     def com(self) -> Array:
-        """(3,) mass times mass centre, world axes from the world's origin [kg m]."""
+        """Mass times the position of the centre of mass from the world's origin, (3,) world axes [kg m]."""
         return self.inertia.m * self.origin + self.R @ self.inertia.h
 
     def momentum(self, about: Array) -> Array:
@@ -60,7 +60,7 @@ class Body(NamedTuple):
 
 
 def bodies(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> Iterator[Body]:
-    """Yield every body of the trunk, base outward, every link, arms in order, base to tip, and then the object."""
+    """Yield the trunk's bodies from the base outward, then the links arm by arm, base to tip, then the object."""
     at = standing(chain, state, (inputs or Inputs()).shaped(chain))
     yield from trunk_bodies(chain, at)
     for arm, part, base_twist in zip(at.arms, chain.arm_joints, at.base_twists, strict=True):
@@ -69,7 +69,7 @@ def bodies(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> It
 
 
 def trunk_bodies(chain: ClosedChain, at: Standing) -> list[Body]:
-    """Return the bodies of the trunk, base outward; none without one."""
+    """Return the bodies of the trunk from its base outward; the list is empty without a trunk."""
     of_trunk = () if chain.trunk is None else chain.trunk.bodies
     return [
         Body(link.spatial_inertia, unrotate(body.frame.R, body.twist), body.frame.R, body.frame.p)
@@ -86,12 +86,12 @@ def links(arm: Arm, q: Array, qd: Array, base_twist: Array) -> Iterator[Body]:
 
 
 def held_body(held: HeldObject, frame: Pose, twist: Array) -> Body:
-    """Return the object as a body; its twist given about C, world axes."""
+    """Return the object as a body; `twist` is that of C along world axes."""
     return Body(held.spatial_inertia, unrotate(frame.R, twist), frame.R, frame.p)
 
 
 def kinetic_energy(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> float:
-    """Return T = sum 1/2 V^T M V over links and object, and 1/2 armature qd^2 of the drives [J]. O(n).
+    """Return T = sum 1/2 V^T M V over links and object, plus 1/2 armature qd^2 of the actuators [J]. O(n).
 
     Args:
         chain: the chain.
@@ -106,7 +106,7 @@ def kinetic_energy(chain: ClosedChain, state: State, inputs: Inputs | None = Non
 
 
 def total_kinetic_energy(chain: ClosedChain, state: State, inputs: Inputs) -> Scalar:
-    """Return T of trunk, arms and object [J], inputs shaped; see `kinetic_energy`."""
+    """Return T of trunk, arms and object [J] for inputs that are already shaped; see `kinetic_energy`."""
     at = standing(chain, state, inputs)
     q, qd = ([x[part] for part in chain.arm_joints] for x in (state.q, state.qd))
     arms = each(arm_kinetic_energy, at.arms, q, qd, at.base_twists)
@@ -118,14 +118,15 @@ def total_kinetic_energy(chain: ClosedChain, state: State, inputs: Inputs) -> Sc
 
 
 def arm_kinetic_energy(arm: Arm, q: Array, qd: Array, base_twist: Array) -> Scalar:
-    """Return T of one arm's links and drives [J]."""
+    """Return T of one arm's links and rotors [J]."""
     return sum(body.kinetic_energy for body in links(arm, q, qd, base_twist)) + 0.5 * (arm.armature @ qd**2)
 
 
 def potential_energy(chain: ClosedChain, state: State) -> float:
-    """Return U = -sum m g . r over links and object, zero at the world's origin, and what springs store [J]. O(n).
+    """Return the potential energy of gravity and of all springs [J]. O(n).
 
-    A joint's spring stores 1/2 stiffness (q - rest)^2, another one 1/2 stiffness (s - length)^2, a bushing 1/2 x . K x.
+    Gravity contributes U = -sum m g . r over links and object, zero at the world's origin. A joint spring stores
+    1/2 stiffness (q - rest)^2, a spring between bodies 1/2 stiffness (s - length)^2, and a bushing 1/2 x . K x.
 
     Args:
         chain: the chain.
@@ -157,12 +158,12 @@ def arm_potential_energy(arm: Arm, q: Array, gravity: Array) -> Scalar:
 
 
 def arm_elastic_energy(arm: Arm, q: Array) -> Scalar:
-    """Return what the springs in an arm's joints store [J]."""
+    """Return the elastic energy of an arm's joint springs [J]."""
     return 0.5 * (arm.stiffness @ (q - arm.rest) ** 2)
 
 
 def elastic_energy(chain: ClosedChain, state: State) -> Scalar:
-    """Return what all springs and bushings store [J]."""
+    """Return the elastic energy of all springs and bushings [J]."""
     in_joints = [arm_elastic_energy(arm, state.q[chain.joints[name]]) for name, arm in chain.arms.items()]
     if chain.trunk is not None:
         in_joints.append(_trunk_elastic_energy(chain.trunk, state.q[chain.joints[TRUNK]]))
@@ -170,17 +171,17 @@ def elastic_energy(chain: ClosedChain, state: State) -> Scalar:
 
 
 def rotor_energy(chain: ClosedChain, state: State) -> Scalar:
-    """Return the kinetic energy of the drives' rotors [J]."""
+    """Return the kinetic energy of the actuators' rotors [J]."""
     return 0.5 * (np.array([joint.armature for joint in chain.all_joints]) @ state.qd**2)
 
 
 def spring_energy(chain: ClosedChain, state: State) -> Scalar:
-    """Return what the springs between bodies store [J]."""
+    """Return the elastic energy of the springs between bodies [J]."""
     return sum(map(Stretch.energy, stretches(chain, state, Inputs().shaped(chain)), chain.springs))
 
 
 def centre_of_mass(chain: ClosedChain, state: State) -> Array:
-    """Return the mass centre of arms and object, (3,) world axes [m]. O(n).
+    """Return the centre of mass of trunk, arms and object together, (3,) world axes [m]. O(n).
 
     Args:
         chain: the chain.
@@ -195,7 +196,7 @@ def centre_of_mass(chain: ClosedChain, state: State) -> Array:
 
 
 def total_mass_moment(chain: ClosedChain, state: State) -> Array:
-    """Return the mass [kg] of trunk, links and object and its first moment from the world's origin [kg m], (4,)."""
+    """Return mass [kg] and first moment about the world's origin [kg m] of trunk, links and object, (4,)."""
     at, parts = standing(chain, state, Inputs().shaped(chain)), [state.q[part] for part in chain.arm_joints]
     held = held_body(chain.held_object, state.object_frame, np.zeros(6))
     sums = sum(each(arm_mass_moment, at.arms, parts)) + held.mass_moment
@@ -203,7 +204,7 @@ def total_mass_moment(chain: ClosedChain, state: State) -> Array:
 
 
 def arm_mass_moment(arm: Arm, q: Array) -> Array:
-    """Return the links' mass [kg] and first moment from the world's origin [kg m], (4,)."""
+    """Return mass [kg] and first moment about the world's origin [kg m] of one arm's links, (4,)."""
     resting = links(arm, q, np.zeros(arm.joint_count), np.zeros(6))
     return sum((body.mass_moment for body in resting), start=np.zeros(4))
 
@@ -211,7 +212,7 @@ def arm_mass_moment(arm: Arm, q: Array) -> Array:
 def momentum(chain: ClosedChain, state: State, about: ArrayLike | None = None, inputs: Inputs | None = None) -> Array:
     """Return [angular; linear] momentum of links and object about a world point, (6,) [N m s, N s]. O(n).
 
-    The drives' rotors (armature) turn inside the arms and are not counted.
+    The momentum of the actuators' rotors (armature) is not included.
 
     Args:
         chain: the chain.
@@ -228,7 +229,7 @@ def momentum(chain: ClosedChain, state: State, about: ArrayLike | None = None, i
 
 
 def total_momentum(chain: ClosedChain, state: State, inputs: Inputs, about: Array) -> Array:
-    """Return the momentum of trunk, links and object, (6,), inputs shaped; see `momentum`."""
+    """Return the momentum of trunk, links and object, (6,), for inputs already shaped; see `momentum`."""
     at = standing(chain, state, inputs)
     q, qd = ([x[part] for part in chain.arm_joints] for x in (state.q, state.qd))
     arms = each(lambda arm, q, qd, twist: arm_momentum(arm, q, qd, twist, about), at.arms, q, qd, at.base_twists)
@@ -243,14 +244,14 @@ def arm_momentum(arm: Arm, q: Array, qd: Array, base_twist: Array, about: Array)
 
 
 class Power(NamedTuple):
-    """Power into the chain, without that of gravity and springs, whose work is potential energy [W].
+    """Power into the chain [W], without gravity and springs, whose work is in the potential energy.
 
     Attributes:
-        drives: tau . qd.
-        damping: -sum d qd^2 of the joints' viscous damping, -sum c (ds/dt)^2 of the springs' and -sum V . C V of the
-            bushings', <= 0.
-        base: sum F_b . V_b of the base wrenches.
-        external: of the external wrenches on object and links.
+        drives: power tau . qd of the actuators.
+        damping: power of all dampers, never positive: -sum d qd^2 in the joints, -sum c (ds/dt)^2 in the springs
+            and -sum V . C V in the bushings.
+        base: power sum F_b . V_b of the base wrenches.
+        external: power of the external wrenches on object and links.
     """
 
     drives: Scalar
@@ -267,7 +268,7 @@ class Power(NamedTuple):
 def power(
     chain: ClosedChain, state: State, tau: ArrayLike, result: ForwardResult, inputs: Inputs | None = None
 ) -> Power:
-    """Return the power that drives, damping, bases and external wrenches put in [W]. O(n).
+    """Return the power that actuators, dampers, bases and external wrenches put into the chain [W]. O(n).
 
     Its total is d(T + U)/dt of `kinetic_energy` and `potential_energy`.
 
@@ -291,9 +292,10 @@ def power(
 def power_of(
     chain: ClosedChain, state: State, tau: Array, base_wrench: Array, inputs: Inputs, under_trunk: Array | None = None
 ) -> Power:
-    """Return the same for base wrenches (arms, 6) and shaped inputs, on any kind of numbers.
+    """Return `power` for floats or traced numbers, given base wrenches (arms, 6) and inputs already shaped.
 
-    Arms on a trunk have no base motion of their own: what the trunk's base puts in is `under_trunk`'s, (6,).
+    Arms on a trunk have no base motion of their own; `under_trunk` is the wrench on the trunk's base, (6,), which does
+    the work instead.
     """
     assert inputs.base_twists is not None and inputs.object_wrench is not None
     damping = concatenate(arm.damping for arm in chain.arms.values())
@@ -319,7 +321,7 @@ def _trunk_rotor_energy(trunk: Trunk, qd: Array) -> Scalar:
 
 
 def _trunk_elastic_energy(trunk: Trunk, q: Array) -> Scalar:
-    """Return what the springs in a trunk's joints store [J]."""
+    """Return the elastic energy of the springs in a trunk's joints [J]."""
     return 0.0 if trunk.serial is None else arm_elastic_energy(trunk.serial, q)
 
 

@@ -1,4 +1,4 @@
-"""Forward dynamics of a closed chain: the front door to every algorithm."""
+"""Forward dynamics of a closed chain, by any of the algorithms in `METHODS`."""
 
 from __future__ import annotations
 
@@ -37,32 +37,33 @@ def forward_dynamics(
     generic_rank: int | None = None,
     held: Array | None = None,
 ) -> ForwardResult:
-    """Return joint accelerations, the force at every grasp and the object's acceleration.
+    """Return the joint accelerations, the wrench at every grasp and the object's acceleration.
 
-    Solves M qdd + C + J^T f = T, M(C) alpha(C) + b(C) = A^T f with the grasps closed,
-    (2.10) for rigid grasps and (b.1) for all. O(n) + O(l) by `sequential`; the others' costs are in `METHODS`.
+    Solves M qdd + C + J^T f = T and M(C) alpha(C) + b(C) = A^T f subject to the grasp constraints, (2.10) for rigid
+    grasps and (b.1) for all kinds. The cost is O(n) + O(l) by `sequential`; `METHODS` lists that of the others.
 
     Args:
         chain: arms, object and grasps.
-        state: positions and velocities; must satisfy the grasps.
+        state: positions and velocities, which must satisfy the grasps.
         tau: (n,) joint torques, arms in order, base to tip [N m or N].
         inputs: external wrenches and base motion; zero by default.
-        method: an algorithm's name (`holdfast methods` lists them), or a free dynamics
-            `(ArmMotion, torque, tip_wrench) -> qdd` to be used in (4.9).
-        route: for `sequential`: "recursive", "mass_matrix" or "auto".
-        check: False skips the consistency check (integrators project instead).
+        method: an algorithm's name (`holdfast methods` lists them), or a function
+            `(ArmMotion, torque, tip_wrench) -> qdd` for the forward dynamics of one arm, which (4.9) then uses.
+        route: how `sequential` finds each arm's response: "recursive", "mass_matrix" or "auto".
+        check: if False, the residuals of the grasps are not checked (integrators project instead).
         generic_rank: rank of the constraint away from singular configurations, if known.
-        held: which components of the grasps to hold, as a result nearby says it (`ForwardResult.held`);
-            for states beside the constraint, whose rank means nothing where rows depend on each other.
+        held: mask of the constraint rows to keep, from the result at a nearby state (`ForwardResult.held`). It is
+            needed if some rows are dependent and the state is slightly off the constraint manifold, where their
+            rank cannot be determined.
 
     Returns:
         A `ForwardResult`.
 
     Raises:
-        StateError: wrong shapes, or the state breaks a grasp, or is so far beside the constraint that its rank there
-            is another.
-        SingularChainError: the constraint's rank drops here.
-        MethodNotApplicable: the chosen algorithm does not cover this chain.
+        StateError: if a shape is wrong, the state violates a grasp, or the state is so far off the constraint
+            manifold that the rank there differs from that at the nearest closed state.
+        SingularChainError: if the configuration is singular, so that the constraint's rank drops.
+        MethodNotApplicable: if the chosen algorithm does not cover this chain.
     """
     checks.instance(chain, ClosedChain, "chain")
     checks.instance(state, State, "state", StateError)
@@ -87,7 +88,7 @@ def forward_dynamics(
         motion = holding(motion, held)
     elif generic_rank is not None and generic_rank < chain.constraint_row_count:
         motion = replace(motion, generic_rank=generic_rank)
-    with np.errstate(all="ignore"):  # what comes out of it is looked at below
+    with np.errstate(all="ignore"):  # the results are checked below
         regular = sequential(motion, route)
     for name, pivots in zip(chain.grasps, regular.pivots, strict=True):
         _require_inertia(f"arm '{name}'", pivots)
@@ -97,17 +98,17 @@ def forward_dynamics(
     if held is None and motion.generic_rank is None:
         rank.require_trusted(motion, state, rank.Pivots(int(regular.rank), 1.0 / float(regular.weakest_pivot)))
     status = rank.status_at(chain, state, int(regular.rank), generic_rank)
-    try:  # without a grasp there is nothing to solve for: object and arms are alone
+    try:  # without a grasp there are no constraint forces to solve for
         found = regular if chosen.solve is sequential or not chain.grasps else chosen.solve(motion)
     except MethodNotApplicable as cause:
         raise MethodNotApplicable(f"{chosen.name}: {cause}") from cause
-    if status is Status.INDETERMINATE_FORCES and held is None:  # beside the constraint no force is free
+    if status is Status.INDETERMINATE_FORCES and held is None:  # given rows to hold determine the forces
         found = indeterminate.with_smallest_forces(motion, replace(found, rank=regular.rank))
     return _assemble(motion, found, regular, status, chosen.name)
 
 
 def _require_finite(found: Solution) -> None:
-    """Refuse numbers that overflow: no NaN leaves this library."""
+    """Refuse results that overflow, so that no NaN is ever returned."""
     of_trunk = [] if found.trunk is None else [part for part in found.trunk if part is not None]
     if not np.isfinite(np.concatenate([*found.qdd, *found.wrenches, found.object_acceleration, *of_trunk])).all():
         raise StateError("the accelerations overflow float64; check the sizes of lengths, masses, rates and torques")
@@ -123,10 +124,10 @@ def _require_rigid(chain: ClosedChain, method: Method) -> None:
 
 
 def _require_inertia(what: str, pivots: Array) -> None:
-    """Refuse an arm or a trunk whose mass matrix is singular: a massless link that nothing loads."""
+    """Refuse an arm or a trunk whose mass matrix is singular because everything beyond a joint is massless."""
     lacking = np.flatnonzero(~(pivots > NO_INERTIA * np.max(pivots, initial=0.0, where=np.isfinite(pivots))))
     if lacking.size:
-        k = int(lacking[-1])  # the one nearest the tip spoils those before it
+        k = int(lacking[-1])  # the singular pivot nearest the tip makes those closer to the base singular too
         raise ModelError(
             f"{what}, joint {k + 1}: the inertia about its axis is {pivots[k]:.3g}, expected > 0; give the links"
             " beyond it mass or inertia, or the joint an armature, and keep the links' masses within 1e12 of each other"
@@ -134,7 +135,7 @@ def _require_inertia(what: str, pivots: Array) -> None:
 
 
 def _assemble(motion: ChainMotion, found: Solution, regular: Solution, status: Status, method: str) -> ForwardResult:
-    """Return the result in the chain's layout, arms without a grasp included."""
+    """Return the result in the order of the chain's arms, including arms without a grasp."""
     chain = motion.chain
     with np.errstate(all="ignore"):
         whole = chain_solution(motion, found, "auto")
