@@ -189,7 +189,9 @@ class Inputs(Frozen):
             rows = getattr(shaped, what)
             moved = [name for i, name in enumerate(chain.arms) if name in chain.mounts and any(rows[i] != 0.0)]
             if moved:
-                raise StateError(f"inputs: {what}: arm '{moved[0]}' moves with the trunk it stands on; expected zeros")
+                raise StateError(
+                    f"inputs: {what}: arm '{moved[0]}' moves with the trunk on which it is mounted; expected zeros"
+                )
         for what in self._of_trunk:
             if trunk.floating is not None and what != "trunk_link_wrenches":
                 raise StateError(

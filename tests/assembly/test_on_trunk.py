@@ -80,7 +80,7 @@ def test_a_base_that_floats():
     assert there.state.q == pytest.approx(here.state.q, abs=1e-8)
     assert here.state.base_frame.p.tolist() == [0, 0, 0] and there.state.base_frame.p == pytest.approx([1, 2, -0.5])
     assert here.report.mobility == hf.diagnose(*here).mobility == 14
-    assert str(here.report).startswith("trunk: a base that floats, no joint limits\n")
+    assert str(here.report).startswith("trunk: a floating base, no joint limits\n")
 
 
 def test_report():
@@ -101,7 +101,7 @@ def test_what_is_refused():
     pose = hf.Pose.translation(0.5, 0, 1.0)
     for options, message in (
         ({"base_pose": pose, **ON}, "base_pose: expected none, as the trunk's base does not float"),
-        ({"base_pose": pose}, "base_pose: expected none without a trunk that floats"),
+        ({"base_pose": pose}, "base_pose: expected none without a floating trunk"),
         ({"q": {"trunk": [0.1]}, **ON}, r"q of 'trunk': expected shape \(2,\), got shape \(1,\)"),
         ({"q": {"trunk": HOME}}, "q: no arm 'trunk'"),
         ({"mounts": {"left": 0}}, "mounts"),

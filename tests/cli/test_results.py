@@ -39,11 +39,11 @@ def test_export_csv_into_the_folder(folder, capsys):
     assert main(["export", str(folder)]) == 0
     said = capsys.readouterr()
     table, log = folder / "trajectory.csv", folder / "trajectory_occurrences.csv"
-    assert said.out == f"{table}: 7 samples\n{log}: what happened at single instants\n"
+    assert said.out == f"{table}: 7 samples\n{log}: events\n"
     assert said.err == ""
     assert len((folder / "trajectory.csv").read_text().splitlines()) == 8
     assert main(["export", str(folder)]) == 2
-    assert "trajectory.csv: is there already; try --overwrite" in capsys.readouterr().err
+    assert "trajectory.csv: exists already; try --overwrite" in capsys.readouterr().err
     assert main(["export", str(folder), "--overwrite"]) == 0
 
 

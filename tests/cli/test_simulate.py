@@ -111,7 +111,7 @@ def test_interrupted(scene, capsys, monkeypatch):
     """Ctrl-C: 130, and what was simulated until then is kept."""
     monkeypatch.setattr(command, "run_simulation", simulate_until(0.011, KeyboardInterrupt()))
     assert main(["simulate", str(scene), "--out", "there", "--no-plots"]) == 130
-    assert "interrupted after t = 0.01 s; what was simulated until then is in there" in capsys.readouterr().err
+    assert "interrupted after t = 0.01 s; the results until then are in there" in capsys.readouterr().err
     found = load_result("there")
     assert found.trajectory.t[-1] == pytest.approx(0.01)
     assert found.note == "incomplete, up to t = 0.01 s of 0.02 s: interrupted"
@@ -250,7 +250,7 @@ def test_resume_refused(scene, capsys, monkeypatch):
     assert main(["simulate", str(scene), "--out", "left", "--resume"]) == 2
     said = capsys.readouterr()
     assert said.out == ""
-    assert "these differ: the scene's text; try what it was begun with, or --overwrite" in said.err
+    assert "these differ: the scene's text; try the original ones, or --overwrite" in said.err
     assert load_result("left").samples == 7
 
 
@@ -258,5 +258,5 @@ def test_resume_refused(scene, capsys, monkeypatch):
 def test_resume_of_nothing(scene, capsys):
     """Where nothing was flushed yet it begins."""
     assert main(["simulate", str(scene), "--out", "none", "--resume", "--no-plots"]) == 0
-    assert "none: nothing to resume yet; the run begins" in capsys.readouterr().err
+    assert "none: nothing to resume yet; the run starts from the beginning" in capsys.readouterr().err
     assert load_result("none").complete

@@ -231,7 +231,7 @@ def test_table_of_many(tmp_path, capsys):
     for name in names:
         assert sum(f" {name} " in line for line in out.splitlines()) == 1
     refused = sum(not applies("rccfd1", BY_NAME[name]["tags"]) for name in names)
-    assert f"refused: {refused} not_applicable; --case NAME or --format json says why" in out
+    assert f"refused: {refused} not_applicable; --case NAME or --format json states the reason" in out
 
 
 def test_table_of_one(capsys):

@@ -53,7 +53,7 @@ def test_a_scene_expands_xacro_on_a_word_only(folder, capsys):
     for command in (["simulate"], ["view"]):
         assert main([*command, str(scene)]) == 2
         said = capsys.readouterr().err
-        assert "two.urdf.xacro: expanding xacro runs Python" in said and "--trust-xacro" in said
+        assert "two.urdf.xacro: expanding xacro runs the Python code" in said and "--trust-xacro" in said
     with pytest.raises(SceneError, match="trust_xacro=True"):
         load_scene(scene)
     with pytest.raises(SceneError, match="trust_xacro=True"):
@@ -117,7 +117,7 @@ def test_a_robot_exchanged_in_a_result(result, capsys):
     kept.write_text(TWO_ARMED.replace('<mass value="3"/>', '<mass value="4"/>'))
     capsys.readouterr()
     assert main(["plot", str(result)]) == 2
-    assert f"{kept.name}: expected the robot that was simulated" in capsys.readouterr().err
+    assert f"{kept.name}: expected the text of the simulated robot" in capsys.readouterr().err
     kept.unlink()
     assert main(["plot", str(result)]) == 2
     assert f"{kept.name}: cannot be read" in capsys.readouterr().err

@@ -131,7 +131,7 @@ def test_batches_and_bound_calls_have_the_bits_of_single_ones():
 
 def test_where_it_does_not_apply():
     """Refused by name; in a batch a faulty system alone has no torques; large angles are the law's own text's."""
-    with pytest.raises(MethodNotApplicable, match="expected a ControlLaw or a ready-made controller, got function"):
+    with pytest.raises(MethodNotApplicable, match="expected a ControlLaw or a built-in controller, got function"):
         compile_law(lambda t, x, m: (np.zeros(N), m), CHAIN)
     with pytest.raises(ModelError, match="chain: expected the ClosedChain whose joints the law drives, got none"):
         compile_law(REMEMBERING)
@@ -148,7 +148,7 @@ def test_where_it_does_not_apply():
         law.torques(0.0, STATE.q[1:], STATE.qd, pose, twist)
     with pytest.raises(StateError, match="bind: q: expected shape"):
         law.bind(q=STATE.q[1:])
-    with pytest.raises(hf.FrozenError, match=r"bound law: q: expected the array .* try bound.q\[...\] = values"):
+    with pytest.raises(hf.FrozenError, match=r"bound law: q: cannot be replaced, .* try bound.q\[...\] = values"):
         law.bind().q = STATE.q
     some = law.torques(0.0, np.array([STATE.q, np.full(N, np.inf)]), STATE.qd, pose, twist).tau
     assert np.isfinite(some[0]).all() and np.isnan(some[1]).all()

@@ -124,7 +124,7 @@ def test_platform_weighs_what_it_weighs():
         ({"undriven": [f"left/joint{k}" for k in range(1, 7)]}, None),
         (
             {"undriven": [f"{arm}/joint{k}" for arm in ("left", "right") for k in range(1, 8)]},
-            "cannot bear this load and leave 14 joints undriven",
+            "cannot bear this load with 14 joints undriven",
         ),
     ],
 )

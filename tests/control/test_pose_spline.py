@@ -205,5 +205,5 @@ def test_refused_speeds():
     """Limits above zero, and poses that differ."""
     with pytest.raises(ModelError, match="path: speed: expected > 0"):
         PoseSpline.at_speed(POSES, 0.0, 1.0)
-    with pytest.raises(ModelError, match=r"poses\[1\] and poses\[2\] are the same"):
+    with pytest.raises(ModelError, match=r"poses\[1\] and poses\[2\] are equal"):
         PoseSpline.at_speed([POSES[0], POSES[1], POSES[1]], 1.0, 1.0)

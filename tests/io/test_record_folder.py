@@ -149,7 +149,7 @@ def test_a_run_half_way(made, tmp_path, monkeypatch):
     assert (folder / "notes.txt").read_text() == "mine"
     assert list(tmp_path.iterdir()) == [folder]
     monkeypatch.chdir(folder)
-    with pytest.raises(hf.ResultError, match="the program runs in it"):
+    with pytest.raises(hf.ResultError, match="it contains the working directory"):
         run.save(".", overwrite=True)
 
 

@@ -168,5 +168,5 @@ def test_a_memory_that_cannot_be_written(tmp_path):
     w.add(samples(1)[0])
     w.mark(Forgetful())
     assert load_result(tmp_path / "run").samples == 1
-    with pytest.raises(ResultError, match=r"cannot go on: now.memory: expected numbers, got lambda"):
+    with pytest.raises(ResultError, match=r"cannot be resumed: now.memory: expected numbers, got lambda"):
         type(w).resume(tmp_path / "run", w._meta, SCENE)

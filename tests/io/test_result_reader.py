@@ -52,7 +52,7 @@ def test_a_chunk_that_would_fill_the_memory(tmp_path):
     np.savez_compressed(chunk, **arrays)
     assert chunk.stat().st_size < 1e6
     found = load_result(tmp_path / "run")
-    assert "chunk_0001.npz is damaged: it unpacks to more than it holds" in found.note
+    assert "chunk_0001.npz is damaged: it unpacks to more than the size of the file" in found.note
     same_bits(found.trajectory, stacked(given[:2]))
     chunk.unlink()
     chunk.mkdir()
@@ -117,7 +117,7 @@ def test_another_scene_in_the_folder(tmp_path):
     (tmp_path / "run" / "scene.toml").write_text("name = ")
     found = load_result(tmp_path / "run")
     assert found.complete
-    assert found.note == "scene.toml is not the text that was simulated"
+    assert found.note == "scene.toml is not the text of the simulated scene"
 
 
 def test_arrays_that_come_and_go(tmp_path, monkeypatch):
@@ -129,7 +129,7 @@ def test_arrays_that_come_and_go(tmp_path, monkeypatch):
         with pytest.raises(ResultError, match=r"written by holdfast .*, which had no heat, noise; try that version"):
             load_result(tmp_path / "run")
     rewritten(tmp_path / "run", units=json.loads((tmp_path / "run/meta.json").read_text())["units"] | {"heat": "J"})
-    assert "its heat are not read" in load_result(tmp_path / "run").note
+    assert "its heat are ignored" in load_result(tmp_path / "run").note
 
 
 def test_results_from_before_there_were_trunks(tmp_path):
@@ -150,4 +150,4 @@ def test_chunks_of_other_shapes(tmp_path):
     np.savez(chunk, **arrays | {"q": arrays["q"][:, :3]})
     found = load_result(tmp_path / "run")
     assert found.samples == 2
-    assert "chunk_0001.npz does not fit the chunks before" in found.note
+    assert "chunk_0001.npz does not continue the previous chunks" in found.note

@@ -154,7 +154,7 @@ def other(name, value):
 @pytest.mark.parametrize(
     ("go_on", "message"),
     [
-        (other("step", 0.05), r"these differ: step \(0.1 there, 0.05 here\); try what it was begun with, or --overw"),
+        (other("step", 0.05), r"these differ: step \(0.1 there, 0.05 here\); try the original ones, or --overw"),
         (other("duration", 31.0), r"duration \(30.0 there, 31.0 here\)"),
         (other("scheme", "midpoint"), r"options.scheme \(None there, 'midpoint' here\)"),
         (lambda folder, made: ResultWriter.resume(folder, made, SCENE + "\n"), "these differ: the scene's text;"),

@@ -93,7 +93,7 @@ def test_an_angled_tool():
 def test_a_planar_arm():
     """Its z axes are its joints', across the way; the hand points along x."""
     arm = wrist(Pose.translation(0.2, 0.0, 0.0), joint_at=(0.3, 0.0, 0.0))
-    assert "90 deg off the way from the last joint to the tip, which goes along its +x" in tip_advice(arm)
+    assert "90 deg off the direction from the last joint to the tip, which is along its +x" in tip_advice(arm)
 
 
 def test_grasps_that_feel_it():

@@ -56,7 +56,7 @@ def test_layout():
             "spring: point on 'trunk': expected a link of the trunk",
         ),
         (lambda: chain(mounts=[1]), "expected mounts as a mapping"),
-        (lambda: chain(arms={"trunk": ARM}), "arm 'trunk': the name is the trunk's"),
+        (lambda: chain(arms={"trunk": ARM}), "arm 'trunk': the name is reserved for the trunk"),
     ],
 )
 def test_refused(make, message):

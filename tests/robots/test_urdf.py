@@ -185,11 +185,11 @@ def test_lock_others_holds_the_torso():
     held = load_urdf_arms(ON_A_TORSO, SIDES, lock_others=True, locked={"lift": 0.0, "bow": 0.1})
     for name, chain in chains.items():
         assert (chain.arm.base.wxyz_xyz == held[name].base.wxyz_xyz).all()
-        assert "joint 'bow': held at 0.1, since it moves the base 'torso'" in "".join(chain.notes)
+        assert "joint 'bow': locked at 0.1, since it moves the base 'torso'" in "".join(chain.notes)
     lifted = load_urdf_arms(ON_A_TORSO, SIDES, lock_others=True, locked={"lift": 0.2})
     assert (lifted["left"].base.p - held["left"].base.p).tolist() == pytest.approx([0.0, 0.0, 0.2])
     floating = TWO_ARMED.replace('name="lift" type="prismatic"', 'name="lift" type="floating"')
-    with pytest.raises(SceneError, match="expected a joint that can be held, since it moves the base 'torso' of arm"):
+    with pytest.raises(SceneError, match="expected a joint that can be locked, since it moves the base 'torso' of arm"):
         load_urdf_arms(floating, SIDES, lock_others=True)
 
 

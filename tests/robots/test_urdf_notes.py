@@ -46,9 +46,9 @@ def test_a_tip_that_points_sideways():
     """The note has the file's line, the angle, the turn as code, and a link in the same place that points outward."""
     chain = urdf_chain(ROBOT, tip="hand")
     assert chain.tip_note == chain.notes[-1]
-    assert chain.tip_note.startswith("URDF text:22: link 'hand': as a tip: the tip's z axis is 90 deg off the way")
+    assert chain.tip_note.startswith("URDF text:22: link 'hand': as a tip: the tip's z axis is 90 deg off")
     assert "try arm.with_tip(arm.tip @ hf.Pose.from_wxyz_xyz([0.5**0.5, 0, 0.5**0.5, 0, 0, 0, 0]))" in chain.tip_note
-    assert chain.tip_note.endswith("or tip='tool0', a frame in the same place")
+    assert chain.tip_note.endswith("or tip='tool0', a frame at the same place")
     good = urdf_chain(ROBOT, tip="tool0")
     assert good.tip_note == ""  # links that stand still need no mass; one that moves is noted
     massless = [f"link '{name}': no <inertial>, taken as massless" for name in ("hand", "tool0")]

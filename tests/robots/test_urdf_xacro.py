@@ -129,5 +129,5 @@ def test_robot_that_cannot_be_fetched(descriptions, monkeypatch):
         raise OSError("no route to host")
 
     monkeypatch.setattr(_cache, "clone_to_cache", offline)
-    with pytest.raises(SceneError, match="cannot be had: OSError: no route to host; it needs the network once"):
+    with pytest.raises(SceneError, match="is not available: OSError: no route to host; it needs the network once"):
         load_robot_description("panda_description")

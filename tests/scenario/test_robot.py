@@ -149,7 +149,7 @@ def test_result_that_keeps_no_robots(folder, tmp_path_factory, monkeypatch, caps
     robot = folder / "robots" / "two.urdf"
     robot.write_text(TWO_ARMED.replace('<mass value="3"/>', '<mass value="4"/>'))
     assert main(show) == 0
-    assert "describes another model now than was simulated" in capsys.readouterr().err
+    assert "no longer describes the simulated model" in capsys.readouterr().err
     shutil.move(folder / "robots", folder / "gone")
     assert main(show) == 2
     assert f"{robot}: cannot be read: no such file" in capsys.readouterr().err

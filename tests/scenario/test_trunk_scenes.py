@@ -176,11 +176,11 @@ q = [0.1, 0.2, 0.1]
     for old, new, message in (
         ('left = "left', 'lift = "left', "$.trunk.urdf.tips: no arm 'lift'. Did you mean 'left'?"),
         ("lock_others", 'tip = "torso", lock_others', "$.trunk.urdf: expected tip or tips, got both"),
-        ('name = "left"', 'name = "left"\nmount = "torso"', "$.arms[1].mount: expected none, as the arm is out of"),
-        ('name = "left"', 'name = "left"\nrobot = "panda"', "$.arms[1].robot: expected none, as the arm is out of"),
+        ('name = "left"', 'name = "left"\nmount = "torso"', "$.arms[1].mount: expected none, as the arm is from"),
+        ('name = "left"', 'name = "left"\nrobot = "panda"', "$.arms[1].robot: expected none, as the arm is from"),
         ("armature = { lift", "armature = { lit", "$.trunk.urdf.armature: no moving joint 'lit'. Did you mean 'lift'?"),
         ("lock_others = true, ", "", "$.trunk.urdf: "),
-        ("[trunk]", "[trunk]\nfloating = { mass = 1, box = [1, 1, 1] }", "$.trunk.floating: expected none beside tips"),
+        ("[trunk]", "[trunk]\nfloating = { mass = 1, box = [1, 1, 1] }", "$.trunk.floating: expected none together"),
     ):
         assert old in text
         assert message in refusal(tmp_path / "bad.toml", text.replace(old, new, 1))
@@ -213,16 +213,16 @@ def test_swaying(tmp_path):
 REFUSED = [
     ('mount = "chest"', 'mount = "chst"', "$.arms[0].mount: expected a link of the trunk, by its name ('column',"),
     ("mount = 1", "mount = 2", "$.arms[1].mount: expected a link of the trunk"),
-    ("mount = 1", "mount = 1\nbase_motion = {}", "$.arms[1].base_motion: expected none, as the arm stands"),
-    ("[[arms]]", '[[arms]]\nname = "trunk"\nrobot = "panda"\n[[arms]]', "$.arms[0].name: 'trunk' is the trunk's own"),
+    ("mount = 1", "mount = 1\nbase_motion = {}", "$.arms[1].base_motion: expected none, as the arm is mounted"),
+    ("[[arms]]", '[[arms]]\nname = "trunk"\nrobot = "panda"\n[[arms]]', "$.arms[0].name: 'trunk' is reserved"),
     ("q = [0.1, 0.2]", "q = [0.1]", "$.trunk.q: expected 2 joint positions for a trunk, got 1"),
-    ("q = [0.1, 0.2]", "twist = [0, 0, 0, 0, 0, 1]", "$.trunk.twist: expected none, as the trunk's base stands"),
+    ("q = [0.1, 0.2]", "twist = [0, 0, 0, 0, 0, 1]", "$.trunk.twist: expected none, as the trunk's base is fixed"),
     ("q = [0.1, 0.2]", 'robot = "panda"', "$.trunk: expected one of robot, urdf and joints or floating, got robot and"),
     ("armature = 2.0", "armature = -2.0", "$.trunk.joints[0].armature: expected >= 0"),
     ("box = [0.2, 0.2, 0.6], ", "", "$.trunk.joints[0].link: expected box, sphere, cylinder or inertia, got none"),
-    ("[[trunk.joints]]", "floating = { mass = 0 }\n[[trunk.joints]]", "$.trunk.floating.mass: expected > 0, as"),
-    ('name = "waist"', 'name = "lift"', "$.trunk.joints[1].name: 'lift' stands already at $.trunk.joints[0].name"),
-    ('name = "chest"', 'name = "a/b"', "$.trunk.joints[1].link.name: expected letters, digits"),
+    ("[[trunk.joints]]", "floating = { mass = 0 }\n[[trunk.joints]]", "$.trunk.floating.mass: expected > 0, since"),
+    ('name = "waist"', 'name = "lift"', "$.trunk.joints[1].name: 'lift' is already used at $.trunk.joints[0].name"),
+    ('name = "chest"', 'name = "a/b"', "$.trunk.joints[1].link.name: expected 1 to 64 letters"),
     ("mass = 12", "mass = -12", "$.trunk.joints[1].link.mass: expected > 0"),
     ("position_limits = [0, 0.4]", "position_limits = [1, 0.4]", "$.trunk.joints[0].position_limits: expected lower"),
     ('kind = "prismatic"', 'kind = "planar"', "$.trunk.joints[0].kind: Invalid enum value 'planar'"),

@@ -73,9 +73,9 @@ def assemble(
     if none is given; a local minimum, the best of those that a fixed list of starts leads to,
     so the same input gives the same state. Joints keep 2 % of their range away from their limits,
     as far as their preferred positions do; only where nothing closes so do they go to the limits.
-    Bushings come out slack. A trunk stands in its preferred posture while the arms are brought to the object; where
-    they cannot reach from there, in the nearest one found from which they can. Collisions are not checked. Tenths of
-    a second; seconds where nothing closes.
+    The forces of bushings are zero. A trunk has its preferred configuration if the arms reach the object from there,
+    otherwise the nearest one found from which they do. Collisions are not checked. Tenths of a second; seconds if no
+    configuration is found.
 
     Args:
         arms: arm by name, mounted (`arm.at(pose)`).
@@ -102,7 +102,7 @@ def assemble(
     if chain.trunk is not None:
         return Assembly(whole, brought_on_trunk(chain, q, given, base_pose, partial(_brought, given)))
     if base_pose is not None:
-        raise ModelError("assemble: base_pose: expected none without a trunk that floats; try arm.at(pose)")
+        raise ModelError("assemble: base_pose: expected none without a floating trunk; try arm.at(pose)")
     return Assembly(whole, _brought(given, chain, q))
 
 
@@ -173,7 +173,9 @@ def _nearest(chain: ClosedChain, preferred: Mapping[str, Array], starts: Starts,
                 closed.sort(key=lambda state: distance(chain, state, wanted))
                 nearest = [nearest_posture(within, one, wanted, hold_object=hold_object) for one in closed[:BEST]]
                 return min(nearest, key=lambda at: (-room_left(chain, at), round(distance(chain, at, wanted), 9)))
-    raise ClosureError(f"assemble: no start of a search closes. From the first one: {missed}") from missed
+    raise ClosureError(
+        f"assemble: no starting point led to a configuration that satisfies the grasps. From the first one: {missed}"
+    ) from missed
 
 
 def _require_reach(chain: ClosedChain, pose: Pose) -> None:
@@ -192,6 +194,6 @@ def _require_reach(chain: ClosedChain, pose: Pose) -> None:
             )
     if short:
         raise ClosureError(
-            f"assemble: {'; '.join(short)}. Try an object pose or base poses nearer by, another contact, or no"
-            " object_pose to have one found"
+            f"assemble: {'; '.join(short)}. Try an object pose or base poses closer to each other, another"
+            " contact, or no object_pose to have one found"
         )

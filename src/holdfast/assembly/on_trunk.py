@@ -1,4 +1,4 @@
-"""Arms on a trunk brought together: the trunk in its preferred posture, or in one from which they reach."""
+"""Arms on a trunk brought together: the trunk in its preferred configuration, or in one from which they reach."""
 
 from __future__ import annotations
 
@@ -68,7 +68,9 @@ def brought_on_trunk(
                 return _arms_brought(chain, moved, preferred, bring)
             except ClosureError:
                 continue
-        raise ClosureError(f"{cause} (the trunk in its preferred posture; no other was found to help)") from cause
+        raise ClosureError(
+            f"{cause} (with the trunk in its preferred configuration; no other was found to help)"
+        ) from cause
 
 
 def _trunk_posture(chain: ClosedChain, given: Any) -> Array:

@@ -62,12 +62,14 @@ class ArmReport(Frozen):
         else:
             parts.append("holds nothing,")
         if self.joint and self.margin <= AT_LIMIT:
-            parts.append(f"{self.joint} stands at its limit,")
+            parts.append(f"{self.joint} is at its limit,")
         elif self.joint:
             parts.append(f"{self.joint} nearest to a limit ({self.margin:.3g} {self.unit}),")
         else:
             parts.append("no joint limits,")
-        return " ".join(parts) + (f" closed to {self.residual:.1e}" if self.holds else " in its preferred posture")
+        return " ".join(parts) + (
+            f" closed to {self.residual:.1e}" if self.holds else " in its preferred configuration"
+        )
 
 
 @dataclass(frozen=True)
@@ -87,10 +89,10 @@ class TrunkReport(Frozen):
     floats: bool
 
     def __str__(self) -> str:
-        base = "a base that floats" if self.floats else "a base in the world"
+        base = "a floating base" if self.floats else "a base in the world"
         if not self.joint:
             return f"trunk: {base}, no joint limits"
-        at = "stands at its limit" if self.margin <= AT_LIMIT else f"nearest to a limit ({self.margin:.3g} {self.unit})"
+        at = "is at its limit" if self.margin <= AT_LIMIT else f"nearest to a limit ({self.margin:.3g} {self.unit})"
         return f"trunk: {base}, {self.joint} {at}"
 
 
@@ -115,7 +117,7 @@ class AssemblyReport(Frozen):
     trunk: TrunkReport | None = None
     not_checked: tuple[str, ...] = (
         "collisions between arms, object and surroundings",
-        "whether the drives can bear the load",
+        "whether the actuators can bear the load",
         "friction at one-sided contacts",
     )
 

@@ -54,7 +54,7 @@ def _run(argv: Sequence[str] | None, stdout: WatchedStdout) -> int:
         complain("interrupted")
         return INTERRUPTED
     except MemoryError:
-        complain("not enough memory; try fewer samples, moments or joints")
+        complain("not enough memory; try fewer samples, frames or joints")
         return NO_MEMORY
     except Exception as fault:
         return _report(fault) if stdout.fault is None else OUTPUT
@@ -75,6 +75,6 @@ def _report(fault: Exception) -> int:
     place = f"{Path(last.filename).relative_to(root).as_posix()}:{last.lineno}"
     complain(
         f"internal fault at {place}: {type(fault).__name__}: {str(fault)[:300]}; please report this line and the"
-        " command (HOLDFAST_TRACEBACK=1 says more)"
+        " command (HOLDFAST_TRACEBACK=1 shows more)"
     )
     return FAULT

@@ -320,7 +320,7 @@ def run(arguments: list[str]) -> int:
         return 0
     for argument in arguments:
         if not argument or "\0" in argument or (argument.startswith("--") and argument.endswith("=")):
-            raise SceneError(f"expected no empty name, and none with NUL in it, got {argument!r}")
+            raise SceneError(f"expected a name that is not empty and contains no NUL, got {argument!r}")
     first = arguments[0] if arguments else "--help"
     if not first.startswith("-") and first not in COMMANDS:
         raise SceneError(f"no command {first!r}.{checks.did_you_mean(first, COMMANDS)}")
@@ -361,7 +361,7 @@ def _parsed(arguments: list[str]) -> Callable[[], int] | int:
             return tyro.extras.subcommand_cli_from_dict(
                 {name: _later(command) for name, command in COMMANDS.items()},
                 prog="holdfast",
-                description="Exact dynamics for robot arms that hold one object together.",
+                description="Exact dynamics for several robot arms that jointly grasp one object.",
                 args=arguments,
             )
     except SystemExit as finished:

@@ -56,9 +56,9 @@ def _machine_code() -> str:
     except CompileError as error:
         return str(error)
     made_for = "this processor" if chosen == "host" else f"{chosen} (HOLDFAST_CPU)"
-    bits = "fma: bits as on every processor with fma"
+    bits = "fma: results identical to those of every processor with fma"
     if not cpu.has_fma():
-        bits = "no fma: last digits differ from processors that have it"
+        bits = "no fma: last digits differ from those of processors with fma"
     return f"for {made_for}, {cpu.lanes()} numbers side by side, {bits}"
 
 
@@ -68,7 +68,7 @@ def _cache() -> str:
 
     place = cache.folder()
     if place is None:
-        return "off (HOLDFAST_CACHE=off, or its folder is not the user's alone): code is compiled in every process"
+        return "off (HOLDFAST_CACHE=off, or its folder is accessible to other users): code is compiled in every process"
     size = sum(path.stat().st_size for path in place.iterdir() if path.is_file())
     return f"{place}, {size / 2**20:.1f} MiB"
 

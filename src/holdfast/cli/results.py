@@ -110,7 +110,7 @@ def scenario_of(result: Result, trust_xacro: bool = False) -> Scenario:
             f"{scene}: not the scene of this run: expected the joints {', '.join(meta.joints)}, got {', '.join(joints)}"
         )
     if fingerprint(scenario.chain) != meta.model_sha256:
-        complain(f"{scene}: describes another model now than was simulated; is a robot file another one?")
+        complain(f"{scene}: no longer describes the simulated model; has a robot file changed?")
     return scenario
 
 
@@ -228,7 +228,7 @@ def export(
         require_file(path)
         present = [one for one in (path, occurrences_path(path)) if os.path.lexists(one)]
         if present and not overwrite:
-            raise ResultError(f"{present[0]}: is there already; try --overwrite, or another --out")
+            raise ResultError(f"{present[0]}: exists already; try --overwrite, or another --out")
     documents = []
     for result, path in results:
         written = _write_table(result, format, path, trust_xacro)
@@ -240,7 +240,7 @@ def export(
             continue
         stdout().print(f"{path}: {result.samples} samples", soft_wrap=True)
         for log in written[1:]:
-            stdout().print(f"{log}: what happened at single instants", soft_wrap=True)
+            stdout().print(f"{log}: events", soft_wrap=True)
     if as_json:
         print_document(documents)
     return 0
@@ -254,7 +254,7 @@ def _export_to_stdout(folder: Path, format: str, trust_xacro: bool, as_json: boo
     if result.note:
         complain(f"{folder}: {result.note}")
     if more:
-        say("note: what happened at single instants is a second table, which only --out FILE writes")
+        say("note: events are a second table, which is written only with --out FILE")
     return 0
 
 

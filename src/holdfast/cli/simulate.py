@@ -65,7 +65,7 @@ def simulate(
             cannot be used; nothing is written.
     """
     if resume and overwrite:
-        raise ResultError("--resume goes on with a result, --overwrite replaces it; try one of them")
+        raise ResultError("--resume continues a result, --overwrite replaces it; try one of them")
     refuse_standard(out, "--out")
     folder = Path("results") / scene_name(scene) if out is None else out
     scenario = opened_scene(scene, trust_xacro, changes)
@@ -81,7 +81,7 @@ def simulate(
     if resume:
         writer = ResultWriter.resume(folder, meta, scenario.text, robots=robots)
         if writer.start is None:
-            say(f"{folder}: nothing to resume yet; the run begins")
+            say(f"{folder}: nothing to resume yet; the run starts from the beginning")
     else:
         writer = ResultWriter(folder, meta, scenario.text, robots=robots, overwrite=overwrite)
     try:
@@ -179,8 +179,8 @@ def _interrupted(scenario: Scenario, writer: ResultWriter, as_json: bool) -> int
     else:
         stdout().print(summary_table(summary))
     complain(
-        f"interrupted after t = {run.t[-1]:.6g} s; what was simulated until then is in {writer.folder}, and --resume"
-        " goes on from there"
+        f"interrupted after t = {run.t[-1]:.6g} s; the results until then are in {writer.folder}, and --resume"
+        " continues from there"
     )
     return INTERRUPTED
 

@@ -107,7 +107,11 @@ def _answer(case: Case, motion: ChainMotion, method: str, generic_rank: int | No
         return Answer(case, method, reason=f"singular: {cause}")
     numbers = (result.qdd, result.grasp_wrench, result.object_acceleration, result.contact_acceleration)
     if not all(np.isfinite(part).all() for part in numbers):
-        return Answer(case, method, reason="singular: the answer is not finite; masses or lengths too far apart?")
+        return Answer(
+            case,
+            method,
+            reason="singular: the result is not finite; do masses or lengths differ by too many orders of magnitude?",
+        )
     error = None if case.expected is None else error_vs_expected(result, case.expected, motion)
     return Answer(case, method, result, error=error)
 
@@ -194,7 +198,7 @@ def print_answers(answers: list[Answer]) -> None:
     elif refused:
         kinds = Counter(_kind(answer) for answer in refused)
         listed = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
-        console.print(f"refused: {listed}; --case NAME or --format json says why")
+        console.print(f"refused: {listed}; --case NAME or --format json states the reason")
     if len(answers) == 1:
         print_numbers(console, answers[0])
 

@@ -57,7 +57,9 @@ def sweep(
     is_folder = not is_standard(target) and os.path.isdir(target)
     if is_folder and (out is not None or changes):
         option = "--set" if changes else "--out"
-        raise SceneError(f"{option}: expected a scene, got the folder {target}, which has its own; try without it")
+        raise SceneError(
+            f"{option}: expected a scene, got the folder {target}, which contains its own scene; try without it"
+        )
     folder = target if is_folder else Path("results") / f"{scene_name(target)}_sweep" if out is None else out
     if run is not None:
         if not is_folder:
@@ -70,7 +72,7 @@ def sweep(
         with _progress(scenario) as progress:
             found = sweep_scene(scenario, folder, workers=workers, cluster=cluster, progress=progress)
     except KeyboardInterrupt:
-        complain(f"interrupted; what was finished is in {folder}, and the same command goes on from there")
+        complain(f"interrupted; what was finished is in {folder}, and the same command continues from there")
         return INTERRUPTED
     _report(found, as_json)
     return 0
@@ -79,7 +81,7 @@ def sweep(
 def _again(found: Sweep, number: int, workers: int, cluster: str | None, as_json: bool) -> int:
     """Take the steps of one run again, and write it as a result folder."""
     if workers != 1 or cluster is not None:
-        raise StateError("--run: is taken in this process; try without --workers and --cluster")
+        raise StateError("--run: repeats one run in this process; try without --workers and --cluster")
     run = found.run(number)
     place = run.save(found.folder / f"run_{number}", overwrite=True)
     if as_json:
@@ -106,7 +108,7 @@ def _report(found: Sweep, as_json: bool) -> None:
         for title, x in rows.items():
             table.add_row(title, *(f"{value:.6g}" for value in x))
         console.print(table)
-    console.print(f"{len(found)} runs in {found.folder}; --run NUMBER takes one again", soft_wrap=True)
+    console.print(f"{len(found)} runs in {found.folder}; --run NUMBER repeats one", soft_wrap=True)
 
 
 @contextmanager

@@ -59,7 +59,7 @@ def view(
     if is_standard(page) and as_json:
         raise ResultError("--export -: stdout takes the page or, with --json, a report; try one of them")
     if page is not None and not is_standard(page) and os.path.lexists(page) and not overwrite:
-        raise ResultError(f"{page}: is there already; try --overwrite, or another --export")
+        raise ResultError(f"{page}: exists already; try --overwrite, or another --export")
     film = _film(target, rate, trust_xacro, changes)
     if page is not None and is_standard(page):
         write_stdout(lambda path: export_page(film, path), "page.html")
@@ -82,7 +82,7 @@ def view(
 
 def _announce(address: str) -> None:
     console = stdout()
-    console.print(f"{address}   (Ctrl-C ends it)")
+    console.print(f"{address}   (Ctrl-C stops it)")
     console.file.flush()
 
 

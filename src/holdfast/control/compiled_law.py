@@ -76,8 +76,8 @@ def law_and_values(controller: Controller | ControlLaw, chain: ClosedChain) -> t
     law = controller if isinstance(controller, ControlLaw) else law_of(controller, chain)
     if law is None:
         raise MethodNotApplicable(
-            f"compile_law: expected a ControlLaw or a ready-made controller, got {type(controller).__name__}, which"
-            " cannot be traced; try ControlLaw(torque), torque written with the words of holdfast.spatial.scalar"
+            f"compile_law: expected a ControlLaw or a built-in controller, got {type(controller).__name__}, which"
+            " cannot be traced; try ControlLaw(torque), torque written with the functions of holdfast.spatial.scalar"
         )
     return law, controller.values if isinstance(controller, GivenLaw) else {}
 
@@ -164,7 +164,7 @@ class CompiledLaw:
         if len(self.law.memory):
             given["memory"] = self.law.memory if memory is None else memory
         elif memory is not None and np.size(memory):
-            raise StateError("memory: expected none, as the law remembers nothing")
+            raise StateError("memory: expected none, as the law has no memory")
         given |= self.values | parameters
         inputs = {name: e.shape for name, e in self._externals.items() if e.role == "input"}
         _require_names(given, inputs)
@@ -263,7 +263,7 @@ class BoundLaw:
             known = [n for n in vars(self) if not n.startswith("_")]
             if name in known:
                 raise FrozenError(
-                    f"bound law: {name}: expected the array that the machine code reads to stay; try"
+                    f"bound law: {name}: cannot be replaced, because the machine code reads this array; try"
                     f" bound.{name}[...] = values"
                 )
             raise FrozenError(f"bound law: no attribute '{name}'.{checks.did_you_mean(name, known)}")
@@ -285,7 +285,7 @@ def law_externals(law: ControlLaw, chain: ClosedChain) -> dict[str, External]:
     own: dict[str, Shape] = {"t": (), "memory": (len(law.memory),), "kept": (len(law.memory),)}
     size = shapes(chain) | own | {name: tuple(shape) for name, shape in law.parameters.items()}
     if taken := {"t", "tau", "memory", "kept", *state_fields(chain)} & set(law.parameters):
-        raise StateError(f"compile_law: parameter '{min(taken)}': expected another name, as an array of the law has it")
+        raise StateError(f"compile_law: parameter '{min(taken)}': expected another name, since this one is reserved")
     remembers = ["memory"] if len(law.memory) else []
     inputs = ["t", *state_fields(chain), *remembers, *law.parameters]
     return externals(inputs, (), ["tau", *(["kept"] if remembers else [])], size)

@@ -177,7 +177,7 @@ def given_law(controller: Any, parameters: Mapping[str, ArrayLike] | None) -> An
     if values:
         raise StateError(
             f"simulation: parameters: expected none, got {', '.join(map(str, values))}: only a ControlLaw takes them;"
-            " try ControlLaw(torque, parameters={name: shape}), or a function that knows their values"
+            " try ControlLaw(torque, parameters={name: shape}), or a function that contains their values"
         )
     return controller
 

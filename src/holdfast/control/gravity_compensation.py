@@ -41,8 +41,8 @@ class GravityCompensation(Frozen):
         checks.instance(self.chain, ClosedChain, "gravity compensation: chain")
         if self.chain.floats and self.chain.gravity.any():
             raise MethodNotApplicable(
-                "GravityCompensation: expected a base that stands, got a trunk whose base floats under gravity, which"
-                " no drive holds; try a chain without gravity, or ObjectTracking"
+                "GravityCompensation: expected a fixed base, got a trunk whose base floats under gravity, which"
+                " no actuator holds; try a chain without gravity, or ObjectTracking"
             )
         for name in ("squeeze", "joint_damping"):
             object.__setattr__(self, name, checks.number(getattr(self, name), f"gravity compensation: {name}"))

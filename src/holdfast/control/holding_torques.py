@@ -87,12 +87,13 @@ def _require_balance(chain: ClosedChain, left: Array, size: float, idle: Array) 
     if max(object_left, joint_left) <= POSSIBLE * size:
         return
     if not chain.grasps:
-        raise StateError("holding_torques: no arm holds the object, so nothing bears it; try a chain with grasps")
-    drives = f" and leave {len(idle)} joints undriven" if len(idle) else ""
-    drives += " and let the floating base rest" if chain.floats else ""
+        raise StateError("holding_torques: no arm holds the object, so nothing carries it; try a chain with grasps")
+    given = [f"{len(idle)} joints undriven"] if len(idle) else []
+    given += ["the floating base at rest"] if chain.floats else []
+    drives = f" with {' and '.join(given)}" if given else ""
     raise StateError(
         f"holding_torques: the grasps cannot bear this load{drives}: {max(object_left, joint_left):.3g} N (moments over"
-        " the grasps' distance) are left. Try another acceleration, more grasps, or driving more joints"
+        " the grasps' distance) remain. Try another acceleration, more grasps, or driving more joints"
     )
 
 
@@ -187,5 +188,5 @@ def _require_followed(motion: ChainMotion, qdd: Array, alpha: Array) -> None:
     if missed:
         raise StateError(
             f"acceleration: expected one that the arms can follow at this state, got {alpha}: {', '.join(missed)}. Try"
-            " a state at rest, or holdfast.diagnose for the lost directions"
+            " a state at rest, or holdfast.diagnose for the singular directions"
         )

@@ -87,8 +87,8 @@ class PoseSpline(Frozen):
         spans = [np.linalg.norm((_step(a, b) / limits).reshape(2, 3), axis=1).max() for a, b in pairwise(given)]
         if (still := np.flatnonzero(_still(given))).size:
             raise ModelError(
-                f"path: poses: poses[{still[0]}] and poses[{still[0] + 1}] are the same, so that no time is needed"
-                " between them; leave one out, or give times to rest there"
+                f"path: poses: poses[{still[0]}] and poses[{still[0] + 1}] are equal, so no duration between them"
+                " follows from the limits; leave one out, or give times to pause there"
             )
         unscaled = PoseSpline(given, np.r_[0.0, np.cumsum(spans)])
         looks = np.concatenate([np.linspace(a, b, LOOKS) for a, b in pairwise(unscaled.times)])

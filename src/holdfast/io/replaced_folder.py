@@ -31,7 +31,9 @@ def replaced_folder(folder: Path, is_ours: Callable[[Path], bool]) -> Iterator[P
     try:
         place = Path(os.path.realpath(folder))
         if place == Path.cwd() or place in Path.cwd().parents:
-            raise ResultError(f"{folder}: cannot be replaced, as the program runs in it; try a folder of its own")
+            raise ResultError(
+                f"{folder}: cannot be replaced, because it contains the working directory; try a new folder"
+            )
         beside, aside = (place.with_name(f"{place.name}.{token}{end}.part") for end in ("", ".old"))
         beside.mkdir(parents=True)
     except (OSError, ValueError) as cause:

@@ -48,7 +48,7 @@ def read_arrays(path: Path, data_name: str) -> tuple[dict[str, Array], Any]:
             with zipfile.ZipFile(raw) as archive:
                 # ours are stored as they are; what unpacks to more than the file holds was made to fill the memory
                 if sum(part.file_size for part in archive.infolist()) > path.stat().st_size:
-                    raise Damage(f"{path.name} is damaged: it unpacks to more than it holds")
+                    raise Damage(f"{path.name} is damaged: it unpacks to more than the size of the file")
                 torn = archive.testzip()  # before any header is trusted
             if torn is not None:
                 raise Damage(f"{path.name} is damaged at '{torn}'")

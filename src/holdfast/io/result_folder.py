@@ -228,7 +228,9 @@ class ResultWriter:
     def _require_alone(self) -> None:
         """Refuse to write where someone else did: two runs would mix."""
         if read_bytes(self.folder / META) not in self._texts:
-            raise ResultError(f"{self.folder}: another process has written to it; nothing more of this run is added")
+            raise ResultError(
+                f"{self.folder}: another process has written to it; no more samples of this run are added"
+            )
 
     def _write_meta(self, meta: ResultMeta) -> None:
         """Put meta.json in place; whether that works or not, it is this writer's."""
@@ -282,7 +284,9 @@ def _resumed(folder: Path, meta: ResultMeta) -> tuple[ResultMeta, Checkpoint] | 
         return None
     _require_open(folder, found, meta)
     if found.checkpoint is None:
-        raise ResultError(f"{folder}: cannot go on: {found.no_checkpoint or 'it has no checkpoint'}; try --overwrite")
+        raise ResultError(
+            f"{folder}: cannot be resumed: {found.no_checkpoint or 'it has no checkpoint'}; try --overwrite"
+        )
     try:
         arrays, data = read_arrays(folder / found.checkpoint.file, "data")
         checkpoint = Checkpoint.from_data(arrays, data)
@@ -290,7 +294,7 @@ def _resumed(folder: Path, meta: ResultMeta) -> tuple[ResultMeta, Checkpoint] | 
         write_atomically(folder / META, json_text(kept))  # first: what goes now does not count any more
         cut_chunk(folder, len(kept.chunks) - 1, kept.chunks[-1])
     except Damage as damage:
-        raise ResultError(f"{folder}: cannot go on: {damage}; try --overwrite") from damage
+        raise ResultError(f"{folder}: cannot be resumed: {damage}; try --overwrite") from damage
     _remove_the_rest(folder, kept)
     return kept, checkpoint
 
@@ -299,8 +303,8 @@ def _require_open(folder: Path, found: ResultMeta, meta: ResultMeta) -> None:
     """Refuse a run that is another one, or that has ended."""
     if differ := differences(found, meta):
         raise ResultError(
-            f"{folder}: the run there cannot go on bit for bit, since these differ: {', '.join(differ)};"
-            " try what it was begun with, or --overwrite"
+            f"{folder}: the run there cannot be resumed identically, since these differ: {', '.join(differ)};"
+            " try the original ones, or --overwrite"
         )
     if found.ended:
         how = found.stopped or f"the run is complete, {found.samples} samples up to t = {found.last_time:.6g} s"

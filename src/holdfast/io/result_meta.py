@@ -217,6 +217,6 @@ def kept_robots(folder: Path, records: Mapping[str, RobotRecord]) -> dict[str, S
         path = folder / record.file
         content = read_bytes(path)
         if sha256(content) != record.sha256:
-            raise ResultError(f"{path}: expected the robot that was simulated, got another text")
+            raise ResultError(f"{path}: expected the text of the simulated robot, got another text")
         found[arm] = Source(str(path), content, Path(record.folder) if record.folder else None)
     return found

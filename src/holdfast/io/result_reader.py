@@ -132,10 +132,10 @@ def load_result(folder: str | PathLike[str]) -> Result:
         reason = damage or meta.stopped or "interrupted, or still running"
         notes.append(f"incomplete, up to t = {last_time:.6g} s of {meta.duration} s: {reason}")
     if unknown := [name for name in meta.units if name not in ours]:
-        notes.append(f"written by holdfast {meta.versions.get('holdfast')}, its {', '.join(unknown)} are not read")
+        notes.append(f"written by holdfast {meta.versions.get('holdfast')}, its {', '.join(unknown)} are ignored")
     scene = read_bytes(folder / "scene.toml")
     if sha256(scene) != meta.scene_sha256:
-        notes.append("scene.toml is not the text that was simulated")
+        notes.append("scene.toml is not the text of the simulated scene")
     notes += [f"{path.name} is not part of the run" for path in stray_chunks(folder, len(meta.chunks))]
     return Result(folder, meta, scene.decode("utf-8", "replace"), tuple(chunks), complete, "; ".join(notes))
 
@@ -149,7 +149,7 @@ def _whole_chunks(folder: Path, meta: ResultMeta) -> tuple[list[int], float, str
             part = read_chunk(folder, k, count)
             here = [getattr(part, name).shape[1:] for name in array_names()]
             if here != (shapes or here):
-                raise Damage(f"{chunk_name(k)} does not fit the chunks before")
+                raise Damage(f"{chunk_name(k)} does not continue the previous chunks")
         except Damage as damage:
             return counts, last_time, str(damage)
         counts.append(count)

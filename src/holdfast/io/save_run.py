@@ -18,7 +18,7 @@ from holdfast.simulation.setting import RecordedBase, Setting, recorded_base
 from holdfast.simulation.summary import summarise
 from holdfast.simulation.trajectory import Occurrence, Trajectory, array_names
 
-SCENE = """# A run made in Python by holdfast: there was no scene. model.json has its chain.
+SCENE = """# A run made in Python by holdfast, without a scene. model.json contains its chain.
 # Its controller and its initial state are not in this folder, so nobody can go on with it or begin it anew from here.
 """
 

@@ -45,13 +45,13 @@ def _read_csv(path: Path) -> dict[str, Array]:
     except (UnicodeDecodeError, csv.Error) as cause:
         raise ResultError(f"{path}: expected a CSV table in UTF-8, got something else") from cause
     if len(lines) < 2:
-        raise ResultError(f"{path}: expected a line of titles and a line for each sample, got {len(lines)} lines")
+        raise ResultError(f"{path}: expected a line of column names and a line for each sample, got {len(lines)} lines")
     head, *body = lines
     if twice := {title for title in head if head.count(title) > 1}:
-        raise ResultError(f"{path}: expected titles that differ, got '{one_line(sorted(twice)[0])}' twice")
+        raise ResultError(f"{path}: expected unique column names, got '{one_line(sorted(twice)[0])}' twice")
     for k, line in enumerate(body, 2):
         if len(line) != len(head):
-            raise ResultError(f"{path}: line {k}: expected {len(head)} entries, one a title, got {len(line)}")
+            raise ResultError(f"{path}: line {k}: expected {len(head)} entries, one for each column, got {len(line)}")
         for title, entry in zip(head, line, strict=True):
             try:
                 float(entry)

@@ -63,6 +63,6 @@ def _require_semidefinite(matrix: Array, what: str) -> None:
     least = float(np.linalg.eigvalsh(matrix / unit / unit[:, None])[0])
     if least < -SEMIDEFINITE:
         raise ModelError(
-            f"{what}: expected a positive semidefinite matrix, got one that is negative in some direction (by"
+            f"{what}: expected a positive semidefinite matrix, got one with a negative eigenvalue (by"
             f" {-least:.3g} of its diagonal)"
         )

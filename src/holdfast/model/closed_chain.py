@@ -84,7 +84,7 @@ class ClosedChain(Frozen):
                 raise ModelError(f"mounts: expected a trunk to mount {', '.join(map(repr, self.mounts))} on, got none")
             return
         if TRUNK in self.arms:
-            raise ModelError(f"arm '{TRUNK}': the name is the trunk's in flat arrays; try another")
+            raise ModelError(f"arm '{TRUNK}': the name is reserved for the trunk in flat arrays; try another")
         for name, mount in self.mounts.items():
             if name not in self.arms:
                 raise ModelError(f"mount of '{name}': no such arm.{checks.did_you_mean(name, self.arms)}")

@@ -76,7 +76,7 @@ def _parts(value: Any, exact: bool) -> Iterator[bytes]:
     elif value is None or isinstance(value, bool | int | float | str):
         yield repr(value).encode()
     elif exact:
-        raise TypeError(f"nothing stands for a {type(value).__name__}")
+        raise TypeError(f"a {type(value).__name__} has no fingerprint")
 
 
 def _same(x: Any, default: Any) -> bool:

@@ -109,7 +109,7 @@ def motion_subspace(motion: Any) -> MotionSubspace:
         raise ModelError(f"grasp: motion: expected shape (6, k) with k from 1 to 5, got shape {S.shape}")
     Q, sizes, _ = np.linalg.svd(S / np.maximum(np.linalg.norm(S, axis=0), 1e-300), full_matrices=False)
     if not sizes[-1] > CLOSED:
-        raise ModelError("grasp: motion: expected columns that do not depend on each other, got some that do")
+        raise ModelError("grasp: motion: expected linearly independent columns, got dependent ones")
     _require_closed(Q)
     U, turns, Vt = np.linalg.svd(Q[:3])
     r = int((turns > CLOSED).sum())
@@ -148,8 +148,8 @@ def _require_closed(Q: Array) -> None:
             if float(np.abs(bracket - Q @ (Q.T @ bracket)).max()) > CLOSED:
                 raise ModelError(
                     "grasp: motion: expected twists closed under the bracket, as those of a joint are, got some"
-                    " that lead out of their span: no positions belong to them; try a universal or softfinger grasp, or"
-                    " fewer twists"
+                    " whose bracket leaves their span, so that no position constraint exists; try a universal or"
+                    " softfinger grasp, or fewer twists"
                 )
 
 

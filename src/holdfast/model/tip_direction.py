@@ -78,8 +78,8 @@ def tip_advice(arm: Arm) -> str:
     if turn.axis == "+z":
         return ""
     return (
-        f"the tip's z axis is {math.degrees(tip_angle(arm)):.0f} deg off the way from the last joint to the tip, which"
-        f" goes along its {turn.axis}. If z is to point out of the hand, try arm.with_tip(arm.tip @"
+        f"the tip's z axis is {math.degrees(tip_angle(arm)):.0f} deg off the direction from the last joint to the tip,"
+        f" which is along its {turn.axis}. If z is to point out of the hand, try arm.with_tip(arm.tip @"
         f" hf.Pose.from_wxyz_xyz([{turn.wxyz}, 0, 0, 0])), in a scene tip = {{ rpy = [{', '.join(turn.rpy)}] }}"
     )
 

@@ -48,7 +48,7 @@ class ArmsOnTrunk:
         body, last, trunk = self.trunk.floating, arm.links[-1], self.trunk
         if body is None:
             raise ModelError(
-                "mounted_on: expected a base that floats, whose mass the arm can carry, got one in the world;"
+                "mounted_on: expected a floating base, whose mass the arm can carry, got one in the world;"
                 " try loading the robot with floating=True"
             )
         at = arm.tip if at is None else arm.tip @ checks.pose(at, "at")

@@ -61,7 +61,7 @@ def robot_description_path(name: str, *, xacro_args: Mapping[str, str] | None = 
         module = import_module(f"robot_descriptions.{full}")
         if not hasattr(module, "URDF_PATH") and trust_xacro is not True:
             raise SceneError(
-                f"robot_descriptions: '{full}' is a xacro file, and expanding it runs the Python that stands in it; if"
+                f"robot_descriptions: '{full}' is a xacro file, and expanding it runs the Python code in it; if"
                 " you trust those who published it, try trust_xacro=True"
             )
         return paths.get_urdf_path(module, xacro_args=dict(xacro_args) if xacro_args else None)
@@ -70,6 +70,6 @@ def robot_description_path(name: str, *, xacro_args: Mapping[str, str] | None = 
     except Exception as cause:  # git, network, file system, xacro
         reason = re.sub(r"\s+", " ", f"{type(cause).__name__}: {cause}")[:300]
         raise SceneError(
-            f"robot_descriptions: '{full}' cannot be had: {reason}; it needs the network once"
+            f"robot_descriptions: '{full}' is not available: {reason}; it needs the network once"
             " (kept in $ROBOT_DESCRIPTIONS_CACHE or ~/.cache/robot_descriptions), or pass the path of a URDF"
         ) from cause

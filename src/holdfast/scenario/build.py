@@ -275,7 +275,7 @@ def build_mounts(arms: Sequence[ArmData], trunk: Trunk | None, at: Location) -> 
     mounts = {}
     for i, arm in enumerate(arms):
         if trunk is not None and arm.name == TRUNK:
-            raise (at / i / "name").refuse(f"'{TRUNK}' is the trunk's own in flat arrays; try another")
+            raise (at / i / "name").refuse(f"'{TRUNK}' is reserved for the trunk in flat arrays; try another")
         if arm.mount is None:
             continue
         if trunk is None:
@@ -284,7 +284,7 @@ def build_mounts(arms: Sequence[ArmData], trunk: Trunk | None, at: Location) -> 
             trunk.body(arm.mount, arm.name)
         if arm.base_motion is not None:
             raise (at / i / "base_motion").refuse(
-                f"expected none, as the arm stands on the trunk and moves with it; try {TRUNK}.base_motion"
+                f"expected none, as the arm is mounted on the trunk and moves with it; try {TRUNK}.base_motion"
             )
         mounts[arm.name] = arm.mount
     return mounts

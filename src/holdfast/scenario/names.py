@@ -31,7 +31,7 @@ def require_names(names: Iterable[str], at: Location, *key: str, optional: bool 
         if optional and not name:
             continue
         if not NAME.fullmatch(name):
-            raise place.refuse(f"expected letters, digits, '_', '-' and '.', at most 64, got '{one_line(name, 60)}'")
+            raise place.refuse(f"expected 1 to 64 letters, digits, '_', '-' and '.', got '{one_line(name, 60)}'")
         if name in first:
-            raise place.refuse(f"'{name}' stands already at {first[name].path}")
+            raise place.refuse(f"'{name}' is already used at {first[name].path}")
         first[name] = place

@@ -86,7 +86,9 @@ def scene_trunk(data: TrunkData, arms: Sequence[ArmData], files: RobotFiles, at:
     base = pose(data.base, here / "base")
     floating = None if data.floating is None else body(data.floating, here / "floating")
     if floating is not None and floating.mass == 0.0:
-        raise (here / "floating" / "mass").refuse("expected > 0, as nothing else holds it, got 0")
+        raise (here / "floating" / "mass").refuse(
+            "expected > 0, since nothing else gives the floating body inertia, got 0"
+        )
     if data.urdf is not None:
         found = _of_file(data, base, floating is not None, arms, files, at)
     elif data.joints is not None:
@@ -108,11 +110,11 @@ def _where_it_floats(found: SceneTrunk, data: TrunkData, base: Pose, at: Locatio
     if found.trunk.floating is None:
         if data.twist is not None:
             raise (at / "twist").refuse(
-                "expected none, as the trunk's base stands in the world; try floating, or base_motion"
+                "expected none, as the trunk's base is fixed in the world; try floating, or base_motion"
             )
         return found
     if data.base_motion is not None:
-        raise (at / "base_motion").refuse("expected none, as the trunk's base floats; try twist, how it moves at first")
+        raise (at / "base_motion").refuse("expected none, as the trunk's base floats; try twist, its initial motion")
     return replace(found, base_pose=base, base_twist=np.zeros(6) if data.twist is None else np.array(data.twist))
 
 
@@ -141,7 +143,7 @@ def _of_file(
     if urdf.tip is not None:
         raise (here / "urdf").refuse("expected tip or tips, got both")
     if floats:
-        raise (here / "floating").refuse("expected none beside tips of a file; try urdf.floating")
+        raise (here / "floating").refuse("expected none together with tips of a file; try urdf.floating")
     _require_arms_of_file(urdf.tips, arms, at)
     with file_refusals(here):
         links = urdf_trunk(
@@ -164,7 +166,9 @@ def _of_file(
         alone = Robot(arm, preferred_posture(arm), source, links.chains[name])
         robots[name] = finished(alone, arms[i], at / "arms" / i)
         if data.base_motion is not None and name not in found.mounts:
-            raise (here / "base_motion").refuse(f"expected none, as arm '{name}' stands on the base that would move")
+            raise (here / "base_motion").refuse(
+                f"expected none, as arm '{name}' is mounted on the base that would move"
+            )
     return replace(_at_rest(trunk), mounts=found.mounts, arms=FrozenDict(robots), source=source, links=links)
 
 
@@ -178,4 +182,4 @@ def _require_arms_of_file(tips: Mapping[str, str], arms: Sequence[ArmData], at: 
         for key in (*ORIGINS, *OWN_PLACE):
             if getattr(arm, key) not in (None, False):
                 where = at / "arms" / places[name] / key
-                raise where.refuse(f"expected none, as the arm is out of the file of the trunk, {TRUNK}.urdf.tips")
+                raise where.refuse(f"expected none, as the arm is from the file of the trunk, {TRUNK}.urdf.tips")

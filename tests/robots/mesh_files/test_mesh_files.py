@@ -95,9 +95,9 @@ DOUBLED = "".join(
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("a.stl", b"", "expected STL: a head of 84 bytes, got 0"),
+        ("a.stl", b"", "expected STL: a header of 84 bytes, got 0"),
         ("a.stl", b"solid", "has no surface"),
-        ("a.stl", CUT, f"is cut off: expected {len(CORNERS)} triangles as its head says, got {len(CORNERS) - 1}"),
+        ("a.stl", CUT, f"is cut off: expected {len(CORNERS)} triangles as its header says, got {len(CORNERS) - 1}"),
         ("a.stl", CUT[:80] + b"\xff\xff\xff\xff" + CUT[84:], "expected at most 2,000,000 triangles, got 4,294,967,295"),
         ("a.stl", stl_bytes(CORNERS * np.nan), "expected vertices within 1e+06 m, got one beyond, or not a number"),
         ("a.stl", stl_text(CORNERS * 1e300), "expected vertices within 1e+06 m"),

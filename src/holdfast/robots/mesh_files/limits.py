@@ -43,7 +43,7 @@ def numbers(text: str | bytes, kind: type[float] | type[int], what: str) -> Arra
         try:
             return np.fromstring(text, dtype=kind, sep=" ")  # pyright: ignore[reportArgumentType, reportCallIssue]
         except (ValueError, DeprecationWarning, OverflowError) as cause:
-            raise MeshFault(f"{what}: expected numbers with blanks between") from cause
+            raise MeshFault(f"{what}: expected numbers separated by blanks") from cause
 
 
 def require_plain(vertices: Array, faces: Array) -> None:

@@ -76,8 +76,8 @@ def solid(mesh: Mesh) -> Solid:
     places, which = distinct(mesh.vertices)
     if gaps := _open_edges(which[mesh.faces], len(places)):
         raise MeshFault(
-            f"is open: {gaps} edges lack a neighbour that runs along them the other way; expected a closed surface,"
-            " all faces counter-clockwise seen from outside; try mending it in the program that wrote it"
+            f"is open: {gaps} edges have no matching neighbour in the opposite direction; expected a closed surface,"
+            " all faces counter-clockwise seen from outside; try repairing it in the program that wrote it"
         )
     middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
     extent = float((places.max(axis=0) - places.min(axis=0)).max())
@@ -87,7 +87,7 @@ def solid(mesh: Mesh) -> Solid:
     if not abs(volume) > THINNEST * extent**3:
         raise MeshFault(f"encloses no volume: got {volume:.3g} m^3 in an extent of {extent:.3g} m")
     if volume < 0:
-        raise MeshFault("is inside out: expected faces counter-clockwise seen from outside; try turning them round")
+        raise MeshFault("is inside out: expected faces counter-clockwise seen from outside; try reversing them")
     centre = (parts[:, None] * corners.sum(axis=1)).sum(axis=0) / (4 * volume)
     corners = corners - centre
     four = [*np.moveaxis(corners, 1, 0), corners.sum(axis=1)]

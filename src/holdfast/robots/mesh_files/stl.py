@@ -33,11 +33,11 @@ def read_stl(content: bytes) -> tuple[Array, Array]:
 def _of_bytes(content: bytes, count: int) -> Array:
     """Return the corners (F, 3, 3) of a binary file."""
     if len(content) < _HEAD:
-        raise MeshFault(f"expected STL: a head of {_HEAD} bytes, got {len(content)}")
+        raise MeshFault(f"expected STL: a header of {_HEAD} bytes, got {len(content)}")
     require_triangles(count)
     if len(content) < _HEAD + count * _TRIANGLE:
         whole = (len(content) - _HEAD) // _TRIANGLE
-        raise MeshFault(f"is cut off: expected {count:,} triangles as its head says, got {whole:,}")
+        raise MeshFault(f"is cut off: expected {count:,} triangles as its header says, got {whole:,}")
     return np.frombuffer(content, _CORNERS, count, _HEAD)["corners"]
 
 

@@ -113,7 +113,9 @@ def _refuse(child: Element, known: tuple[str, ...]) -> None:
     if child.tag.startswith("xacro:"):
         raise child.refuse("expected plain URDF, got unexpanded xacro; try a file name that ends in .xacro")
     if child.tag in LOOPS:
-        raise child.refuse("closes a loop, which joints in series cannot; try deleting it if no arm passes through it")
+        raise child.refuse(
+            "closes a loop, which a serial arm cannot contain; try deleting it if no arm passes through it"
+        )
 
 
 def _misspelt(word: str, known: tuple[str, ...]) -> str:
@@ -192,7 +194,7 @@ def text(element: Element, attribute: str, expected: str) -> str:
 
 def numbers(element: Element, attribute: str, count: int, size: float) -> list[float]:
     """Return so many numbers, separated by white space, none larger than `size`."""
-    expected = "a number" if count == 1 else f"{count} numbers with blanks between"
+    expected = "a number" if count == 1 else f"{count} numbers separated by blanks"
     stated = text(element, attribute, expected)
     words = stated.split() if len(stated) < 1000 else []
     if len(words) != count or not all(_NUMBER.fullmatch(word) for word in words):

@@ -133,7 +133,7 @@ def welded_link(robot: UrdfRobot, links: Welded, moved: str, physical: bool) -> 
     if not parts:
         raise robot.links[name].element.refuse(
             f"expected <inertial>, since {moved}, got none; try adding one"
-            " (mass 0 and inertia 0 where it is meant to be massless)"
+            " (mass 0 and inertia 0 if it is meant to be massless)"
         )
     with robot.links[name].element.refusals():
         return Link(*welded(parts), name=name, physical=physical)

@@ -161,7 +161,7 @@ def _tip_note(robot: UrdfRobot, arm: Arm, tip: str, folded: FoldedChain) -> str:
         for name, at in folded.bodies[-1].links.items()
         if np.allclose(at.p, arm.tip.p, rtol=0, atol=SAME_PLACE) and tip_angle(arm.with_tip(at)) < UPRIGHT
     ]
-    others = f", or {' or '.join(better[:3])}, a frame in the same place" if better else ""
+    others = f", or {' or '.join(better[:3])}, a frame at the same place" if better else ""
     return robot.links[tip].element.message(f"as a tip: {advice}{others}")
 
 
@@ -247,7 +247,7 @@ def _standing(locks: Locks, base: str) -> tuple[Pose, list[str]]:
         assert across is not None
         at = at @ across
         if q is not None and joint.name not in locks.given:
-            notes.append(joint.element.message(f"held at {q:g}, since it moves the base {quoted(base)}"))
+            notes.append(joint.element.message(f"locked at {q:g}, since it moves the base {quoted(base)}"))
     return at, notes
 
 

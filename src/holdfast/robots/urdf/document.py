@@ -132,7 +132,7 @@ def parse_document(text: bytes | str, source: str) -> Element:
 
 
 _ADVICE = {
-    "XML or text declaration not at start of entity": "; try deleting what stands before <?xml ...?>",
+    "XML or text declaration not at start of entity": "; try deleting the text before <?xml ...?>",
     "undefined entity": "; try writing the character itself",
 }
 
@@ -159,9 +159,9 @@ class _Builder:
         self.open.append(element)
         self.count += 1
         if self.count > MOST_ELEMENTS:
-            raise element.refuse(f"expected at most {MOST_ELEMENTS:,} elements, this is one more")
+            raise element.refuse(f"expected at most {MOST_ELEMENTS:,} elements, got more")
         if len(self.open) > DEEPEST:
-            raise element.refuse(f"expected at most {DEEPEST} levels of elements, this is one more")
+            raise element.refuse(f"expected at most {DEEPEST} levels of elements, got more")
 
     def _end(self, tag: str) -> None:
         self.open.pop()

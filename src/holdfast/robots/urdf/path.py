@@ -201,7 +201,7 @@ def checked_locks(robot: UrdfRobot, locked: Mapping[str, float] | None) -> dict[
         if joint is None:
             raise robot.element.refuse(f"locked: no joint {quoted(str(name))}.{hint(str(name), robot.joints)}")
         if joint.kind not in MOVING:
-            raise joint.element.refuse(f"locked: expected a joint of one freedom, got a {joint.kind} one")
+            raise joint.element.refuse(f"locked: expected a joint with one degree of freedom, got a {joint.kind} one")
         with joint.element.refusals():
             q = checks.number(position, "locked")
         low, high = joint.position_limits

@@ -25,8 +25,8 @@ def taken_apart(joint: UrdfJoint) -> tuple[list[UrdfJoint], list[UrdfLink]]:
     first = along - (normal @ along) * normal
     first = first / np.linalg.norm(first)
     unread = [tag for tag in UNREAD if element.first(tag) is not None]
-    notes = [*joint.notes, element.message("planar, taken as two joints that slide and one that turns")]
-    notes += [element.message(f"{', '.join(unread)}: not read of a planar joint")] if unread else []
+    notes = [*joint.notes, element.message("planar, read as two prismatic joints and a revolute joint")]
+    notes += [element.message(f"{', '.join(unread)}: ignored for a planar joint")] if unread else []
     between = [f"{name}.1", f"{name}.2"]
     links = [joint.parent, *between, joint.child]
     moves = [("prismatic", first), ("prismatic", cross(normal, first)), ("continuous", normal)]

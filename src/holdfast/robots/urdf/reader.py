@@ -69,7 +69,7 @@ def _by_name(members: list[Named]) -> dict[str, Named]:
     for member in members:
         if member.name in found:
             first = found[member.name].element.line
-            raise member.element.refuse(f"expected a name of its own, first used in line {first}")
+            raise member.element.refuse(f"expected a unique name, first used in line {first}")
         found[member.name] = member
     return found
 
@@ -92,14 +92,14 @@ def _root(element: Element, links: Mapping[str, UrdfLink], joints: Mapping[str, 
             other = above[joint.child]
             raise joint.element.refuse(
                 f"child: link {quoted(joint.child)} hangs on joint {quoted(other.name)} already (line"
-                f" {other.element.line}): a loop, which joints in series cannot close"
+                f" {other.element.line}): a loop, which a serial arm cannot contain"
             )
         above[joint.child] = joint
     roots = [link for link in links if link not in above]
     if len(roots) > 1:
         raise links[roots[1]].element.refuse(f"expected one root link, got {listed(roots)}; try joining them")
     if not roots:
-        raise element.refuse("expected a root link that is no joint's child, got joints in a circle")
+        raise element.refuse("expected a root link that is not the child of any joint, got a cycle of joints")
     return roots[0]
 
 
@@ -111,7 +111,7 @@ def _refuse_circles(robot: UrdfRobot) -> None:
         reached.update(children)
         waiting += children
     if astray := [link for link in robot.links if link not in reached]:
-        raise robot.links[astray[0]].element.refuse(f"hangs on joints in a circle with {listed(astray)}")
+        raise robot.links[astray[0]].element.refuse(f"hangs on a cycle of joints with {listed(astray)}")
 
 
 def _link(element: Element) -> UrdfLink:

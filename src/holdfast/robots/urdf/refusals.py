@@ -20,7 +20,7 @@ def refuse_unsupported(locks: Locks, path: list[PassedJoint]) -> None:
         if not joint.is_fixed and joint.kind not in MOVING:
             end, link = ("base", joint.child) if down else ("tip", joint.child)
             raise joint.element.refuse(
-                f"type: expected a joint of one freedom between base and tip, got {quoted(joint.kind)};"
+                f"type: expected a joint with one degree of freedom between base and tip, got {quoted(joint.kind)};"
                 f" try {end}={quoted(link)}"
             )
     following = [joint for joint, _ in path if joint.mimic is not None and locks.position(joint) is None]
@@ -79,7 +79,7 @@ def refuse_loose(locks: Locks, loose: list[LooseJoint]) -> None:
     """Refuse all joints that move what must stand still at once, with what to pass so that they are held."""
     if odd := [one for one in loose if one.joint.kind not in MOVING]:
         raise odd[0].joint.element.refuse(
-            f"type: expected a joint that can be held, since it {odd[0].why}, got {quoted(odd[0].joint.kind)};"
+            f"type: expected a joint that can be locked, since it {odd[0].why}, got {quoted(odd[0].joint.kind)};"
             " try load_urdf with a base beyond it, and its mount"
         )
     if not loose:

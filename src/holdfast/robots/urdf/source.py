@@ -81,7 +81,7 @@ def _expanded(path: str, xacro_args: dict[str, str], trusted: bool) -> Source:
     _read_bytes(path, name)
     if trusted is not True:  # xacro's own guard against this does not look into a lambda
         raise SceneError(
-            f"{name}: expanding xacro runs Python that stands in it and in the files that it includes; if you trust"
+            f"{name}: expanding xacro runs the Python code in it and in the files that it includes; if you trust"
             " them all, try trust_xacro=True (--trust-xacro on the command line), or expand it to a .urdf yourself"
         )
     try:

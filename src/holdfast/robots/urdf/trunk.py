@@ -161,7 +161,7 @@ def _shared(locks: Locks, paths: Mapping[str, Path]) -> dict[str, Path]:
         (aside, ahead), (left, right) = found
         raise aside.joint.element.refuse(
             f"moves arms {listed(left)}, while {quoted(ahead.joint.name)} moves arms {listed(right)}: expected"
-            f" shared joints in one row, got a trunk that branches; try holding one of the branches, or fewer tips"
+            f" shared joints in series, got a branching trunk; try locking one of the branches, or fewer tips"
         )
     return {name: steps[: counts[name]] for name, steps in moving.items()}
 
