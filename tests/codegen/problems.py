@@ -78,7 +78,7 @@ def truths(name: str, count: int, derivatives: bool = True) -> list[Truth]:
     made = [_forward(compiled, state, count), _projected(compiled, state, count), _law(compiled, state, count)]
     made += [] if chain.floats else [_inverse(compiled, state, count)]
     made += [_jacobian(compiled, state, count)] if derivatives else []
-    return [*made, _steps(compiled, state, count)]
+    return [*made, steps(compiled, state, count)]
 
 
 def _near(chain: hf.ClosedChain, state: hf.State, k: int) -> System:
@@ -189,11 +189,11 @@ def _jacobian(compiled, state, count) -> Truth:
     return Truth(function, given, expected)
 
 
-def _steps(compiled, state, count) -> Truth:
+def steps(compiled, state, count, base_motion=None) -> Truth:
     """Return a run's steps: what was carried before each, and after."""
     chain = compiled.chain
-    function = exported_function("step", compiled, state)
-    rollout = hf.compile_rollout(chain, generic_rank=None)
+    function = exported_function("step", compiled, state, base_motion=base_motion)
+    rollout = hf.compile_rollout(chain, generic_rank=None, base_motion=base_motion)
     of_base = {"floating_pose": state.base_pose, "floating_twist": state.base_twist} if chain.floats else {}
     systems = rollout.start(
         state.q, state.qd, state.object_pose, state.object_twist, tau=np.zeros(chain.joint_count), **of_base

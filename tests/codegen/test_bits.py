@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+import holdfast as hf
 from holdfast.codegen.export import files_of
 from holdfast.compiler.targets import OBJECT_TARGETS, cpu
+from holdfast.spatial.scalar import cos, sin
 from tests.codegen.exported import APART, built, outputs, require
-from tests.codegen.problems import NAMES, truths
+from tests.codegen.problems import NAMES, chain_and_state, steps, truths
 from tests.compiler.programs import same_bits
 from tests.longer import mostly_slow
 
@@ -16,8 +18,13 @@ COMPILERS = {"aarch64": ["aarch64-linux-gnu-gcc"]}
 
 def check(name, target, source, compilers, folder, count, derivatives=True, with_step=True):
     """Library = exported, for every function, system and array."""
-    require(*APART.get(target, []), *compilers)
     known = [truth for truth in truths(name, count, derivatives) if with_step or truth.function.name != "step"]
+    check_all(known, target, source, compilers, folder)
+
+
+def check_all(known, target, source, compilers, folder):
+    """The same for functions whose answers are known."""
+    require(*APART.get(target, []), *compilers)
     exported = files_of("part", [truth.function for truth in known], OBJECT_TARGETS[target], source)
     folder.mkdir(exist_ok=True)
     for file, content in exported.files.items():
@@ -44,6 +51,25 @@ def test_one_chain(source, tmp_path):
     if not HERE:
         pytest.skip("this processor has no fma: its machine code rounds products apart")
     check("one holds", HERE[-1], source, ["gcc"], tmp_path, 20, derivatives=False, with_step=not source)
+
+
+@pytest.mark.slow
+def test_a_step_on_moving_bases(tmp_path):
+    """The base's motion is part of the code: as the rollout steps that has it, whose base has moved by then."""
+    if not HERE:
+        pytest.skip("this processor has no fma: its machine code rounds products apart")
+    chain, state = chain_and_state("one holds")
+    name = next(iter(chain.arms))
+    base, along = chain.arms[name].base, np.array([0.0, 0.05, 0.02])
+
+    def heave(t):
+        still = np.zeros(3)
+        twist, acceleration = (np.concatenate([still, x * along]) for x in (5.0 * sin(5.0 * t), 25.0 * cos(5.0 * t)))
+        return hf.Pose(base.R, base.p + (1.0 - cos(5.0 * t)) * along), twist, acceleration
+
+    found = steps(hf.compile(chain), state, 20, {name: heave})
+    assert not same_bits(found.expected[-1]["last.q"], steps(hf.compile(chain), state, 20).expected[-1]["last.q"])
+    check_all([found], HERE[-1], False, ["gcc"], tmp_path)
 
 
 @pytest.mark.long

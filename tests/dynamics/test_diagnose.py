@@ -21,6 +21,7 @@ from tests.systems import (
     planar_three_arms,
     two_collinear_stretched_6r,
 )
+from tests.systems.anchored import pinned
 from tests.systems.as_chain import Problem, as_chain, mounted
 from tests.systems.problems import CASES, STATE, random_problem, stored
 
@@ -271,3 +272,15 @@ def test_condition_of_two_arms_that_stretch_along_one_line(seed, opposed):
     assert (np.diff(found) > 0.0).all()
     assert np.diff(np.log(found)) / -np.diff(np.log(bends)) == pytest.approx(2.0, abs=0.5)
     assert np.log(found[-1] / found[-5]) / np.log(bends[-5] / bends[-1]) == pytest.approx(2.0, abs=0.02)
+
+
+@pytest.mark.parametrize("kind", ["hinge", "rigid"])
+def test_anchors_lose_no_directions(kind):
+    """What an anchor holds is no fault of the configuration: said by itself; the arms' own directions stay."""
+    free = as_chain(one_straight_arm_of_three(0.0, which=(1,)))
+    p = pinned(free, (kind,), moving=False)
+    found = diagnosed(p)
+    assert [lost.arm for lost in found.lost_directions] == [lost.arm for lost in diagnosed(free).lost_directions]
+    (held,) = found.anchors
+    assert held in found.report() and f"anchor 'pin1' ({kind})" in held
+    assert f"the {len(p.chain.grasps['pin1'].transmitted)} directions" in held

@@ -7,11 +7,22 @@ import numpy as np
 import pytest
 
 import holdfast as hf
+from holdfast.simulation.adaptive_parts import (
+    AdaptivePartsStepper,
+    EqualPartsStepper,
+    HalvedPartsStepper,
+    agreeing_parts,
+)
 from holdfast.simulation.collocation import CollocationStepper
 from holdfast.simulation.environment import Environment
+from holdfast.simulation.rollout.fused_stepper import FusedStepper
+from holdfast.simulation.runge_kutta import IMEX, RK4
+from holdfast.simulation.stepper import in_parts
+from tests.control.two_pandas import two_pandas
 from tests.longer import mostly_long
 from tests.simulation.test_overconstrained import FREE, free
 from tests.systems.n_four_bar import n_four_bar, passing_times
+from tests.systems.parallel_cranks import parallel_cranks
 
 SCHEMES = [{"scheme": "rk4"}, {"scheme": "dop853", "rtol": 1e-9}, {"scheme": "dop853", "rtol": 1e-12}]
 SOON = [(SCHEMES[0], free), (SCHEMES[1], FREE)]
@@ -98,11 +109,51 @@ def test_nearly_singular(longer):
     assert energy_error(fixed) < 1e-5 and energy_error(exact) < 1e-9
 
 
+@pytest.mark.slow
+def test_implicit_steps_near_a_singular_posture_are_taken_in_parts():
+    """Whole steps of 10 ms end 0.7 rad elsewhere, or cannot be closed; so they are halved as far as need be."""
+    unlike, start = with_longer_crank(*n_four_bar(2), 1e-4)
+    run = hf.simulate(unlike, start, free, 0.8, 1e-2, scheme="imex")
+    exact = hf.simulate(unlike, start, free, 0.8, 1e-2, scheme="dop853", rtol=1e-9)
+    assert run.stopped is None and np.abs(run.q[-1] - exact.q[-1]).max() < 1e-4
+    assert energy_error(run) < 5e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scheme", "same"), [(RK4, 1e-7), (IMEX, 1e-5)], ids=["rk4", "imex"])
+def test_parts_of_a_step_near_a_singular_posture(scheme, same):
+    """As many as bring twice as many to the same; further ones end within what two such differences come to."""
+    cranks = parallel_cranks(2, 1.15e-3)
+    generic = hf.forward_dynamics(cranks.chain, cranks.state, np.zeros(2)).rank
+    stepper = FusedStepper.of(Environment(cranks.chain), FREE, scheme, generic)
+    now, _ = stepper.start(0.0, cranks.state, np.zeros(0))
+    (later,) = stepper.advance(now, [0.016])
+    parts = agreeing_parts(stepper, now, later.instant)
+    assert parts is not None and 1 < parts <= 32
+    equal, halved = EqualPartsStepper(stepper, 0.016 / parts), HalvedPartsStepper(stepper)
+    ends = [one.advance(now, [0.008, 0.016])[1].instant for one in (equal, halved)]
+    exact = in_parts(stepper, now, 0.016, 128).instant
+    change = np.abs(exact.velocities - now.velocities).max()
+    assert np.abs(later.instant.velocities - exact.velocities).max() > same * change  # the whole step is too long
+    assert all(np.abs(end.velocities - exact.velocities).max() < 2.0 * same * change for end in ends)
+
+
+@pytest.mark.slow
+def test_ordinary_steps_far_from_singular_postures_need_no_adaptive_parts(monkeypatch):
+    """Two Pandas lifting a box in steps of 20 ms once spent ten times as long in such parts as in all steps else."""
+    monkeypatch.setattr(AdaptivePartsStepper, "advance", lambda *_: pytest.fail("a step was taken adaptively"))
+    chain, state = two_pandas()
+    path = hf.control.RestToRest(state.object_frame, [0.0, 0.0, 0.2])
+    run = hf.simulate(chain, state, hf.control.ObjectTracking(chain, path, squeeze=20.0), 1.0, 0.02)
+    assert run.stopped is None and len(run.t) == 51
+
+
 @pytest.mark.parametrize(
     ("scheme", "step"),
     mostly_long(
-        [("rk4", 1e-3), ("rk4", 7e-3), ("rk4", 2.3e-2), ("midpoint", 1e-3), ("midpoint", 7e-3)],
-        [("rk4", 7e-3), ("midpoint", 1e-3)],
+        [("rk4", 1e-3), ("rk4", 7e-3), ("rk4", 2.3e-2), ("midpoint", 1e-3), ("midpoint", 7e-3)]
+        + [("imex", step) for step in (1e-3, 7e-3, 2.3e-2)],
+        [("rk4", 7e-3), ("midpoint", 1e-3), ("imex", 7e-3)],
     ),
 )
 def test_rollouts_stand_still_before_a_singular_posture(scheme, step):

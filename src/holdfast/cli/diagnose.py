@@ -97,6 +97,7 @@ def _as_json(name: str, outcome: Diagnosis | str) -> dict[str, object]:
             }
             for lost in outcome.lost_directions
         ],
+        "anchors": list(outcome.anchors),
         "indeterminate_forces": [
             {"words": force.words, "wrenches": force.wrenches.tolist()} for force in outcome.indeterminate_forces
         ],

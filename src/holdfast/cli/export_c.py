@@ -75,6 +75,7 @@ def export_code(
         of=tuple(of),
         by=tuple(by),
         scheme=scheme,
+        base_motion=scenario.options.get("base_motion"),
         overwrite=overwrite,
     )
     _report(made, as_json)
@@ -89,7 +90,8 @@ def _those_there_are(scenario: Scenario, compiled: CompiledChain, scheme: str) -
             if one == CONTROL:
                 exported_law(one, scenario.controller, compiled)
             else:
-                exported_function(one, compiled, scenario.state, scheme=scheme)
+                motions = scenario.options.get("base_motion")
+                exported_function(one, compiled, scenario.state, scheme=scheme, base_motion=motions)
             found.append(one)
         except (MethodNotApplicable, StateError) as error:
             say(f"note: without {one}: {error}")

@@ -23,6 +23,7 @@ from holdfast.io.files import file_path, names_in
 from holdfast.io.replaced_folder import replaced_folder
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.simulation.environment import BaseMotion
 from holdfast.spatial.frozen import FrozenDict
 from holdfast.state import State
 
@@ -73,6 +74,7 @@ def export_c(
     of: Sequence[str] = ("qdd",),
     by: Sequence[str] = ("q", "qd", "tau"),
     scheme: str = "rk4",
+    base_motion: Mapping[str, BaseMotion] | None = None,
     overwrite: bool = False,
 ) -> ExportedCode:
     """Write a chain's computations as code that runs without Python, and return what was written.
@@ -98,6 +100,8 @@ def export_c(
         of: results of derivatives.
         by: arguments of derivatives.
         scheme: of a step: rk4, midpoint, or imex for joints of stiff springs or dampers.
+        base_motion: of a step: t -> (pose, twist, acceleration) of moving bases, by arm name or "trunk", as for
+            `compile_rollout`; they become part of the code, t counting from `begin` by steps.
         overwrite: replace what an earlier export wrote there.
 
     Raises:
@@ -123,7 +127,7 @@ def export_c(
         raise ResultError(f"{place}: is in use; try another folder, or overwrite")
     asked = _asked(functions, laws or {})
     made = compiled or compile(chain)  # type: ignore[arg-type]
-    found = [exported_function(one, made, state, of, by, scheme) for one in asked]
+    found = [exported_function(one, made, state, of, by, scheme, base_motion) for one in asked]
     found += [exported_law(key, law, made) for key, law in (laws or {}).items()]
     written = files_of(name, found, OBJECT_TARGETS[target], source, _about(made.chain))
     with replaced_folder(place, lambda path: path.name in written.files) as beside:

@@ -23,6 +23,7 @@ from holdfast.control.controller import ControlLaw, Controller, held_torques
 from holdfast.dynamics.rank import closed_near, constraint_rank, generic_rank_near
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
+from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.rollout.traced_step import BROKEN, LIMITED, OPEN, RUNNING, SLIPPED
@@ -101,6 +102,7 @@ def exported_function(
     of: Sequence[str] = ("qdd",),
     by: Sequence[str] = ("q", "qd", "tau"),
     scheme: str = "rk4",
+    base_motion: Mapping[str, BaseMotion] | None = None,
 ) -> ExportedFunction:
     """Return one of the computations `EXPORTED`.
 
@@ -111,13 +113,14 @@ def exported_function(
         of: results, of derivatives.
         by: arguments, of derivatives.
         scheme: of a step: rk4, midpoint, or imex for stiff joints.
+        base_motion: of a step: t -> (pose, twist, acceleration) of moving bases, that can be traced.
 
     Raises:
-        ModelError: no such computation; a step without a state.
+        ModelError: no such computation; a step without a state; a motion of no base.
         NotCompiledError: the chain has none as machine code.
     """
     if name == STEP:
-        return _step(compiled, state, scheme)
+        return _step(compiled, state, scheme, base_motion or {})
     chain, rank = compiled.chain, generic_rank_of(compiled, state)
     own = parameters_of(chain, rank) | {"object_pose": np.eye(7)[0]} | ({} if state is None else _arrays(state))
     if name == "forward_dynamics":
@@ -178,18 +181,23 @@ def _arrays(state: State) -> dict[str, Array]:
     return {name: np.asarray(x) for name, x in (own | of_base).items()}
 
 
-def _step(compiled: CompiledChain, state: State | None, scheme: str) -> ExportedFunction:
+def _step(
+    compiled: CompiledChain, state: State | None, scheme: str, base_motion: Mapping[str, BaseMotion]
+) -> ExportedFunction:
     """Return a step, its arrays those of a rollout that was started at the state."""
     chain, options = compiled.chain, compiled.options
     if state is None:
         raise ModelError("export: 'step' begins at a state that closes the grasps; expected state=..., got none")
     if options.base_motion:
-        raise StateError("export: 'step' is of bases at rest; expected the chain as `holdfast.compile` returns it")
+        raise StateError(
+            "export: 'step' has bases that move as functions of time; expected the chain as `holdfast.compile` returns"
+            " it, and base_motion={arm: t -> (pose, twist, acceleration)}"
+        )
     tableau = IMEX if scheme == IMEX.name else scheme_of(scheme)
     if tableau.adaptive:
         raise ModelError(f"export: scheme: expected 'rk4', 'midpoint' or '{IMEX.name}', got '{scheme}'")
-    law = held_torques(chain.joint_count)
-    rollout = Rollout(chain, law, "rk4", generic_rank_of(compiled, state), {}, options)
+    law, motions = held_torques(chain.joint_count), Environment(chain, base_motion).base_motion
+    rollout = Rollout(chain, law, "rk4", generic_rank_of(compiled, state), motions, options)
     names = {"q": "q", "qd": "qd", "object_pose": "object_pose", "object_twist": "object_twist"}
     given = {name: getattr(state, field) for name, field in names.items()}
     if chain.floats:
@@ -197,7 +205,7 @@ def _step(compiled: CompiledChain, state: State | None, scheme: str) -> Exported
     begun: Any = rollout.start(**given, tau=np.zeros(chain.joint_count))
     if not begun.running.all():
         raise StateError(f"export: state: expected one from which steps can begin; it {begun.status[0].value}")
-    kernel = StepKernel(chain, law, tableau, rollout.generic_rank or 0, options=options)
+    kernel = StepKernel(chain, law, tableau, rollout.generic_rank or 0, motions=motions, options=options)
     values = kernel.parameters | kernel.defaults | {f"last.{name}": x[0] for name, x in begun.arrays.items()}
     values |= {"step": np.array(1e-3)}
 

@@ -97,6 +97,7 @@ def _require_balance(chain: ClosedChain, left: Array, size: float, idle: Array) 
     )
 
 
+@np.errstate(all="ignore")  # what overflows is refused below
 def holding_torques(
     chain: ClosedChain,
     state: State,
@@ -139,7 +140,7 @@ def holding_torques(
         base = trunk_torques(motion, qdd, none, np.zeros(6)).base
     wished = _wished(motion, internal)
     f = balancing_wrenches(motion, alpha, wished, idle, torques(motion, qdd, none)[idle], base)
-    tau = torques(motion, qdd, f)
+    tau = checks.finite(torques(motion, qdd, f), "holding torques")
     tau[idle] = 0.0  # to rounding already
     return tau
 

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol, Self, cast
 
+import numpy as np
+
 from holdfast.control.computed_torque import computed_torque
 from holdfast.control.controller import by_machine_code
 from holdfast.control.grasp_forces import commanded_wrenches
@@ -69,6 +71,7 @@ class ObjectTracking(Frozen):
         """Return the controller of a chain whose grasps have changed."""
         return replace(self, chain=chain)
 
+    @np.errstate(all="ignore")  # torques that overflow are refused by whoever takes them
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
         """Return the torques (n,) [N m or N]; the memory is not used."""
         found = by_machine_code(self, t, state, memory)

@@ -29,6 +29,7 @@ MOST_NAMED = 4  # arms named in one message
 MOST_ADVISED = 2  # hints in one message about tip frames that seem to point in the wrong direction
 
 
+@np.errstate(all="ignore")  # what overflows is refused below
 def close(
     chain: ClosedChain,
     guess: State,
@@ -74,6 +75,7 @@ def close(
     return _with_velocities(chain, state, held, inputs)
 
 
+@np.errstate(all="ignore")  # what overflows is refused below
 def project_velocity(
     chain: ClosedChain,
     state: State,

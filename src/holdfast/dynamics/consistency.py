@@ -86,6 +86,7 @@ def residuals(motion: ChainMotion, state: State) -> dict[str, GraspResidual]:
     }
 
 
+@np.errstate(all="ignore")  # a gap may overflow
 def closure(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> dict[str, GraspResidual]:
     """Return the constraint residuals of every grasp, by arm name. O(n) + O(l).
 

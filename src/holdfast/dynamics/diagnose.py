@@ -15,6 +15,7 @@ from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.indeterminate import free_wrenches, pattern
 from holdfast.dynamics.lost_direction import LostDirection, lost_directions
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.grasp import Grasp
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
@@ -46,7 +47,8 @@ class Diagnosis(Frozen):
         condition: condition number of the constraint as in `ForwardResult`; infinite at a singular configuration.
         status: "regular", "indeterminate" (the rank is low here and nearby, so the forces are not unique) or
             "singular" (the rank is lower than nearby).
-        lost_directions: directions in which single arms cannot move their tips.
+        lost_directions: directions in which single arms cannot move their tips; an anchor, without joints, has none.
+        anchors: what each anchor holds by design, in words.
         indeterminate_forces: a basis of the grasp wrenches that the dynamics does not determine.
     """
 
@@ -57,6 +59,7 @@ class Diagnosis(Frozen):
     condition: float
     status: Literal["regular", "indeterminate", "singular"]
     lost_directions: tuple[LostDirection, ...]
+    anchors: tuple[str, ...]
     indeterminate_forces: tuple[IndeterminateForce, ...]
 
     def __repr__(self) -> str:
@@ -77,6 +80,7 @@ class Diagnosis(Frozen):
             lines.append("  forces and accelerations here are those of no trajectory: forward dynamics refuses")
         elif self.status == "indeterminate":
             lines.append("  accelerations are unique; of the grasp forces the smallest are returned")
+        lines += [f"  held: {held}" for held in self.anchors]
         lines += [f"  lost: {lost.words}" for lost in self.lost_directions]
         lines += [f"  indeterminate: {force.words}" for force in self.indeterminate_forces]
         return "\n".join(lines)
@@ -110,6 +114,7 @@ def diagnose(chain: ClosedChain, state: State) -> Diagnosis:
     lost = [
         direction
         for name, c, arm in zip(chain.grasps, motion.contacts, motion.holding, strict=True)
+        if arm.arm.joint_count
         for direction in lost_directions(name, c, jacobian(arm.arm, arm.at), arm.at.tip.p)
     ]
     return Diagnosis(
@@ -120,7 +125,19 @@ def diagnose(chain: ClosedChain, state: State) -> Diagnosis:
         condition=np.inf if found.kind == "singular" else condition,
         status=found.kind,
         lost_directions=tuple(lost),
+        anchors=tuple(_held(name, grasp) for name, grasp in chain.grasps.items() if not chain.arms[name].joint_count),
         indeterminate_forces=tuple(_indeterminate(motion)) if rank < rows else (),
+    )
+
+
+def _held(name: str, grasp: Grasp) -> str:
+    """Return what an anchor's grasp holds, in words."""
+    held = len(grasp.transmitted)
+    if not held:
+        return f"anchor '{name}' ({grasp.kind}) leaves the object free to move, against its springs"
+    return (
+        f"anchor '{name}' ({grasp.kind}) does not yield along the {held} directions of its grasp;"
+        " loads along them go into its base"
     )
 
 

@@ -90,6 +90,7 @@ def held_body(held: HeldObject, frame: Pose, twist: Array) -> Body:
     return Body(held.spatial_inertia, unrotate(frame.R, twist), frame.R, frame.p)
 
 
+@np.errstate(all="ignore")  # what overflows is refused below
 def kinetic_energy(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> float:
     """Return T = sum 1/2 V^T M V over links and object, plus 1/2 armature qd^2 of the actuators [J]. O(n).
 
@@ -102,7 +103,8 @@ def kinetic_energy(chain: ClosedChain, state: State, inputs: Inputs | None = Non
         StateError: a state or inputs of the wrong shape for the chain.
     """
     state.fits(chain)
-    return float(total_kinetic_energy(chain, state, (inputs or Inputs()).shaped(chain)))
+    found = total_kinetic_energy(chain, state, (inputs or Inputs()).shaped(chain))
+    return float(checks.finite(found, "kinetic energy"))
 
 
 def total_kinetic_energy(chain: ClosedChain, state: State, inputs: Inputs) -> Scalar:
@@ -122,6 +124,7 @@ def arm_kinetic_energy(arm: Arm, q: Array, qd: Array, base_twist: Array) -> Scal
     return sum(body.kinetic_energy for body in links(arm, q, qd, base_twist)) + 0.5 * (arm.armature @ qd**2)
 
 
+@np.errstate(all="ignore")  # what overflows is refused below
 def potential_energy(chain: ClosedChain, state: State) -> float:
     """Return the potential energy of gravity and of all springs [J]. O(n).
 
@@ -136,7 +139,7 @@ def potential_energy(chain: ClosedChain, state: State) -> float:
         StateError: a state of the wrong shape for the chain.
     """
     state.fits(chain)
-    return float(total_potential_energy(chain, state))
+    return float(checks.finite(total_potential_energy(chain, state), "potential energy"))
 
 
 def total_potential_energy(chain: ClosedChain, state: State) -> Scalar:
@@ -180,6 +183,7 @@ def spring_energy(chain: ClosedChain, state: State) -> Scalar:
     return sum(map(Stretch.energy, stretches(chain, state, Inputs().shaped(chain)), chain.springs))
 
 
+@np.errstate(all="ignore")  # what overflows is refused below
 def centre_of_mass(chain: ClosedChain, state: State) -> Array:
     """Return the centre of mass of trunk, arms and object together, (3,) world axes [m]. O(n).
 
@@ -192,7 +196,7 @@ def centre_of_mass(chain: ClosedChain, state: State) -> Array:
     """
     state.fits(chain)
     sums = total_mass_moment(chain, state)
-    return sums[1:] / sums[0]
+    return checks.finite(sums[1:] / sums[0], "centre of mass")
 
 
 def total_mass_moment(chain: ClosedChain, state: State) -> Array:
@@ -209,6 +213,7 @@ def arm_mass_moment(arm: Arm, q: Array) -> Array:
     return sum((body.mass_moment for body in resting), start=np.zeros(4))
 
 
+@np.errstate(all="ignore")  # what overflows is refused below
 def momentum(chain: ClosedChain, state: State, about: ArrayLike | None = None, inputs: Inputs | None = None) -> Array:
     """Return [angular; linear] momentum of links and object about a world point, (6,) [N m s, N s]. O(n).
 
@@ -225,7 +230,7 @@ def momentum(chain: ClosedChain, state: State, about: ArrayLike | None = None, i
     """
     state.fits(chain)
     point = np.zeros(3) if about is None else checks.numbers(about, (3,), "about", StateError)
-    return total_momentum(chain, state, (inputs or Inputs()).shaped(chain), point)
+    return checks.finite(total_momentum(chain, state, (inputs or Inputs()).shaped(chain), point), "momentum")
 
 
 def total_momentum(chain: ClosedChain, state: State, inputs: Inputs, about: Array) -> Array:
@@ -265,6 +270,7 @@ class Power(NamedTuple):
         return self.drives + self.damping + self.base + self.external
 
 
+@np.errstate(all="ignore")  # what overflows is refused below
 def power(
     chain: ClosedChain, state: State, tau: ArrayLike, result: ForwardResult, inputs: Inputs | None = None
 ) -> Power:
@@ -286,7 +292,7 @@ def power(
     torques = checks.numbers(tau, (chain.joint_count,), "tau", StateError)
     base = checks.numbers(result.base_wrench, (len(chain.arms), 6), "result: base_wrench", StateError)
     found = power_of(chain, state, torques, base, (inputs or Inputs()).shaped(chain), result.trunk_base_wrench)
-    return Power(*map(float, found))
+    return Power(*map(float, checks.finite(np.array(found), "power")))
 
 
 def power_of(

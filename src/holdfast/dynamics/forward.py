@@ -25,6 +25,7 @@ from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
 
+@np.errstate(all="ignore")  # what overflows is refused below
 def forward_dynamics(
     chain: ClosedChain,
     state: State,
@@ -88,8 +89,7 @@ def forward_dynamics(
         motion = holding(motion, held)
     elif generic_rank is not None and generic_rank < chain.constraint_row_count:
         motion = replace(motion, generic_rank=generic_rank)
-    with np.errstate(all="ignore"):  # the results are checked below
-        regular = sequential(motion, route)
+    regular = sequential(motion, route)
     for name, pivots in zip(chain.grasps, regular.pivots, strict=True):
         _require_inertia(f"arm '{name}'", pivots)
     if regular.trunk_pivots is not None:
@@ -137,8 +137,7 @@ def _require_inertia(what: str, pivots: Array) -> None:
 def _assemble(motion: ChainMotion, found: Solution, regular: Solution, status: Status, method: str) -> ForwardResult:
     """Return the result in the order of the chain's arms, including arms without a grasp."""
     chain = motion.chain
-    with np.errstate(all="ignore"):
-        whole = chain_solution(motion, found, "auto")
+    whole = chain_solution(motion, found, "auto")
     for name, pivots in whole.lone_pivots.items():
         _require_inertia(f"arm '{name}'", pivots)
     return ForwardResult(

@@ -68,6 +68,7 @@ class Attachment(Frozen):
     trunk_base_impulse: Array | None = None
 
 
+@np.errstate(all="ignore")  # what overflows is refused below
 def attach(
     chain: ClosedChain,
     state: State,

@@ -17,6 +17,7 @@ from holdfast.state import Inputs, State
 SAME = 1e-9  # of a bushing's wrench: what is given is the one that it exerts
 
 
+@np.errstate(all="ignore")  # what overflows is refused below
 def inverse_dynamics(
     chain: ClosedChain,
     state: State,
@@ -62,8 +63,8 @@ def inverse_dynamics(
             of_base = checks.numbers(base_acceleration, (6,), "base_acceleration", StateError)
             found = trunk_torques(motion, qdd, f, of_base)
             require_undriven(found)
-            return found.tau
-    return torques(motion, qdd, f)
+            return checks.finite(found.tau, "inverse dynamics")
+    return checks.finite(torques(motion, qdd, f), "inverse dynamics")
 
 
 def _without_known(motion: ChainMotion, f: Array) -> Array:

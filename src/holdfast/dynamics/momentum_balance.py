@@ -17,6 +17,7 @@ from holdfast.spatial.vector import cross
 from holdfast.state import Inputs, State
 
 
+@np.errstate(all="ignore")  # what overflows is refused below
 def momentum_rate(
     chain: ClosedChain,
     state: State,
@@ -42,7 +43,7 @@ def momentum_rate(
     checks.numbers(result.base_wrench, (len(chain.arms), 6), "result: base_wrench", StateError)
     point = np.zeros(3) if about is None else checks.numbers(about, (3,), "about", StateError)
     given = with_springs(chain, state, (inputs or Inputs()).shaped(chain))
-    return rate_of(chain, result, given, list(bodies(chain, state)), point)
+    return checks.finite(rate_of(chain, result, given, list(bodies(chain, state)), point), "momentum rate")
 
 
 def rate_of(chain: ClosedChain, result: ForwardResult, given: Inputs, every: list[Body], point: Array) -> Array:

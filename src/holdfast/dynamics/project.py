@@ -23,6 +23,7 @@ from holdfast.state import Inputs, State
 ROUNDS = 8
 
 
+@np.errstate(all="ignore")  # what overflows is refused below
 def project(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> tuple[State, ChainMotion]:
     """Return the state moved back onto position and velocity constraints, and its motion there.
 

@@ -79,6 +79,7 @@ def inertial_parameters(body: HeldObject | Link) -> Array:
     return body.spatial_inertia.parameters
 
 
+@np.errstate(all="ignore")  # what overflows is refused below
 def regressor(
     chain: ClosedChain,
     state: State,

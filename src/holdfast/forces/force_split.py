@@ -39,6 +39,7 @@ class Split(NamedTuple):
     length: float
 
 
+@np.errstate(all="ignore")  # what overflows is refused below
 def split(chain: ClosedChain, state: State, grasp_wrench: ArrayLike, length: float | None = None) -> Split:
     """Return the motion and internal parts of grasp wrenches, both of which can be transmitted. O(l^3).
 
@@ -64,6 +65,7 @@ def split(chain: ClosedChain, state: State, grasp_wrench: ArrayLike, length: flo
         net = sum((shift_wrench(o, f[i]) for i, o in zip(rows, offsets, strict=True)), start=np.zeros(6))
         motion[rows] = motion_wrenches(places, net, L)
         internal[rows] = f[rows] - motion[rows]
+    checks.finite(np.stack([motion, internal]), "split")
     return Split(motion, internal, _load_share(motion[:, 3:]), L)
 
 

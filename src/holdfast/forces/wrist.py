@@ -42,6 +42,7 @@ def across_tips(chain: ClosedChain, state: State, grasp_wrench: Array) -> Array:
     return array([unrotate(tips[name].R, f) for name, f in zip(chain.names, grasp_wrench, strict=True)])
 
 
+@np.errstate(all="ignore")  # what overflows is refused below
 def last_joint_wrenches(chain: ClosedChain, state: State, result: ForwardResult, inputs: Inputs | None = None) -> Array:
     """Return what each arm transmits across its last joint onto the last link, (arms, 6) [N m, N].
 
@@ -75,4 +76,4 @@ def last_joint_wrenches(chain: ClosedChain, state: State, result: ForwardResult,
         by_joints = tip_acceleration(arm, result.qdd[chain.joints[name]], beta) - arm.bias.tip_acceleration
         alpha = shift_twist(-tip, unrotate(R, by_joints))  # of the link's origin; the bias wrench holds the rest
         found.append(across_tip + arm.arm.links[-1].spatial_inertia.apply(alpha) + arm.bias.wrenches[-1])
-    return np.array(found)
+    return checks.finite(np.array(found), "last joint wrenches")

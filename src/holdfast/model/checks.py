@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.errors import HoldfastError, ModelError
+from holdfast.errors import HoldfastError, ModelError, StateError
 from holdfast.spatial.frozen import read_only as read_only
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.real_numbers import ROTATION_TOLERANCE as ROTATION_TOLERANCE
@@ -30,6 +30,20 @@ def vector(value: Any, what: str, error: type[HoldfastError] = ModelError) -> Ar
     if a.ndim != 1:
         raise error(f"{what}: expected shape ({a.size},), got shape {a.shape}")
     return a
+
+
+def finite(found: Array, what: str) -> Array:
+    """Return numbers that an algorithm found; no infinity and no NaN leaves this library.
+
+    Raises:
+        StateError: some of them overflow float64.
+    """
+    if not np.isfinite(found).all():
+        raise StateError(
+            f"{what}: expected finite numbers, got an overflow of float64; check the sizes of lengths, masses,"
+            " velocities and forces"
+        )
+    return found
 
 
 def number(value: Any, what: str, *, at_least: float | None = None, above: float | None = None) -> Any:

@@ -9,7 +9,7 @@ import numpy as np
 
 from holdfast.errors import HoldfastError, StateError
 from holdfast.simulation.adaptive import next_step
-from holdfast.simulation.adaptive_parts import halves_agree
+from holdfast.simulation.adaptive_parts import EqualPartsStepper, agreeing_parts
 from holdfast.simulation.checkpoint import Origin
 from holdfast.simulation.confirmation import Window, explained, require_shown, too_long
 from holdfast.simulation.instant import Instant
@@ -66,10 +66,12 @@ def _step_and_posture(at: RunState, until: float) -> tuple[RunState | None, Sing
     except HoldfastError as cause:
         failure, posture = cause, posture_ahead(segment, now, until)
     leaps = posture is not None and posture.gap > CLOSED
-    fixed = not (segment.scheme.adaptive or segment.scheme.implicit)
-    if (posture is None or leaps) and fixed and _unresolved(at, until, later, leaps):
+    finer = None
+    if (posture is None or leaps) and not segment.scheme.adaptive:
+        finer = _finer(at, until, later, leaps)
+    if finer is not None:
         try:
-            later = _step_to(at, until, stepper=segment.adaptive_parts)
+            later = _step_to(at, until, stepper=finer)
         except HoldfastError as cause:
             failure = failure or cause
         else:
@@ -84,8 +86,8 @@ def _first_posture(segment: Segment, now: Instant, later: Instant) -> SingularPo
     return next(postures_passed(segment, now, later), None)
 
 
-def _unresolved(at: RunState, until: float, later: RunState | None, leaps: bool) -> bool:
-    """Return whether a fixed step is too long for the motion near a singular posture.
+def _finer(at: RunState, until: float, later: RunState | None, leaps: bool) -> Stepper | None:
+    """Return what takes a fixed step that is too long for the motion near a singular posture; None: it is not.
 
     Args:
         at: the run.
@@ -93,11 +95,15 @@ def _unresolved(at: RunState, until: float, later: RunState | None, leaps: bool)
         later: the run then; None if the step fails.
         leaps: whether it leads from one branch of the motion to another.
     """
+    segment, now = at.segment, at.now
     if later is None:
-        return may_lose_rank(at.now, until)
-    if not may_be_unresolved(at.previous, at.now, later.now):
-        return False
-    return leaps or not halves_agree(at.segment.stepper, at.now, later.now)
+        return segment.varied_parts if may_lose_rank(now, until) else None
+    if not may_be_unresolved(at.previous, now, later.now):
+        return None
+    parts = None if leaps else agreeing_parts(segment.stepper, now, later.now)
+    if parts is None:
+        return segment.varied_parts
+    return None if parts == 1 else EqualPartsStepper(segment.stepper, (later.now.t - now.t) / parts)
 
 
 def _towards(at: RunState, left: float, step: float) -> RunState:

@@ -15,14 +15,15 @@ from holdfast.dynamics.consistency import require_closed
 from holdfast.dynamics.rank import closed_near
 from holdfast.model.grasp import Grasp
 from holdfast.simulation.adaptive import Tolerance
-from holdfast.simulation.adaptive_parts import AdaptivePartsStepper
+from holdfast.simulation.adaptive_parts import RTOL as PARTS_RTOL
+from holdfast.simulation.adaptive_parts import AdaptivePartsStepper, HalvedPartsStepper
 from holdfast.simulation.checkpoint import Origin
 from holdfast.simulation.collocation import CollocationStepper
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.events import Event
 from holdfast.simulation.instant import Instant, evaluate
 from holdfast.simulation.margins import Policy, Signals
-from holdfast.simulation.runge_kutta import IMEX, Tableau
+from holdfast.simulation.runge_kutta import IMEX, Tableau, dop853
 from holdfast.simulation.stability import too_fast
 from holdfast.simulation.stepper import Stepper, SubdividingStepper
 from holdfast.simulation.stops import Stops
@@ -118,9 +119,14 @@ class Segment:
         return CollocationStepper(self.environment, self.controller, self.generic_rank)
 
     @cached_property
-    def adaptive_parts(self) -> AdaptivePartsStepper:
-        """What takes fixed steps that are too long near a singular posture."""
-        return AdaptivePartsStepper(self.environment, self.controller, self.generic_rank)
+    def varied_parts(self) -> Stepper:
+        """What takes fixed steps that are too long near a singular posture, in parts of different lengths."""
+        if self.implicit or self.settings.scheme.implicit:
+            return HalvedPartsStepper(self.stepper)
+        make = self.settings.make_stepper
+        return AdaptivePartsStepper(
+            make(self.environment, self.controller, self.generic_rank, dop853(), Tolerance(PARTS_RTOL))
+        )
 
     @cached_property
     def signals(self) -> Signals:

@@ -161,18 +161,14 @@ MOST_PARTS = 32
 
 
 @dataclass(frozen=True, eq=False)
-class SubdividingStepper:
-    """Takes another stepper's steps, those whose drift passes a limit in equal parts; see `Stepper`.
-
-    The controller's memory moves on once a step, as without parts.
+class PartsStepper:
+    """Takes steps in parts by another stepper; see `Stepper`. The controller's memory moves on once a step.
 
     Attributes:
-        whole: takes steps and parts.
-        limit: of the grasps' position gaps before projection, as far as parts can keep it [m or rad].
+        whole: takes the parts.
     """
 
     whole: Stepper
-    limit: float
 
     @property
     def scheme(self) -> Tableau:
@@ -186,6 +182,17 @@ class SubdividingStepper:
     def evaluate(self, t: float, state: State, memory: Any) -> Instant:
         """Return the chain at a given state, taken as it is."""
         return self.whole.evaluate(t, state, memory)
+
+
+@dataclass(frozen=True, eq=False)
+class SubdividingStepper(PartsStepper):
+    """Takes another stepper's steps, those whose drift passes a limit in equal parts; see `Stepper`.
+
+    Attributes:
+        limit: of the grasps' position gaps before projection, as far as parts can keep it [m or rad].
+    """
+
+    limit: float
 
     def advance(self, now: Instant, ends: Sequence[float]) -> list[Advance]:
         """Return where one step leads, in parts where it must be; see `Stepper`."""

@@ -80,7 +80,8 @@ def updated(P: FactoredMobility, c: Array, d: Scalar, least: Scalar) -> tuple[Fa
     Bierman's update: with alpha_0 = d, alpha_j = alpha_{j-1} + D_j f_j^2, f_j = c w_j:
     D_j *= alpha_{j-1} / alpha_j,  w_j -= (f_j / alpha_{j-1}) sum_{i<j} D_i f_i w_i.
     A row that repeats earlier ones (sigma <= least) leaves P as it is. So do columns that it hardly sees, f_j the
-    rounding of zero: alpha would be so small that f_j / alpha overflows.
+    rounding of zero: alpha would be so small that f_j / alpha overflows. Not to be
+    differentiated: where a row does not see a column, f_j = 0, the slope of f_j is lost (docs/theory/derivatives.md).
     """
     f = [c @ w for w in P.w]
     summands = [D * fj * fj for D, fj in zip(P.D, f, strict=True)]

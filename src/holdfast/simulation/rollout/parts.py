@@ -12,8 +12,9 @@ import numpy as np
 
 from holdfast.dynamics.near_singular import chain_strength
 from holdfast.simulation.confirmation import PARTS, ROUNDING, SHARE
+from holdfast.simulation.rollout.singular_passing import BESIDE
 from holdfast.simulation.rollout.systems import RolloutSystems
-from holdfast.simulation.rollout.traced_step import BESIDE, LIMITED, OPEN, SINGULAR
+from holdfast.simulation.rollout.traced_step import LIMITED, OPEN, SINGULAR
 from holdfast.simulation.stepper import MOST_PARTS, parts_needed
 from holdfast.spatial.scalar import Array
 

@@ -23,7 +23,6 @@ from holdfast.control.traced_law import law_outputs
 from holdfast.dynamics.closed.chain_solution import ChainSolution
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.energy import power_of
-from holdfast.dynamics.near_singular import STRENGTH_LOST
 from holdfast.dynamics.projection import FARTHEST, LEFT_OPEN, Gap, after_step, largest_gaps
 from holdfast.forces.margins import (
     JointLimits,
@@ -36,9 +35,10 @@ from holdfast.model.wrench_condition import largest_force_and_moment
 from holdfast.simulation.balance import work_rates
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.external_inputs import GivenInputs
-from holdfast.simulation.increment import increment_rate, no_turns, twists
+from holdfast.simulation.increment import increment_rate, no_turns
 from holdfast.simulation.instant import WORST_CONDITION, friction_torque, joint_friction, passive_at
 from holdfast.simulation.linearly_implicit import Implicit, with_armature
+from holdfast.simulation.rollout.singular_passing import passes_singular
 from holdfast.simulation.rollout.user_functions import Motions, checked_motion, with_wrenches
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import Arrival, Question, Stage, answered, take_step
@@ -50,9 +50,7 @@ from holdfast.spatial.scalar import (
     each,
     maximum,
     minimum,
-    reciprocal,
     select,
-    sqrt,
     where,
 )
 from holdfast.spatial.spatial_vector import unrotate
@@ -60,9 +58,6 @@ from holdfast.state import Inputs, State
 
 # Why a system stands still, as the machine code numbers it; 0: it does not. TOO_LONG is found afterwards.
 RUNNING, SLIPPED, SINGULAR, OPEN, BROKEN, TOO_LONG, LIMITED = range(7)
-
-BESIDE = 0.1
-LEAPING = 1e-3  # of how far the joints move
 
 STEP_RESULTS = (
     "slope",
@@ -258,7 +253,7 @@ def step(
         }
         | ({} if found.held is None else {"held_rows": found.held})
     )
-    passed = passes_singular(system, tableau, end, drift)
+    passed = passes_singular(system, tableau, end, drift) * given["search"][()]
     code = stop_code(system, kept, system.worst, drift, gaps, passed)
     return carried(system, kept, code, work, times[-1], concatenate([drift, gaps]))
 
@@ -292,39 +287,6 @@ def contact_margin(kind: str, contact: Array, f: Array) -> Scalar:
         return strength
     pressed = least_margin(friction(mu, size), f)
     return minimum(strength, where(one_sided > 0.5, pressed, float("inf")))
-
-
-def passes_singular(system: TracedSystem, tableau: Tableau, end: State, drift: Gap) -> Scalar:
-    """Return whether a step seems to pass a singular posture, 1 or 0.
-
-    The strength s = condition^-1/2 of the constraint is the size of what changes sign there. So its values at the
-    step's start, middle and end lie on a straight line, but for the step's curvature, if the last, or the last two, are
-    taken with the other sign; and together they are no more than what the joints' motion may have changed. A step that
-    begins or ends within a twentieth of its length from the posture counts too, and one near it that leaves the grasps
-    open by so much before projection that it may have leapt over it.
-
-    Args:
-        system: after its evaluations.
-        tableau: the scheme.
-        end: the state at the step's end.
-        drift: gaps that projection found.
-    """
-    nodes = [*tableau.c[1:].tolist(), 1.0]
-    if 0.5 not in nodes:
-        return 0.0
-    of = [reciprocal(sqrt(x)) for x in (system.last("condition")[()], *system.conditions)]
-    first, middle, last = of[0], of[1 + nodes.index(0.5)], of[1 + nodes.index(1.0)]
-    kept_sign = abs(first - 2.0 * middle + last)
-    other_sign = minimum(abs(first + 2.0 * middle - last), abs(first - 2.0 * middle - last))
-    turned = [system.given["step"][()] * twist[:3] for twist in twists(end)]
-    moved = [*(end.q - system.last("q")), *concatenate(turned)]
-    far = reduce(maximum, [abs(x) for x in moved])
-    if any(not joint.turns for joint in system.real.all_joints):
-        far = float("inf")  # how far a joint slides says nothing by itself
-    both, most = first + last, STRENGTH_LOST * far
-    passed = where(both < most, where(other_sign - BESIDE * both < kept_sign, 1.0, 0.0), 0.0)
-    leaping = where(both < 2.0 * most, where(drift.position > LEAPING * far, 1.0, 0.0), 0.0)
-    return maximum(passed, leaping) * system.given["search"][()]
 
 
 def stop_code(

@@ -1,0 +1,75 @@
+"""Whether a step of a rollout passes a singular posture; machine code of many systems has no singular vectors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import reduce
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from holdfast.dynamics.near_singular import STRENGTH_LOST
+from holdfast.dynamics.projection import Gap
+from holdfast.simulation.increment import twists
+from holdfast.simulation.runge_kutta import Tableau
+from holdfast.spatial.scalar import Array, Scalar, concatenate, maximum, minimum, reciprocal, sqrt, where
+from holdfast.state import State
+
+if TYPE_CHECKING:
+    from holdfast.simulation.rollout.traced_step import TracedSystem
+
+BESIDE = 0.1
+LEAPING = 1e-3  # of how far the joints move
+
+
+def passes_singular(system: TracedSystem, tableau: Tableau, end: State, drift: Gap) -> Scalar:
+    """Return whether a step seems to pass a singular posture, 1 or 0.
+
+    The strength s = condition^-1/2 of the constraint is the size of what changes sign there. So its values at the
+    step's start, middle and end lie on a straight line, but for the step's curvature, if the last, or the last two, are
+    taken with the other sign; and together they are no more than what the joints' motion may have changed. A step that
+    begins or ends within a twentieth of its length from the posture counts too, and one near it that leaves the grasps
+    open by so much before projection that it may have leapt over it.
+
+    Args:
+        system: after its evaluations.
+        tableau: the scheme.
+        end: the state at the step's end.
+        drift: gaps that projection found.
+    """
+    nodes, found = [*tableau.c[1:].tolist(), 1.0], system.conditions
+    if tableau.implicit:
+        later = _between(system, end), found[-1]
+    elif 0.5 in nodes:
+        later = found[nodes.index(0.5)], found[nodes.index(1.0)]
+    else:
+        return 0.0
+    first, middle, last = (reciprocal(sqrt(x)) for x in (system.last("condition")[()], *later))
+    kept_sign = abs(first - 2.0 * middle + last)
+    other_sign = minimum(abs(first + 2.0 * middle - last), abs(first - 2.0 * middle - last))
+    turned = [system.given["step"][()] * twist[:3] for twist in twists(end)]
+    moved = [*(end.q - system.last("q")), *concatenate(turned)]
+    far = reduce(maximum, [abs(x) for x in moved])
+    if any(not joint.turns for joint in system.real.all_joints):
+        far = float("inf")  # how far a joint slides says nothing by itself
+    both, most = first + last, STRENGTH_LOST * far
+    passed = where(both < most, where(other_sign - BESIDE * both < kept_sign, 1.0, 0.0), 0.0)
+    leaping = where(both < 2.0 * most, where(drift.position > LEAPING * far, 1.0, 0.0), 0.0)
+    return maximum(passed, leaping)
+
+
+def _between(system: TracedSystem, end: State) -> Scalar:
+    """Return the condition half-way through an implicit step, whose stages are of a chain with more armature."""
+    begin = system.state
+    poses = [name for name in ("object_pose", "base_pose") if getattr(end, name) is not None]
+    there = {name: _halfway(getattr(begin, name), getattr(end, name)) for name in poses}
+    state = replace(end, q=0.5 * (begin.q + end.q), **there)
+    chain, inputs = system.environment.at(system.time(0.5), state)
+    return system.solve(chain, state, np.zeros(len(end.q)), inputs, system.held, choose=False).condition
+
+
+def _halfway(a: Array, b: Array) -> Array:
+    """Return the pose between two that are not far apart, (7,)."""
+    nearer = where(a[:4] @ b[:4] < 0.0, -1.0, 1.0)  # a quaternion and its negative turn alike
+    turn = a[:4] + nearer * b[:4]
+    return concatenate([turn * reciprocal(sqrt(turn @ turn)), 0.5 * (a[4:] + b[4:])])
