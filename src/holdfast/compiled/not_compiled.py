@@ -39,7 +39,9 @@ REASONS = {
             "inverse_dynamics",
             "dynamics.kinetic_energy",
             "dynamics.potential_energy",
+            "dynamics.closure",
             "forces.grasp_margins",
+            "forces.joint_margins",
             "forces.wrist_wrenches",
         )
         for kind in ("vjp", "jvp", "jacobian")
