@@ -341,7 +341,7 @@ def test_what_is_refused():
         (lambda: hf.Grasp("bushing", stiffness=np.ones(3)), r"expected shape \(6,\) or \(6, 6\), got shape \(3,\)"),
         (lambda: hf.Grasp("bushing", stiffness=[1, 1, 1, 1, 1, -1]), "stiffness: expected numbers >= 0"),
         (lambda: hf.Grasp("bushing", stiffness=np.arange(36.0).reshape(6, 6)), "expected a symmetric matrix"),
-        (lambda: hf.Grasp("bushing", stiffness=np.eye(6) + 2 * np.eye(6)[::-1]), "negative in some direction"),
+        (lambda: hf.Grasp("bushing", stiffness=np.eye(6) + 2 * np.eye(6)[::-1]), "positive semidefinite"),
         (lambda: hf.Grasp("bushing", stiffness=np.ones(6), damping=-np.eye(6)), "damping: expected numbers >= 0"),
         (lambda: hf.Grasp("bushing", contact=hf.Friction(0.5), stiffness=np.ones(6)), "two-sided"),
     ):

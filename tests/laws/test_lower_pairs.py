@@ -301,8 +301,8 @@ REFUSED = {
     "nothing held": (np.eye(6), "expected shape"),
     "nothing free": (np.zeros((6, 0)), "expected shape"),
     "rows": (np.eye(6)[:2], "expected shape"),
-    "zeros": (np.zeros((6, 1)), "do not depend"),
-    "twice": (np.ones((6, 2)), "do not depend"),
+    "zeros": (np.zeros((6, 1)), "linearly independent"),
+    "twice": (np.ones((6, 2)), "linearly independent"),
 }
 
 

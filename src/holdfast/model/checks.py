@@ -33,12 +33,12 @@ def vector(value: Any, what: str, error: type[HoldfastError] = ModelError) -> Ar
 
 
 def finite(found: Array, what: str) -> Array:
-    """Return numbers that an algorithm found; no infinity and no NaN leaves this library.
+    """Return numbers that an algorithm found, if they are finite; symbolic ones are returned as they are.
 
     Raises:
         StateError: some of them overflow float64.
     """
-    if not np.isfinite(found).all():
+    if np.asarray(found).dtype != object and not np.isfinite(found).all():
         raise StateError(
             f"{what}: expected finite numbers, got an overflow of float64; check the sizes of lengths, masses,"
             " velocities and forces"

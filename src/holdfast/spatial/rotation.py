@@ -120,6 +120,11 @@ def normalised(wxyz: Array) -> Array:
     return wxyz / sqrt(wxyz @ wxyz)
 
 
+def quaternion_midpoint(p: Array, q: Array) -> Array:
+    """Return the unit quaternion halfway between two of unit length, along the shorter way, (4,) w, x, y, z."""
+    return normalised(p + where(p @ q < 0.0, -1.0, 1.0) * q)
+
+
 def from_euler_zyx(yaw: Scalar, pitch: Scalar, roll: Scalar) -> Array:
     """Return R = Rz(yaw) Ry(pitch) Rx(roll), on traced numbers too; URDF's `rpy` read backwards."""
     z, y, x = np.eye(3)[::-1]

@@ -12,6 +12,7 @@ from holdfast.dynamics.near_singular import STRENGTH_LOST
 from holdfast.dynamics.projection import Gap
 from holdfast.simulation.increment import twists
 from holdfast.simulation.runge_kutta import Tableau
+from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array, Scalar, concatenate, maximum, minimum, reciprocal, sqrt, where
 from holdfast.state import State
 
@@ -70,6 +71,4 @@ def _between(system: TracedSystem, end: State) -> Scalar:
 
 def _halfway(a: Array, b: Array) -> Array:
     """Return the pose between two that are not far apart, (7,)."""
-    nearer = where(a[:4] @ b[:4] < 0.0, -1.0, 1.0)  # a quaternion and its negative turn alike
-    turn = a[:4] + nearer * b[:4]
-    return concatenate([turn * reciprocal(sqrt(turn @ turn)), 0.5 * (a[4:] + b[4:])])
+    return concatenate([rotation.quaternion_midpoint(a[:4], b[:4]), 0.5 * (a[4:] + b[4:])])
