@@ -185,4 +185,5 @@ def _guard(lanes: int) -> list[str]:
     """Return the functions `unsound` (whether any of n numbers is not finite) and `blank` (sets n numbers to NaN)."""
     reduce = [f"declare i1 @llvm.vector.reduce.or.v{lanes}i1(<{lanes} x i1>)"] if lanes > 1 else []
     values = {"lanes": lanes, "T": number_type(lanes), "zero": constant(0.0, lanes), "nan": constant(math.nan, 1)}
-    return [*reduce, filled("single_guard", **values, any_odd=_any(lanes, "%odd"))]
+    steps = {f"step{k}": k * lanes for k in range(5)}
+    return [*reduce, filled("single_guard", **values, **steps, any_odd=_any(lanes, "%odd"))]
