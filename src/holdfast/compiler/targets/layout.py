@@ -148,11 +148,11 @@ class Layout:
         return self.schedule.groups[name]
 
     def _is_packed(self, group: str, wire: Wire) -> bool:
-        """Return whether the items of a group run side by side and a wire ties each to its own part of an external array."""
+        """Return whether a group's items run side by side, each of them wired to its own part of an external array."""
         return self.width[group] > 1 and wire.array in self.schedule.externals and not shared(wire)
 
     def _pack_outputs(self) -> None:
-        """Reserve memory for the outputs of calls in lanes: one for all calls, since outputs are copied after each call."""
+        """Reserve memory for outputs in lanes, the same for every call: outputs are copied right after it."""
         begin = end = self.total
         for name, group in self.schedule.groups.items():
             for ports in group.stage.outputs:
