@@ -41,7 +41,7 @@ class Layout:
         schedule: the schedule.
         systems: the number of systems side by side: the lanes of a batch, or 1.
         width: how many items of each group run side by side, by group name.
-        packed: the copies of external arrays in lanes, by (group, port).
+        packed: the copies of external arrays in lanes, by (group, port). Those of outputs last until the next call.
         total: the size of working memory without scratch memory [doubles].
     """
 
@@ -66,10 +66,11 @@ class Layout:
         for name, group in schedule.groups.items():
             width = self.width[name]
             for port, wire in group.wires.items():
-                if width > 1 and wire.array in schedule.externals and not shared(wire):
+                if port in group.stage.input_ports and self._is_packed(name, wire):
                     self.packed[name, port] = self._area(group.count, group.stage.size(port), width)
             for phase, size in enumerate(group.stage.pieces.memory):
                 self._memories[name, phase] = self._area(group.count, size, width)
+        self._pack_outputs()
 
     def blocks(self, group: str, items: tuple[int, ...]) -> list[int]:
         """Return the first item of every block of items that run side by side, in order."""
@@ -145,6 +146,23 @@ class Layout:
 
     def _group(self, name: str) -> Group:
         return self.schedule.groups[name]
+
+    def _is_packed(self, group: str, wire: Wire) -> bool:
+        """Return whether a group's items run side by side, each of them wired to its own part of an external array."""
+        return self.width[group] > 1 and wire.array in self.schedule.externals and not shared(wire)
+
+    def _pack_outputs(self) -> None:
+        """Reserve memory for outputs in lanes, the same for every call: outputs are copied right after it."""
+        begin = end = self.total
+        for name, group in self.schedule.groups.items():
+            for ports in group.stage.outputs:
+                self.total = begin
+                for port in ports:
+                    if self._is_packed(name, group.wires[port]):
+                        area = self._area(group.count, group.stage.size(port), self.width[name])
+                        self.packed[name, port] = area
+                end = max(end, self.total)
+        self.total = end
 
     def _packing(self) -> dict[str, int]:
         """Return how many items of each internal array are packed: as many as its group runs side by side."""

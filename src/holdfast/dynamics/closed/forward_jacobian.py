@@ -8,7 +8,7 @@ elsewhere. Columns are items of a loop, each a direction given as numbers, so th
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,14 +22,15 @@ from holdfast.dynamics.closed.forward_derivatives import (
     numbers_of,
     symmetric,
 )
-from holdfast.dynamics.closed.second_solve import Load, Point, along_free, under
-from holdfast.dynamics.closed.tip_response import TipResponse
+from holdfast.dynamics.closed.own_response import OF_MOTION, OwnResponse, joint_responses, own_response
+from holdfast.dynamics.closed.second_solve import Point
+from holdfast.dynamics.closed.tip_response import RECURSION_PAYS_FROM, TipResponse
 from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
 from holdfast.dynamics.trunk.trunk_derivatives import OF_TRUNK
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.linear import Linear
 from holdfast.spatial.scalar import Array, array, concatenate, each
-from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
+from holdfast.spatial.spatial_vector import shift_twist
 from holdfast.spatial.symmetric import Symmetric6
 
 Shape = tuple[int, ...]
@@ -93,25 +94,47 @@ def jacobian(at: Point, of: Sequence[str], by: Sequence[str], units: Array) -> d
         units: (m, m) identity, m as `units_needed` says; given as numbers so that columns are alike.
     """
     chain = at.motion.chain
-    rows = 6 * len(chain.grasps) + 6
     whole = {name for name in by if name in OF_CHAIN or chain.trunk is not None}  # arms on a trunk move each other
-    arm_arguments = any(name not in whole for name in by)
-    answers = each(lambda e: unit_answer(at, e), units[:rows, :rows]) if arm_arguments else []
+    own = [name for name in by if name not in whole]
+    rows = 6 * len(chain.grasps) + (6 if any(reaches_object(chain, name) for name in own) else 0)
+    answers = each(lambda e: unit_answer(at, e), units[:rows, : 6 * len(chain.grasps) + 6]) if own else []
     tips = [at.tips[name] for name in chain.grasps]
-    by_wrench = each(unit_wrenches, tips, at.motion.holding) if arm_arguments else []
+    by_wrench = each(unit_wrenches, tips, at.motion.holding) if own else []
     grasps = {name: k for k, name in enumerate(chain.grasps)}
     arms = tuple([(grasps.get(name), arm.joint_count) for name, arm in chain.arms.items()])
     everyone = Everyone(at.motion.contacts, [tip.mobility for tip in tips], by_wrench, arms)
+    responses = responses_by_joints(at, tuple([name for name in own if name in OF_MOTION]))
     found: dict[tuple[str, str], list[list[Array]]] = {(result, name): [] for name in by for result in of}
     for name in by:
         if name in whole:
             columns = [chain_columns(at, name, of, units)]
         else:
-            columns = arm_columns(at, name, tuple(of), units, answers, everyone)
+            columns = arm_columns(at, name, tuple(of), units, answers, everyone, responses)
         for of_one in columns:
             for k, result in enumerate(of):
                 found[result, name].append([column[k] for column in of_one])
     return {key: array([column for of_one in parts for column in of_one]) for key, parts in found.items()}
+
+
+def reaches_object(chain: ClosedChain, name: str) -> bool:
+    """Return whether an arm's argument changes the object's equations, rather than through a gap alone."""
+    return name == "grasp_pose" or any(len(grasp.transmitted) < 6 for grasp in chain.grasps.values())
+
+
+def responses_by_joints(at: Point, names: tuple[str, ...]) -> dict[str, dict[str, list[OwnResponse]]]:
+    """Return, by arm and argument, what arms that are short do by themselves while their joints change."""
+    chain, motion = at.motion.chain, at.motion
+    arms = [name for name, arm in chain.arms.items() if arm.joint_count < RECURSION_PAYS_FROM] if names else []
+    contacts = dict(zip(chain.grasps, motion.contacts, strict=True))
+    found = each(
+        lambda case, z, tip, arm, c: joint_responses(names, case, z, tip, arm, c),
+        [motion.cases[name] for name in arms],
+        [at.unknowns[name] for name in arms],
+        [at.tips[name] for name in arms],
+        [motion.arms[name] for name in arms],
+        [contacts.get(name) for name in arms],
+    )
+    return dict(zip(arms, found, strict=True))
 
 
 def units_needed(chain: ClosedChain, by: Sequence[str]) -> int:
@@ -184,20 +207,11 @@ class Own(NamedTuple):
     """What the columns of one arm read of it.
 
     Attributes:
-        case: what its equations depend on.
-        residual: its dL/dy, made linear in the argument.
-        tip: its answer at its tip.
-        motion: the arm in motion.
-        contact: its grasp, or None.
-        answers: what the chain at rest answers to six units of a gap there and six of a wrench on the object.
+        answers: what the chain at rest answers to six units of a gap there and of a wrench on the object; None without
+            a grasp.
         mask: per arm of the chain, 1 for itself and 0 for the others; as numbers, so that columns are alike.
     """
 
-    case: ArmCase
-    residual: Linear
-    tip: TipResponse
-    motion: ArmMotion
-    contact: Contact | None
     answers: Answers | None
     mask: Array
 
@@ -209,6 +223,7 @@ def arm_columns(
     units: Array,
     answers: Sequence[tuple[list[Array], Array]],
     everyone: Everyone,
+    responses: Mapping[str, Mapping[str, list[OwnResponse]]],
 ) -> list[list[list[Array]]]:
     """Return the columns of an argument that is each arm's own, arm by arm.
 
@@ -217,44 +232,68 @@ def arm_columns(
         name: of the argument.
         of: the results.
         units: as in `jacobian`.
-        answers: of the chain at rest to all units of gaps and of a wrench on the object.
+        answers: of the chain at rest to all units of gaps, and of a wrench on the object where one is needed.
         everyone: what all columns read.
+        responses: of arms that answered for all joints at once, by arm and argument.
     """
     chain, motion, order = at.motion.chain, at.motion, list(at.motion.chain.arms)
     grasps = list(chain.grasps)
     arms = grasps if name == "grasp_pose" else order
     names = tuple(numbers_of([name]))
-    residuals = each(
-        lambda case, z: case.residual(z, names), [motion.cases[a] for a in arms], [at.unknowns[a] for a in arms]
-    )
+    open_ones = [arm for arm in arms if name not in responses.get(arm, ())]
+    cases, unknowns = [motion.cases[arm] for arm in open_ones], [at.unknowns[arm] for arm in open_ones]
+    linear = each(lambda case, z: case.residual(z, names), cases, unknowns)
+    residuals = dict(zip(open_ones, linear, strict=True))
     found = []
-    for arm, residual in zip(arms, residuals, strict=True):
+    for arm in arms:
         shape = arm_shape(name, chain.arms[arm].joint_count)
         size, row, whole, c = int(np.prod(shape)), order.index(arm), None, None
         if arm in chain.grasps:
             g = grasps.index(arm)
-            shared = [*answers[6 * g : 6 * g + 6], *answers[-6:]]
+            shared = [*answers[6 * g : 6 * g + 6], *answers[6 * len(grasps) :]]
             wrenches = [array([f[i] for f, _ in shared]).T for i in range(len(grasps))]
             whole, c = Answers(wrenches, array([alpha for _, alpha in shared]).T), motion.contacts[g]
-        mask = units[row, : len(order)]
-        own = Own(motion.cases[arm], residual, at.tips[arm], motion.arms[arm], c, whole, mask)
-        found.append(each(column_of(own, everyone, name, shape, of), units[:size, :size]))
+        own = Own(whole, units[row, : len(order)])
+        if arm in residuals:
+            one = Column(motion.cases[arm], residuals[arm], at.tips[arm], motion.arms[arm], c)
+            found.append(each(column_of(one, own, everyone, name, shape, of), units[:size, :size]))
+        else:
+            found.append(each(lambda mine, own=own: results(own, everyone, mine, of), responses[arm][name]))
     return found
 
 
+class Column(NamedTuple):
+    """What a column that is found by itself reads of its arm.
+
+    Attributes:
+        case: what its equations depend on.
+        residual: its dL/dy, made linear in the argument.
+        tip: its answer at its tip.
+        motion: the arm in motion.
+        contact: its grasp, or None.
+    """
+
+    case: ArmCase
+    residual: Linear
+    tip: TipResponse
+    motion: ArmMotion
+    contact: Contact | None
+
+
 def column_of(
-    own: Own, everyone: Everyone, name: str, shape: Shape, of: tuple[str, ...]
+    one: Column, own: Own, everyone: Everyone, name: str, shape: Shape, of: tuple[str, ...]
 ) -> Callable[[Array], list[Array]]:
     """Return the column of a direction of an arm's argument."""
 
     def column(unit: Array) -> list[Array]:
-        given = arm_rates(own.case, {name: direction(unit, name, shape)})
-        return results(own, everyone, Unknowns(*own.residual.rates(*given.values())), of)
+        given = arm_rates(one.case, {name: direction(unit, name, shape)})
+        r = Unknowns(*one.residual.rates(*given.values()))
+        return results(own, everyone, own_response(one.tip, one.motion, one.contact, r), of)
 
     return column
 
 
-def results(own: Own, everyone: Everyone, r: Unknowns, of: Sequence[str]) -> list[Array]:
+def results(own: Own, everyone: Everyone, moved: OwnResponse, of: Sequence[str]) -> list[Array]:
     """Return the results' rates of change while one arm's dL/dy changes.
 
     Every arm answers to its share of what the tip does; the arm itself moves by what changes in it besides.
@@ -262,36 +301,30 @@ def results(own: Own, everyone: Everyone, r: Unknowns, of: Sequence[str]) -> lis
     Args:
         own: the arm.
         everyone: all arms.
-        r: how fast its dL/dy changes.
+        moved: what it does by itself.
         of: the results.
     """
-    none = np.zeros(6)
-    load = Load(-r.qdd, -r.wrench, -r.contact_acceleration, none)
-    tip = under(own.tip, own.motion, load)
-    known, alpha, apart = none, none, none
+    alpha = none = np.zeros(6)
     shares: list[Array] = [none] * len(everyone.contacts)
-    if own.contact is not None and own.answers is not None:
-        known = along_free(own.contact, load.free)
-        apart = load.gap - tip.free_acceleration + tip.mobility.apply(known)
-        given = concatenate([-apart, shift_wrench(own.contact.offset, known) - r.object_acceleration])
+    if own.answers is not None:
+        given = concatenate([-moved.apart, moved.on_object])[: own.answers.object_acceleration.shape[1]]
         alpha = own.answers.object_acceleration @ given
         shares = [f @ given for f in own.answers.wrenches]
-    moving, of_base = tip.back_substitute(known)
-    of_base = of_base + r.base
+    wrench_besides = moved.known + moved.bushing if len(moved.bushing) else moved.known
     qdd, wrench, base = [], [], []
     rates: dict[int, Array] = {}
     for mine, (g, N) in zip(own.mask, everyone.rows, strict=True):
-        own_qdd = mine * moving if len(moving) == N else np.zeros(N)
+        own_qdd = mine * moved.qdd if len(moved.qdd) == N else np.zeros(N)
         if g is None:
             qdd.append(own_qdd)
             wrench.append(none)
-            base.append(mine * of_base)
+            base.append(mine * moved.base)
             continue
         c, f, answer = everyone.contacts[g], shares[g], everyone.by_wrench[g]
         qdd.append(answer.qdd @ f + own_qdd)
-        wrench.append(f + mine * (known + r.known if len(r.known) else known))
-        base.append(answer.base @ f + mine * of_base)
-        gap = shift_twist(c.offset, alpha) + everyone.mobilities[g].apply(f) + mine * apart
+        wrench.append(f + mine * wrench_besides)
+        base.append(answer.base @ f + mine * moved.base)
+        gap = shift_twist(c.offset, alpha) + everyone.mobilities[g].apply(f) + mine * moved.apart
         rates[g] = rates_of(c, gap)
     found = {
         "qdd": qdd,

@@ -62,6 +62,22 @@ class Unknowns(NamedTuple):
     known: Array = NOTHING
 
 
+class TipMotion(NamedTuple):
+    """How a tip moves, world axes.
+
+    Attributes:
+        pose: of its frame.
+        twist: (6,) of its point.
+        acceleration: (6,) of its point.
+        virtual: (6,) its virtual twist.
+    """
+
+    pose: Pose
+    twist: Array
+    acceleration: Array
+    virtual: Array
+
+
 class ArmCase(NamedTuple):
     """What the equations of one arm and its grasp depend on.
 
@@ -144,18 +160,24 @@ class ArmCase(NamedTuple):
             power = power + u @ wrench
         if self.grasp is None:
             return power
+        tip = acceleration_at_tip(arm, at, found, base_twist, base_acceleration)
+        at_tip = TipMotion(at.tip, tip_twist(arm, at, V, base_twist), tip, tip_twist(arm, at, U, y.base))
+        return power + self.grasp_power(z, y, at_tip, varied)
+
+    def grasp_power(self, z: Unknowns, y: Unknowns, tip: TipMotion, varied: Numbers) -> Scalar:
+        """Return the grasp's part of L, given how the tip moves; otherwise as in `power`."""
         grasp = self.grasp
+        assert grasp is not None
         if "grasp_R" in varied or "grasp_p" in varied:
             frame = grasp.frame
             grasp = grasp.standing_at(Pose.unchecked(varied.get("grasp_R", frame.R), varied.get("grasp_p", frame.p)))
         of_object = Pose.unchecked(varied.get("object_R", self.frame.R), varied.get("object_p", self.frame.p))
-        twist = varied.get("object_twist", self.twist)
-        c = contact(grasp, of_object, twist, at.tip, tip_twist(arm, at, V, base_twist))
-        tip = acceleration_at_tip(arm, at, found, base_twist, base_acceleration)
-        apart = tip + c.g - c.a - shift_twist(c.offset, z.object_acceleration)
-        together = tip_twist(arm, at, U, y.base) - shift_twist(c.offset, y.object_acceleration)
+        c = contact(grasp, of_object, varied.get("object_twist", self.twist), tip.pose, tip.twist)
+        apart = tip.acceleration + c.g - c.a - shift_twist(c.offset, z.object_acceleration)
+        together = tip.virtual - shift_twist(c.offset, y.object_acceleration)
+        power = 0.0
         if grasp.of_kind.bushing is not None:
-            power = power + (together + y.known) @ stretched(c).wrench()
+            power = (together + y.known) @ stretched(c).wrench()
         if grasp.free:
             apart = apart + c.HT @ z.contact_acceleration
             together = together + c.HT @ y.contact_acceleration

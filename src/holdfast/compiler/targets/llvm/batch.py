@@ -60,7 +60,8 @@ def batch_module(schedule: Schedule, lanes: int) -> tuple[str, int]:
     declared = [*declarations(lanes), *transpositions(moves, lanes)]
     if schedule.status is not None:
         nan = constant(math.nan, lanes)
-        declared.append(filled("batch_guard", lanes=lanes, T=number_type(lanes), align=8 * lanes, nan=nan))
+        values = {"lanes": lanes, "T": number_type(lanes), "align": 8 * lanes, "nan": nan, "zero": constant(0.0, lanes)}
+        declared.append(filled("batch_guard", **values))
     function = filled(
         "batch",
         lanes=lanes,

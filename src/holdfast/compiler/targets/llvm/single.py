@@ -16,6 +16,7 @@ from holdfast.compiler.targets.layout import Area, Layout
 from holdfast.compiler.targets.llvm.functions import constant, declarations, number_type
 from holdfast.compiler.targets.llvm.module import Module
 from holdfast.compiler.targets.llvm.templates import filled
+from holdfast.compiler.targets.llvm.transposition import masked_load, of_items
 
 _INLINE = 32  # up to so many numbers of an array are checked in straight-line code; more are checked in a loop
 
@@ -33,26 +34,31 @@ def single_module(schedule: Schedule, lanes: int, names: tuple[str, str] = ("sin
     roles = {name: external.role for name, external in schedule.externals.items()}
     single, prepare = (_head(what, name, layout) for what, name in zip(("i64", "void"), names, strict=True))
     prepared = begun = "entry"
-    returned: list[tuple[Wire, Area]] = []
+    moves: dict[tuple[str, int, int], list[str]] = {}
     for (group, port), area in layout.packed.items():
         stage, wire = schedule.groups[group].stage, schedule.groups[group].wires[port]
-        if port not in stage.input_ports:
-            returned.append((wire, area))
-        elif roles[wire.array] == "parameter":
-            prepared = _move(prepare, module, wire, area, prepared, inward=True)
-        else:
-            begun = _move(single, module, wire, area, begun, inward=True)
+        if port in stage.input_ports and roles[wire.array] == "parameter":
+            prepared = _move(prepare, module, wire, area, prepared, "to_lanes", moves)
+        elif port in stage.input_ports:
+            begun = _move(single, module, wire, area, begun, "to_lanes", moves)
     module.calls(schedule.prepare, prepare, prepared)
     prepare += ["  ret void", "}"]
-    end = module.calls(schedule.calls, single, begun)
-    for wire, area in returned:
-        end = _move(single, module, wire, area, end, inward=False)
+    end = begun
+    for call in schedule.calls:
+        end = module.calls([call], single, end)
+        for port in schedule.groups[call.group].stage.outputs[call.phase]:
+            area = layout.packed.get((call.group, port))
+            if area is not None:
+                wire = schedule.groups[call.group].wires[port]
+                end = _move(single, module, wire, area, end, "from_lanes", moves)
     declared = [line for n in sorted(module.lanes | {1, lanes}) for line in declarations(n)]
     if schedule.status is None:
         single += ["  ret i64 0", "}"]
     else:
         single += _status(schedule, schedule.status, lanes)
         declared += _guard(lanes)
+    declared += [masked_load(n) for n in sorted({lanes for _, _, lanes in moves})]
+    declared += [line for lines in moves.values() for line in lines]
     text = [*declared, *module.tables, *module.functions, *prepare, *single]
     return "\n".join(text), layout.total + module.scratch
 
@@ -68,18 +74,38 @@ def _head(result: str, name: str, layout: Layout) -> list[str]:
     return lines
 
 
-def _move(lines: list[str], module: Module, wire: Wire, area: Area, label: str, inward: bool) -> str:
+def _move(
+    lines: list[str],
+    module: Module,
+    wire: Wire,
+    area: Area,
+    label: str,
+    name: str,
+    moves: dict[tuple[str, int, int], list[str]],
+) -> str:
     """Write the code that copies items from an external array into lanes, or back; return the last block's label.
 
     Lanes without an item receive the numbers of the last item. On the way back they are written before it, so that
     the results of the last item overwrite theirs.
+
+    Args:
+        lines: the lines of the function that is being written.
+        module: the module that it is part of.
+        wire: where the items' numbers are in the external array.
+        area: where they are in lanes.
+        label: the label of the block before.
+        name: `to_lanes` or `from_lanes`.
+        moves: the functions that copy, as far as they have been written.
     """
-    k, T = list(module.layout.schedule.externals).index(wire.array), number_type(area.width)
-    n, count = module.label(), -(-len(wire.places) // area.width)
+    k, width = list(module.layout.schedule.externals).index(wire.array), area.width
+    n, count = module.label(), -(-len(wire.places) // width)
+    key = (name, area.size, width)
+    if key not in moves:
+        moves[key] = of_items(*key)
     lines += [f"  br label %move{n}", f"move{n}:", f"  %b{n} = phi i64 [ 0, %{label} ], [ %b{n}.next, %move{n} ]"]
     rows = []
-    for j in range(area.width):
-        places = [wire.places[min(b * area.width + j, len(wire.places) - 1)] for b in range(count)]
+    for j in range(width):
+        places = [wire.places[min(b * width + j, len(wire.places) - 1)] for b in range(count)]
         shift = f"{places[0]}"
         if count > 1:
             values = ", ".join(f"i64 {place}" for place in places)
@@ -88,27 +114,12 @@ def _move(lines: list[str], module: Module, wire: Wire, area: Area, label: str, 
             lines.append(f"  %s{n}.{j} = load i64, ptr %l{n}.{j}")
             shift = f"%s{n}.{j}"
         lines.append(f"  %row{n}.{j} = getelementptr double, ptr %external{k}, i64 {shift}")
-        rows.append(f"%row{n}.{j}")
-    lines.append(f"  %shift{n} = mul i64 %b{n}, {area.size * area.width}")
-    lines.append(f"  %here{n} = add i64 %shift{n}, {area.start}")
-    lines.append(f"  %block{n} = getelementptr double, ptr %arena, i64 %here{n}")
-    for e in range(area.size):
-        x, before = f"%x{n}.{e}", "poison"
-        lines.append(f"  {x}.at = getelementptr double, ptr %block{n}, i64 {e * area.width}")
-        if not inward:
-            lines.append(f"  {x} = load {T}, ptr {x}.at, align {8 * area.width}")
-        for j, row in enumerate(rows) if inward else reversed(list(enumerate(rows))):
-            lines.append(f"  {x}.{j}.at = getelementptr double, ptr {row}, i64 {e}")
-            if inward:
-                lines.append(f"  {x}.{j} = load double, ptr {x}.{j}.at, align 8")
-                lines.append(f"  {x}.to{j} = insertelement {T} {before}, double {x}.{j}, i64 {j}")
-                before = f"{x}.to{j}"
-            else:
-                lines.append(f"  {x}.{j} = extractelement {T} {x}, i64 {j}")
-                lines.append(f"  store double {x}.{j}, ptr {x}.{j}.at, align 8")
-        if inward:
-            lines.append(f"  store {T} {before}, ptr {x}.at, align {8 * area.width}")
+        rows.append(f"ptr %row{n}.{j}")
     lines += [
+        f"  %shift{n} = mul i64 %b{n}, {area.size * width}",
+        f"  %here{n} = add i64 %shift{n}, {area.start}",
+        f"  %block{n} = getelementptr double, ptr %arena, i64 %here{n}",
+        f"  call void @{name}.{area.size}.{width}(ptr %block{n}, {', '.join(rows)})",
         f"  %b{n}.next = add i64 %b{n}, 1",
         f"  %more{n} = icmp slt i64 %b{n}.next, {count}",
         f"  br i1 %more{n}, label %move{n}, label %moved{n}",
@@ -174,4 +185,5 @@ def _guard(lanes: int) -> list[str]:
     """Return the functions `unsound` (whether any of n numbers is not finite) and `blank` (sets n numbers to NaN)."""
     reduce = [f"declare i1 @llvm.vector.reduce.or.v{lanes}i1(<{lanes} x i1>)"] if lanes > 1 else []
     values = {"lanes": lanes, "T": number_type(lanes), "zero": constant(0.0, lanes), "nan": constant(math.nan, 1)}
-    return [*reduce, filled("single_guard", **values, any_odd=_any(lanes, "%odd"))]
+    steps = {f"step{k}": k * lanes for k in range(5)}
+    return [*reduce, filled("single_guard", **values, **steps, any_odd=_any(lanes, "%odd"))]

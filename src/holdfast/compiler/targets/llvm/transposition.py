@@ -1,10 +1,15 @@
-"""Copy the rows of a batch's systems into lanes and back, by transposing square blocks in registers.
+"""Copy rows of systems or items into lanes and back, by transposing square blocks in registers.
 
     void to_lanes.N(double *rows, i64 stride, i64 first, i64 last, double *lanes)
     void from_lanes.N(the same)
 
 Lane j is row min(first + j, last). The first N doubles of each row are copied; rows are `stride` doubles apart, or
 0 if all systems share one row. Copying number by number took a quarter of a batch's time.
+
+    void to_lanes.N.L(double *lanes, double *row0, ..., double *row[L - 1])
+    void from_lanes.N.L(the same)
+
+Lane j is row j, which may be anywhere. Several lanes may have the same row: the first of them is written last.
 """
 
 from __future__ import annotations
@@ -16,17 +21,26 @@ _UNROLLED = 2  # up to so many square blocks are written one after the other; mo
 
 def transpositions(sizes: Iterable[tuple[str, int]], lanes: int) -> list[str]:
     """Return the source of the functions for pairs of (`to_lanes` or `from_lanes`, size), with declarations."""
-    V = f"<{lanes} x double>"
-    lines = [
-        f"declare {V} @llvm.masked.load.v{lanes}f64.p0(ptr, i32, <{lanes} x i1>, {V})",
-        "declare i64 @llvm.smin.i64(i64, i64)",
-    ]
+    lines = [masked_load(lanes), "declare i64 @llvm.smin.i64(i64, i64)"]
     for name, size in sorted(set(sizes)):
-        lines += _function(name, size, lanes)
+        lines += _of_systems(name, size, lanes)
     return lines
 
 
-def _function(name: str, size: int, lanes: int) -> list[str]:
+def of_items(name: str, size: int, lanes: int) -> list[str]:
+    """Return the source of the function for rows that lie anywhere, `name`.`size`.`lanes`."""
+    rows = ", ".join(f"ptr %row{j}" for j in range(lanes))
+    head = f"define internal void @{name}.{size}.{lanes}(ptr %lanes, {rows}) noinline nounwind {{"
+    return [head, "entry:", *_squares(name, size, lanes)]
+
+
+def masked_load(lanes: int) -> str:
+    """Return the declaration of what rows shorter than a register are read by."""
+    V = f"<{lanes} x double>"
+    return f"declare {V} @llvm.masked.load.v{lanes}f64.p0(ptr, i32, <{lanes} x i1>, {V})"
+
+
+def _of_systems(name: str, size: int, lanes: int) -> list[str]:
     lines = [
         f"define internal void @{name}.{size}(ptr %rows, i64 %stride, i64 %first, i64 %last, ptr %lanes)"
         " noinline nounwind {",
@@ -39,6 +53,12 @@ def _function(name: str, size: int, lanes: int) -> list[str]:
             f"  %s{j} = mul i64 %k{j}, %stride",
             f"  %row{j} = getelementptr double, ptr %rows, i64 %s{j}",
         ]
+    return [*lines, *_squares(name, size, lanes)]
+
+
+def _squares(name: str, size: int, lanes: int) -> list[str]:
+    """Return the rest of a function whose rows are known."""
+    lines: list[str] = []
     whole, rest = divmod(size, lanes)
     if whole > _UNROLLED:
         lines += [
@@ -99,7 +119,7 @@ def _square(name: str, tag: str, entry: str, lanes: int, width: int) -> list[str
                 turned[target] = f"%{tag}.t{step}.{target}"
                 lines.append(f"  {turned[target]} = shufflevector {V} {a}, {V} {b}, {_order(order)}")
         values, step = turned, 2 * step
-    for j, value in enumerate(values):
+    for j, value in reversed(list(enumerate(values))):
         if name == "to_lanes":
             if j < width:
                 lines.append(f"  store {V} {value}, ptr %{tag}.l{j}, align {8 * lanes}")

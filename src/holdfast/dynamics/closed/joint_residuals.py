@@ -1,0 +1,69 @@
+"""How fast an arm's equations change with each of its joints, all in one go.
+
+The torques' part and the motion of the tip are those of `arm.joint_slopes`; what the grasp makes of the tip's motion
+follows from the grasp's virtual power, made linear. They are the numbers of `ArmCase.residual`, found for all joints
+together at a fifth of the operations.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from holdfast.dynamics.arm.bias import acceleration_at_tip, bias_accelerations
+from holdfast.dynamics.arm.joint_slopes import JointSlope, joint_slopes
+from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.velocity import link_twists, tip_twist
+from holdfast.dynamics.closed.virtual_power import ArmCase, TipMotion, Unknowns
+from holdfast.spatial.differentiation import gradient, linearised
+from holdfast.spatial.linear import Linear
+from holdfast.spatial.pose import Pose
+from holdfast.spatial.scalar import Array, array
+from holdfast.spatial.spatial_vector import shift_wrench
+from holdfast.spatial.vector import skew
+
+
+def joint_residuals(case: ArmCase, z: Unknowns) -> dict[str, list[Unknowns]]:
+    """Return how fast dL/dy changes with each joint's position (`q`) and rate (`qd`), z held; O(N^2) in all.
+
+    Args:
+        case: what the arm's equations depend on.
+        z: the solution.
+    """
+    given, arm = case.given, case.given.arm
+    at = posture(arm, given.q)
+    V = link_twists(arm, at, given.qd, given.base_twist)
+    base = given.base_twist, given.base_acceleration
+    acceleration = acceleration_at_tip(arm, at, list(bias_accelerations(arm, at, V, given.qd, *base, z.qdd)), *base)
+    tip = TipMotion(at.tip, tip_twist(arm, at, V, given.base_twist), acceleration, np.zeros(6))
+    linear, f = (None, np.zeros(6)) if case.grasp is None else at_grasp(case, z, tip)
+    by_q, by_qd = joint_slopes(given, at, z.qdd, f)
+    J, units = array([slope.twist for slope in by_qd]).reshape(-1, 6), np.eye(len(by_q))
+
+    def found(passive: Array, slope: JointSlope) -> Unknowns:
+        torque, none = slope.torque + passive, Unknowns(*(np.zeros(len(part)) for part in z))
+        if linear is None:
+            return none._replace(qdd=torque, base=slope.base)
+        rates = skew(slope.turn) @ tip.pose.R, slope.shift, slope.twist, slope.acceleration
+        felt, *of_grasp = linear.rates(*rates)
+        of_base = slope.base + shift_wrench(at.from_base, felt)
+        return Unknowns(*of_grasp)._replace(qdd=torque + J @ felt, base=of_base)
+
+    return {
+        "q": [found(arm.stiffness * unit, slope) for unit, slope in zip(units, by_q, strict=True)],
+        "qd": [found(arm.damping * unit, slope) for unit, slope in zip(units, by_qd, strict=True)],
+    }
+
+
+def at_grasp(case: ArmCase, z: Unknowns, tip: TipMotion) -> tuple[Linear, Array]:
+    """Return the grasp's part of dL/dy made linear in the tip's motion, the tip's wrench first; and that wrench."""
+    zero = [np.zeros(len(part)) for part in z]
+
+    def residual(R: Array, p: Array, twist: Array, acceleration: Array) -> tuple[Array, ...]:
+        def power(virtual: Array, *y: Array) -> object:
+            moved = TipMotion(Pose.unchecked(R, p), twist, acceleration, virtual)
+            return case.grasp_power(z, Unknowns(*y), moved, {})
+
+        return gradient(power, np.zeros(6), *zero)
+
+    motion = tip.pose.R, tip.pose.p, tip.twist, tip.acceleration
+    return linearised(residual, *motion), residual(*motion)[0]

@@ -1,0 +1,96 @@
+"""What an arm does by itself while its equations change: its part of a column of the Jacobian.
+
+The other arms and the object learn of it by six numbers, how fast its grasp would gape, and by what the object feels.
+Arms that are short enough to be written out answer for all of their joints at once (`joint_responses`): M^-1 is found
+once, and it is the columns by torques.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.dynamics.arm.motion import ArmMotion
+from holdfast.dynamics.closed.contact import Contact
+from holdfast.dynamics.closed.joint_residuals import joint_residuals
+from holdfast.dynamics.closed.second_solve import Load, along_free, under
+from holdfast.dynamics.closed.tip_response import TipResponse
+from holdfast.dynamics.closed.virtual_power import ArmCase, Unknowns
+from holdfast.spatial.scalar import Array, array
+from holdfast.spatial.spatial_vector import shift_wrench
+
+OF_MOTION = ("q", "qd", "tau")  # arguments by which an arm answers for all joints at once
+
+
+class OwnResponse(NamedTuple):
+    """What an arm does while its dL/dy changes and its grasp transmits nothing.
+
+    Attributes:
+        qdd: (N,) joint accelerations.
+        base: (6,) the base's wrench on the arm.
+        apart: (6,) what its grasp would gape by, r_f less the tip's acceleration.
+        known: (6,) its wrench along the free directions.
+        bushing: (6,) how fast a bushing's wrench changes; of others (0,).
+        on_object: (6,) wrench on the object about C.
+    """
+
+    qdd: Array
+    base: Array
+    apart: Array
+    known: Array
+    bushing: Array
+    on_object: Array
+
+
+def own_response(tip: TipResponse, motion: ArmMotion, c: Contact | None, r: Unknowns) -> OwnResponse:
+    """Return what an arm does while its dL/dy changes as r says.
+
+    Args:
+        tip: its answer at its tip.
+        motion: the arm in motion.
+        c: its grasp, or None.
+        r: how fast its dL/dy changes.
+    """
+    load = Load(-r.qdd, -r.wrench, -r.contact_acceleration, np.zeros(6))
+    loaded = under(tip, motion, load)
+    known, apart, on_object = np.zeros(6), np.zeros(6), np.zeros(6)
+    if c is not None:
+        known = along_free(c, load.free)
+        apart = load.gap - loaded.free_acceleration + loaded.mobility.apply(known)
+        on_object = shift_wrench(c.offset, known) - r.object_acceleration
+    qdd, base = loaded.back_substitute(known)
+    return OwnResponse(qdd, base + r.base, apart, known, r.known, on_object)
+
+
+def joint_responses(
+    names: Sequence[str], case: ArmCase, z: Unknowns, tip: TipResponse, motion: ArmMotion, c: Contact | None
+) -> dict[str, list[OwnResponse]]:
+    """Return what an arm does while its joints change, one after the other, by argument.
+
+    Args:
+        names: some of `OF_MOTION`.
+        case: what its equations depend on.
+        z: its part of the solution.
+        tip: its answer at its tip.
+        motion: the arm in motion.
+        c: its grasp, or None.
+    """
+    still = Unknowns(*(np.zeros(len(part)) for part in z))
+    torques = [own_response(tip, motion, c, still._replace(qdd=-unit)) for unit in np.eye(len(z.qdd))]
+    found = {"tau": torques}
+    if torques and ("q" in names or "qd" in names):
+        mobility = array([one.qdd for one in torques]).T
+        at_base, at_tip = array([one.base for one in torques]).T, array([one.apart for one in torques]).T
+
+        def of_residual(r: Unknowns) -> OwnResponse:
+            other = own_response(tip, motion, c, r._replace(qdd=still.qdd))
+            return other._replace(
+                qdd=other.qdd - mobility @ r.qdd,
+                base=other.base - at_base @ r.qdd,
+                apart=other.apart - at_tip @ r.qdd,
+            )
+
+        found |= {name: [of_residual(r) for r in of] for name, of in joint_residuals(case, z).items()}
+    return {name: found.get(name, []) for name in names}
