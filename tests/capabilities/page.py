@@ -13,10 +13,10 @@ from tests.capabilities.questions import TABLES, Question, answer
 
 HEAD = """# Coverage
 
-Which functions work with which kinds of chain? `make capabilities` (`tests/capabilities/`) generates this page by trying
-all of them. Each row is a chain with one special feature, with two arms of seven joints unless it says otherwise; each
-column is a function. A cell says yes if the function returned finite numbers, and otherwise names the error that it
-raised; the messages are listed below each table. Whether the numbers are right is checked by other tests.
+Which functions work with which kinds of chain? `make capabilities` (`tests/capabilities/`) generates this page by
+trying all of them. Each row is a chain with one special feature, with two arms of seven joints unless it says
+otherwise; each column is a function. A cell says yes if the function returned finite numbers, and otherwise names the
+error that it raised; the messages are listed below each table. Whether the numbers are right is checked by other tests.
 """
 
 
