@@ -5,6 +5,7 @@ Run it with HOLDFAST_COMPILE unset, on a quiet machine: `python benchmarks/contr
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import holdfast as hf
-from holdfast.control import ObjectTracking, RestToRest, compile_law
+from holdfast.control import ObjectTracking, RestToRest, compile_law, holding_law
 from holdfast.robots import panda
 
 STEP, STEPS, FEW, ROUNDS = 1e-3, 500, 100, 3
@@ -86,13 +87,29 @@ def main() -> None:
         whole, inside, calls = best * [1e3, 1e3, 1.0]
         print(f"{name:46} {whole:10.2f} {inside:11.3f} {whole - inside:8.2f} {calls:13.1f}")
 
-    fast, many = compile_law(track), 4096
-    bound = fast.bind(object_pose=state.object_pose, q=state.q)
+    laws_of_arrays(chain, state, track)
+
+
+def laws_of_arrays(chain: hf.ClosedChain, state: hf.State, track: ObjectTracking) -> None:
+    """Print microseconds a system of compiled laws: a single call, bound, in a batch, and by the reference."""
+    many, upward = 4096, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     q = np.repeat(np.array(state.q)[None], many, axis=0)
-    batch = least(lambda: fast.torques(0.3, q, state.qd, state.object_pose, state.object_twist), 5) / many
-    print(f"\nObjectTracking as machine code: {least(lambda: fast(0.3, state, None), 2000):.2f} us called,", end=" ")
-    print(f"{least(bound, 2000):.2f} us bound, {batch:.2f} us in a batch of {many};", end=" ")
-    print(f"{least(lambda: track(0.3, state, None), 20):.0f} us by its text")
+    rest = state.qd, state.object_pose, state.object_twist
+    print(f"\n{'as machine code':16} {'us single':>10} {'bound':>6} {'in a batch':>11} {'reference':>10}")
+    for name, law, given, reference in (
+        ("ObjectTracking", track, {}, lambda: track(0.3, state, None)),
+        (
+            "holding_torques",
+            holding_law(chain),
+            {"acceleration": upward, "internal": 20.0},
+            lambda: hf.holding_torques(chain, state, upward, 20.0),
+        ),
+    ):
+        fast = compile_law(law, chain)
+        bound = fast.bind(object_pose=state.object_pose, q=state.q, **given)
+        single = least(functools.partial(fast.torques, 0.3, state.q, *rest, **given), 2000)
+        batch = least(functools.partial(fast.torques, 0.3, q, *rest, **given), 5) / many
+        print(f"{name:16} {single:10.2f} {least(bound, 2000):6.2f} {batch:11.2f} {least(reference, 20):10.0f}")
 
 
 if __name__ == "__main__":

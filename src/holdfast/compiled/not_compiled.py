@@ -46,7 +46,7 @@ REASONS = {
         )
         for kind in ("vjp", "jvp", "jacobian")
     },
-    "holding_torques": "it decides by numbers whether the grasps can hold",
+    "holding_torques": "it is a control law, made by `control.compile_law(control.holding_law(chain), chain)`",
 }
 _PATHS = {path.rpartition(".")[2]: path for path in REASONS}
 

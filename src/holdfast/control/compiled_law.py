@@ -157,7 +157,8 @@ class CompiledLaw:
 
         Raises:
             StateError: wrong shapes or names, something missing; of one system also numbers that are not finite,
-                angles beyond 1e5 rad and a quaternion not of unit length. In a batch such a system gets not-a-number.
+                angles beyond 1e5 rad, a quaternion not of unit length, and torques that are not finite. In a batch
+                such a system gets not-a-number.
         """
         arrays.require_threads(threads)
         given = {"t": t, "q": q, "qd": qd, "object_pose": object_pose, "object_twist": object_twist}
@@ -183,7 +184,22 @@ class CompiledLaw:
         bad = None if batch is None else faulty(found, self._ranks, self._largest, batch)
         for x in out.values() if bad is not None else ():
             x[bad] = np.nan
+        if batch is None and not np.isfinite(out["tau"]).all():
+            raise self._refusal(found)
         return LawTorques(out["tau"], out.get("kept", np.zeros((*lead, 0))))
+
+    def _refusal(self, found: Mapping[str, Array]) -> StateError:
+        """Return why torques are not finite: what the law's function says of the state, where it says something."""
+        state = State(**{field: found[name] for name, field in self._fields.items()})
+        given = {name: found[name] for name in self.law.parameters}
+        try:
+            with np.errstate(all="ignore"):
+                self.law.torque(float(found["t"]), state, found.get("memory", self.law.memory), given)
+        except StateError as said:
+            return said
+        except ArithmeticError:
+            pass  # such as a division of Python's numbers by zero
+        return StateError("compiled law: expected finite torques, got not-a-number or infinity at this state")
 
     def bind(self, **values: Any) -> BoundLaw:
         """Return the law tied to arrays that stay: a call without arguments, for control loops.

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.control.balanced_torques import POSSIBLE, Missed, balanced, missed_accelerations, pushes
 from holdfast.control.computed_torque import joint_accelerations
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
@@ -20,10 +21,9 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.spatial.scalar import Array
-from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench
+from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.state import Inputs, State
 
-POSSIBLE = 1e-8  # of the sizes at hand: what may be left of a balance
 DEPENDENT = 1e-12  # of the largest singular value
 
 
@@ -73,7 +73,8 @@ def balancing_wrenches(
     e = np.concatenate([unit * needed, -torque_unit[idle] * free, -undriven])
     if lam.size:
         lam = lam + root * np.linalg.lstsq(E * root, e - E @ lam, rcond=DEPENDENT)[0]
-    _require_balance(chain, E @ lam - e, max(1.0, float(np.abs(e).max()), float(np.abs(lam).max(initial=0.0))), idle)
+    size = max(1.0, float(np.abs(e).max()), float(np.abs(lam).max(initial=0.0)))
+    _require_balance(chain, float(np.abs(E @ lam - e).max()), size, idle)
     f = np.zeros((len(chain.arms), 6))
     ends = np.cumsum([len(c.grasp.transmitted) for c in motion.contacts])[:-1]
     for i, c, part in zip(holding, motion.contacts, np.split(lam, ends), strict=False):
@@ -81,10 +82,9 @@ def balancing_wrenches(
     return f
 
 
-def _require_balance(chain: ClosedChain, left: Array, size: float, idle: Array) -> None:
+def _require_balance(chain: ClosedChain, left: float, size: float, idle: Array) -> None:
     """Refuse a load that no transmissible wrenches bear, naming what is left of it [N]."""
-    object_left, joint_left = np.abs(left[:6]).max(), np.abs(left[6:]).max(initial=0.0)  # a floating base's too
-    if max(object_left, joint_left) <= POSSIBLE * size:
+    if left <= POSSIBLE * size:
         return
     if not chain.grasps:
         raise StateError("holding_torques: no arm holds the object, so nothing carries it; try a chain with grasps")
@@ -92,8 +92,8 @@ def _require_balance(chain: ClosedChain, left: Array, size: float, idle: Array) 
     given += ["the floating base at rest"] if chain.floats else []
     drives = f" with {' and '.join(given)}" if given else ""
     raise StateError(
-        f"holding_torques: the grasps cannot bear this load{drives}: {max(object_left, joint_left):.3g} N (moments over"
-        " the grasps' distance) remain. Try another acceleration, more grasps, or driving more joints"
+        f"holding_torques: the grasps cannot bear this load{drives}: {left:.3g} N (moments over the grasps' distance)"
+        " remain. Try another acceleration, more grasps, or driving more joints"
     )
 
 
@@ -132,13 +132,17 @@ def holding_torques(
     state.fits(chain)
     alpha = np.zeros(6) if acceleration is None else checks.numbers(acceleration, (6,), "acceleration", StateError)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
+    idle, wished = joint_places(chain, undriven), _wished(motion, internal)
+    if not len(idle) and not chain.floats:
+        found = balanced(motion, state.qd, alpha, wished)
+        _require_followed(motion, found.missed, alpha)
+        _require_balance(chain, float(found.left), float(found.size), idle)
+        return found.tau
     qdd = joint_accelerations(motion, state.qd, alpha - pseudo_gravity(chain))
-    _require_followed(motion, qdd, alpha)
-    idle = joint_places(chain, undriven)
+    _require_followed(motion, missed_accelerations(motion, qdd, alpha), alpha)
     none, base = np.zeros((len(chain.arms), 6)), None
     if chain.floats:
         base = trunk_torques(motion, qdd, none, np.zeros(6)).base
-    wished = _wished(motion, internal)
     f = balancing_wrenches(motion, alpha, wished, idle, torques(motion, qdd, none)[idle], base)
     tau = checks.finite(torques(motion, qdd, f), "holding torques")
     tau[idle] = 0.0  # to rounding already
@@ -162,32 +166,24 @@ def joint_places(chain: ClosedChain, names: Iterable[str]) -> Array:
 def _wished(motion: ChainMotion, internal: Any) -> Array:
     """Return the chosen wrenches before any balance, (arms, 6)."""
     chain = motion.chain
-    if np.ndim(internal):
-        wished = checks.numbers(internal, (len(chain.arms), 6), "internal", StateError)
-        for name, f in zip(chain.names, wished, strict=True):
-            if name not in chain.grasps and f.any():
-                raise StateError(f"internal: arm '{name}' holds nothing, expected zeros, got {f}")
-        return wished
-    push = np.array([0.0, 0.0, 0.0, 0.0, 0.0, float(checks.numbers(internal, (), "internal", StateError))])
-    wished = np.zeros((len(chain.arms), 6))
-    for name, c in zip(chain.grasps, motion.contacts, strict=True):
-        if c.grasp.of_kind.compliant:
-            continue  # it exerts what the state says
-        wished[chain.names.index(name)] = rotate(c.R, push)
+    if not np.ndim(internal):
+        return pushes(motion, float(checks.numbers(internal, (), "internal", StateError)))
+    wished = checks.numbers(internal, (len(chain.arms), 6), "internal", StateError)
+    for name, f in zip(chain.names, wished, strict=True):
+        if name not in chain.grasps and f.any():
+            raise StateError(f"internal: arm '{name}' holds nothing, expected zeros, got {f}")
     return wished
 
 
-def _require_followed(motion: ChainMotion, qdd: Array, alpha: Array) -> None:
+def _require_followed(motion: ChainMotion, missed: list[Missed], alpha: Array) -> None:
     """Refuse an acceleration that an arm cannot follow, naming the arms and what they miss."""
-    missed, free_fall = [], alpha - pseudo_gravity(motion.chain)
-    for name, c in zip(motion.chain.grasps, motion.contacts, strict=True):
-        arm = motion.arms[name]
-        tip = shift_twist(c.offset, free_fall) + c.a - c.g - arm.bias.tip_acceleration
-        gap = c.transmitted(tip - jacobian(arm.arm, arm.at) @ qdd[motion.chain.joints[name]])  # no trunk accelerates
-        if float(np.abs(gap).max(initial=0.0)) > POSSIBLE * max(1.0, float(np.abs(tip).max())):
-            missed.append(f"arm '{name}' misses {np.abs(gap).max():.3g} (m/s^2 or rad/s^2)")
-    if missed:
+    short = [
+        f"arm '{name}' misses {gap:.3g} (m/s^2 or rad/s^2)"
+        for name, (gap, size) in zip(motion.chain.grasps, missed, strict=True)
+        if gap > POSSIBLE * size
+    ]
+    if short:
         raise StateError(
-            f"acceleration: expected one that the arms can follow at this state, got {alpha}: {', '.join(missed)}. Try"
+            f"acceleration: expected one that the arms can follow at this state, got {alpha}: {', '.join(short)}. Try"
             " a state at rest, or holdfast.diagnose for the singular directions"
         )

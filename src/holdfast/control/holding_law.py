@@ -1,0 +1,71 @@
+"""`holding_torques` as a control law: machine code by `compile_law`, and in rollouts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from holdfast.control.balanced_torques import POSSIBLE, balanced, pushes
+from holdfast.control.controller import ControlLaw
+from holdfast.control.holding_torques import holding_torques
+from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.errors import MethodNotApplicable
+from holdfast.model import checks
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.fingerprint import exact_fingerprint
+from holdfast.spatial.frozen import Frozen
+from holdfast.spatial.scalar import Array, Scalar, less, where
+from holdfast.state import Inputs, State
+
+
+def holding_law(chain: ClosedChain, *, each_arm: bool = False) -> ControlLaw:
+    """Return the law whose torques are `holding_torques`, with `acceleration` (6,) and `internal` as its parameters.
+
+    `compile_law(holding_law(chain), chain)` is its machine code, for one system, bound, or for a batch. Where
+    `holding_torques` refuses, so does a single call; in batches, bound calls and rollouts such torques are
+    not-a-number. All joints are driven: for `undriven` ones there is `holding_torques` itself.
+
+    Args:
+        chain: arms, object and grasps.
+        each_arm: whether `internal` is (arms, 6) wrenches; by default it is one push of every arm [N].
+
+    Raises:
+        ModelError: no chain.
+        MethodNotApplicable: a chain whose base floats, or that no arm holds the object of.
+    """
+    checks.instance(chain, ClosedChain, "holding law: chain")
+    for refused, what in ((chain.floats, "a floating base, which no drive holds"), (not chain.grasps, "no grasp")):
+        if refused:
+            raise MethodNotApplicable(
+                f"holding_law: expected driven arms that hold the object, got a chain with {what}; try"
+                " holdfast.holding_torques, which decides state by state"
+            )
+    torque = HoldingTorques(chain)
+    parameters = {"acceleration": (6,), "internal": (len(chain.arms), 6) if each_arm else ()}
+    return ControlLaw(torque, parameters=parameters, key=exact_fingerprint(torque) or "")
+
+
+@dataclass(frozen=True, eq=False)
+class HoldingTorques(Frozen):
+    """The torques of `holding_law`.
+
+    Attributes:
+        chain: the chain.
+    """
+
+    chain: ClosedChain
+
+    def __call__(self, t: Scalar, state: State, memory: Array, given: Mapping[str, Array]) -> tuple[Array, Array]:
+        """Return torques (n,) and the memory; on floats refused as `holding_torques` refuses."""
+        acceleration, internal = given["acceleration"], given["internal"]
+        if state.q.dtype != object:
+            return holding_torques(self.chain, state, acceleration, internal), memory
+        motion = chain_motion(self.chain, state, np.zeros(self.chain.joint_count), Inputs().shaped(self.chain))
+        wished = internal if np.ndim(internal) else pushes(motion, internal[()])
+        found = balanced(motion, state.qd, acceleration, wished)
+        good = where(less(POSSIBLE * found.size, found.left), 0.0, 1.0)
+        for gap, size in found.missed:
+            good = where(less(POSSIBLE * size, gap), 0.0, good)
+        return found.tau / good * good, memory  # 0 / 0 where it is refused
