@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import holdfast as hf
 from holdfast.dynamics import inertial_parameters
+from holdfast.dynamics.closed.chain_motion import chain_motion
+from holdfast.dynamics.trunk.trunk_inverse import TrunkTorques, trunk_torques
 from holdfast.model.link import Link
 from tests.systems import random_system
 from tests.systems.as_chain import Problem, as_chain
 from tests.systems.sprung import with_springs
-from tests.systems.trunk_problems import random_on_trunk
+from tests.systems.trunk_problems import random_body, random_on_trunk
 
 
 def problems() -> list[Problem]:
@@ -94,11 +98,51 @@ def test_springs_count_as_known():
     assert np.abs(Y.object_wrench - without.object_wrench).max() > 1.0
 
 
-def test_a_trunk_is_refused():
-    """By name, before anything is computed."""
-    p = random_on_trunk(0, 2)
-    with pytest.raises(hf.MethodNotApplicable, match=r"regressor: .*trunk"):
-        hf.regressor(p.chain, p.state, 0 * p.state.q, np.zeros(6), inputs=p.inputs)
+def needed(chain: hf.ClosedChain, p: Problem, qdd: np.ndarray, base: np.ndarray | None) -> TrunkTorques:
+    """Return what a chain on a trunk asks for without grasp forces."""
+    motion = chain_motion(chain, p.state, np.zeros(chain.joint_count), p.inputs.shaped(chain))
+    return trunk_torques(motion, qdd, np.zeros((len(chain.arms), 6)), base)
+
+
+@pytest.mark.parametrize("floating", [False, True])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_chains_on_trunks(seed, floating):
+    """Torques, and what a floating base needs, are those of inverse dynamics; for other bodies too."""
+    p, random = random_on_trunk(seed, 3, floating=floating), np.random.default_rng(seed)
+    p = replace(p, chain=with_springs(p.chain)) if seed else p
+    chain, n = p.chain, p.chain.joint_count
+    qdd, base = random.normal(size=n), random.normal(size=6) if floating else None
+    trunk = replace(
+        chain.trunk,
+        links=[replace(random_body(random), name=link.name) for link in chain.trunk.links],
+        floating=random_body(random) if floating else None,
+    )
+    Y = hf.regressor(chain, p.state, qdd, random.normal(size=6), inputs=p.inputs, base_acceleration=base)
+    assert set(Y.under) == set(chain.mounts)
+    assert set(Y.base) == ({"trunk", *chain.mounts} if floating else set())
+    assert Y.links["trunk"].shape == (3, len(trunk.bodies), 10)
+    for one in (chain, replace(chain, trunk=trunk)):
+        expected = needed(one, p, qdd, base)
+        assert np.abs(Y.joint_torques(one) - expected.tau).max() < 1e-12 * np.abs(expected.tau).max()
+        if floating:
+            assert np.abs(Y.wrench_under(one) - expected.base).max() < 1e-12 * np.abs(expected.base).max()
+
+
+def test_a_floating_base_needs_nothing():
+    """With the wrenches of the grasps all that it bears adds up to zero, as forward dynamics moves it."""
+    p = random_on_trunk(1, 2, floating=True)
+    found, chain = p.solved(), p.chain
+    own = {"inputs": p.inputs, "base_acceleration": found.base_acceleration}
+    Y = hf.regressor(chain, p.state, found.qdd, found.object_acceleration, **own)
+    motion = chain_motion(chain, p.state, p.tau, p.inputs.shaped(chain))
+    left = Y.wrench_under(chain)
+    for name, f in zip(chain.names, found.grasp_wrench, strict=True):
+        if name in chain.mounts:
+            lever = motion.arms[name].at.tip.p - p.state.base_frame.p
+            left = left + np.concatenate([f[:3] + np.cross(lever, f[3:]), f[3:]])
+    assert np.abs(left).max() < 1e-10 * np.abs(Y.wrench_under(chain)).max()
+    with pytest.raises(hf.StateError, match="base_acceleration: expected the acceleration of the floating base"):
+        hf.regressor(chain, p.state, found.qdd, found.object_acceleration)
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,8 @@ def recorded(
     """
     t = np.arange(0.0, duration, 1.0 / rate)
     start, q = state.object_frame, np.array(state.q)
-    rows: dict[str, list] = {name: [] for name in Recording.__dataclass_fields__ if name not in ("t", "inputs")}
+    given = [name for name in Recording.__dataclass_fields__ if name not in ("t", "inputs") and "base" not in name]
+    rows: dict[str, list] = {name: [] for name in given}
     for x, v, a in zip(*swung(t, turn, shift), strict=True):
         R, omega, alpha = turned(x[:3], v[:3], a[:3])
         pose = hf.Pose(R @ start.R, start.p + x[3:])

@@ -55,16 +55,24 @@ def inverse_dynamics(
         if name not in chain.grasps and f[i].any():
             raise StateError(f"grasp_wrench: arm '{name}' holds nothing, expected zeros, got {f[i]}")
     f = _without_known(motion, f)
-    if motion.trunk is not None:
-        if chain.floats != (base_acceleration is not None):
-            wanted = "the acceleration of the floating base" if chain.floats else "none, as no base floats"
-            raise StateError(f"base_acceleration: expected {wanted}, got {checks.short(base_acceleration)}")
-        if base_acceleration is not None:
-            of_base = checks.numbers(base_acceleration, (6,), "base_acceleration", StateError)
-            found = trunk_torques(motion, qdd, f, of_base)
-            require_undriven(found)
-            return checks.finite(found.tau, "inverse dynamics")
+    of_base = acceleration_of_base(chain, base_acceleration)
+    if of_base is not None:
+        found = trunk_torques(motion, qdd, f, of_base)
+        require_undriven(found)
+        return checks.finite(found.tau, "inverse dynamics")
     return checks.finite(torques(motion, qdd, f), "inverse dynamics")
+
+
+def acceleration_of_base(chain: ClosedChain, given: ArrayLike | None) -> Array | None:
+    """Return the acceleration of a chain's floating base, (6,), checked; None without one.
+
+    Raises:
+        StateError: it is missing, or there is no such base.
+    """
+    if chain.floats != (given is not None):
+        wanted = "the acceleration of the floating base" if chain.floats else "none, as no base floats"
+        raise StateError(f"base_acceleration: expected {wanted}, got {checks.short(given)}")
+    return None if given is None else checks.numbers(given, (6,), "base_acceleration", StateError)
 
 
 def _without_known(motion: ChainMotion, f: Array) -> Array:

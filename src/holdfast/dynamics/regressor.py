@@ -3,14 +3,16 @@
     tau = sum_k Y_k pi_k + armature qdd + damping qd + stiffness (q - rest) - external wrenches + J^T f
     Y_C pi = w + sum A^T f
 
-The power of a link's wrench along virtual joint rates is linear in both, so that Y_k = U_k^T W_k: twists U_k of unit
-rates, and wrenches W_k that unit parameters need (docs/theory/derivatives.md). Nothing is differenced.
+The power of a body's wrench along virtual joint rates is linear in both, so that Y_k = U_k^T W_k: twists U_k of unit
+rates, and wrenches W_k that unit parameters need (docs/theory/derivatives.md). Nothing is differenced. What stands on a
+trunk loads the trunk's joints too, and a floating base by a wrench, whose rows are those of unit twists of the base.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,12 +22,16 @@ from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.arm.velocity import link_twists
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
 from holdfast.dynamics.closed.spring_wrenches import with_springs
-from holdfast.dynamics.closed.virtual_power import ArmCase
-from holdfast.errors import MethodNotApplicable, StateError
+from holdfast.dynamics.inverse import acceleration_of_base
+from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
+from holdfast.dynamics.trunk.trunk_power import TrunkCase
+from holdfast.errors import StateError
 from holdfast.model import checks
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.arm import Arm
+from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.link import Link
+from holdfast.spatial.converted import making
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.inertia import of_parameters
 from holdfast.spatial.pose import Pose
@@ -47,23 +53,47 @@ class Regressor(Frozen):
     Attributes:
         object: (6, 10) Y_C: rows [moment; force] about C, world axes. Y_C pi = w + sum A^T f.
         object_wrench: (6,) w: external wrench and springs, about C, world axes [N m, N].
-        links: by arm, (N, N, 10): torque of joint j by parameters of link k, [j, k]; 0 where j > k.
+        links: by arm, (N, N, 10): torque of joint j by parameters of link k, [j, k]; 0 where j > k. By "trunk",
+            (n_t, bodies, 10), the bodies in the order of `Trunk.bodies`: a floating base comes first.
         drives: (n,) torques whatever the links' parameters are: armature, damping, joint springs, less external
             wrenches on the links [N m or N]. What is left of tau is J^T f.
+        under: by arm on a trunk, (n_t, N, 10): torques of the trunk's joints by the parameters of the arm's links.
+        base: by "trunk" and by arm on it, (6, bodies, 10): the wrench that a floating base would need, [moment; force]
+            about its origin, world axes. Empty without a floating base.
+        base_wrench: (6,) the part of that wrench which depends on no parameter: less external wrenches and springs.
+            With the wrenches of the grasps all of it adds up to zero.
     """
 
     object: Array
     object_wrench: Array
     links: Mapping[str, Array]
     drives: Array
+    under: Mapping[str, Array] = field(default_factory=dict)
+    base: Mapping[str, Array] = field(default_factory=dict)
+    base_wrench: Array = field(default_factory=making(np.zeros, 6))
 
     def joint_torques(self, chain: ClosedChain) -> Array:
         """Return tau - J^T f, (n,), with the parameters of a chain's links."""
-        found = [np.zeros(0)]
+        found = self.drives.copy()
         for name, Y in self.links.items():
-            parameters = np.array([inertial_parameters(link) for link in chain.arms[name].links]).reshape(-1, 10)
-            found.append(np.einsum("jkp,kp->j", Y, parameters))
-        return np.concatenate(found) + self.drives
+            found[chain.joints[name]] += _times(Y, bodies_of(chain, name))
+        for name, Y in self.under.items():
+            found[chain.joints[TRUNK]] += _times(Y, bodies_of(chain, name))
+        return found
+
+    def wrench_under(self, chain: ClosedChain) -> Array:
+        """Return the wrench that a floating base would need if no grasp pulled, (6,), with a chain's parameters."""
+        return sum((_times(Y, bodies_of(chain, name)) for name, Y in self.base.items()), start=self.base_wrench)
+
+
+def bodies_of(chain: ClosedChain, name: str) -> Sequence[Link]:
+    """Return the links of an arm, or the bodies of the "trunk"."""
+    return chain.trunk.bodies if name == TRUNK and chain.trunk is not None else chain.arms[name].links
+
+
+def _times(Y: Array, bodies: Sequence[Link]) -> Array:
+    """Return Y pi of some bodies, (rows,)."""
+    return np.einsum("jkp,kp->j", Y, np.array([inertial_parameters(body) for body in bodies]).reshape(-1, 10))
 
 
 def inertial_parameters(body: HeldObject | Link) -> Array:
@@ -87,6 +117,7 @@ def regressor(
     object_acceleration: ArrayLike,
     *,
     inputs: Inputs | None = None,
+    base_acceleration: ArrayLike | None = None,
 ) -> Regressor:
     """Return the matrices that multiply the inertial parameters of links and object. O(n N), N joints an arm.
 
@@ -96,6 +127,7 @@ def regressor(
         qdd: (n,) joint accelerations [rad/s^2 or m/s^2].
         object_acceleration: (6,) [omega_dot; v_dot of C], world axes [rad/s^2, m/s^2].
         inputs: external wrenches and base motion; zero by default.
+        base_acceleration: (6,) true acceleration of a trunk's floating base, world axes; it is needed with one.
 
     Returns:
         A `Regressor`.
@@ -103,36 +135,146 @@ def regressor(
     Raises:
         ModelError: no chain.
         StateError: wrong shapes.
-        MethodNotApplicable: the chain has a trunk, whose motion would add columns for what it carries.
 
     Reference:
         Atkeson, An and Hollerbach 1986; `docs/theory/derivatives.md`.
     """
     checks.instance(chain, ClosedChain, "regressor: chain")
     checks.instance(state, State, "regressor: state", StateError)
-    refuse_trunk(chain, "regressor")
     state.fits(chain)
     qdd = checks.numbers(qdd, (chain.joint_count,), "qdd", StateError)
     alpha = checks.numbers(object_acceleration, (6,), "object_acceleration", StateError)
     checks.instance(inputs, (Inputs, type(None)), "regressor: inputs", StateError)
+    base = acceleration_of_base(chain, base_acceleration)
     given = (inputs or Inputs()).shaped(chain)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), given)
     pushed = with_springs(chain, state, given).object_wrench
     assert pushed is not None
-    links = {name: link_columns(case, qdd[chain.joints[name]]) for name, case in motion.cases.items()}
-    drives = np.concatenate([drive_rows(motion, name, qdd[part]) for name, part in chain.joints.items()])
     Y = object_columns(state.object_frame, state.object_twist, alpha - pseudo_gravity(chain))
-    return Regressor(Y, pushed, links, drives)
+    rows, drives, of_base = {}, np.zeros(chain.joint_count), np.zeros(6)
+    for name, part in moving_parts(motion, qdd, base).items():
+        rows[name] = np.split(part.columns(), part.ends)
+        below, six, own = np.split(part.loads(), part.ends)
+        drives[chain.joints[name]] += part.drives + own
+        if name in chain.mounted_on:
+            drives[chain.joints[TRUNK]] += below
+        if len(six):
+            of_base += six
+    links = {name: own for name, (_, _, own) in rows.items()}
+    under = {name: rows[name][0] for name in chain.mounted_on}
+    of_floating = {name: six for name, (_, six, _) in rows.items() if len(six)}
+    return Regressor(Y, pushed, links, drives, under, of_floating, of_base)
 
 
-def refuse_trunk(chain: ClosedChain, what: str) -> None:
-    """Refuse a chain with a trunk.
+class MovingPart(NamedTuple):
+    """The bodies of an arm or of a trunk, in their own axes, and what moves them.
 
-    Raises:
-        MethodNotApplicable: it has one.
+    Attributes:
+        R: attitudes.
+        V: twists.
+        accelerations: with their gradients, as `bias_accelerations` yields them.
+        U: (rows, bodies, 6) twists of unit rates of the trunk's joints below, of unit twists of a floating base, and of
+            unit rates of its own joints.
+        ends: where the first and the second of these end.
+        wrenches: (bodies, 6) external, about the bodies' origins, world axes; None: none.
+        drives: (N,) of its own joints, whatever the bodies are: armature, damping, springs.
     """
-    if chain.trunk is not None:
-        raise MethodNotApplicable(f"{what}: expected arms on bases of their own, got a trunk; it has no regressor yet")
+
+    R: Sequence[Array]
+    V: Sequence[Array]
+    accelerations: Sequence[tuple[Array, Array]]
+    U: Array
+    ends: tuple[int, int]
+    wrenches: Array | None
+    drives: Array
+
+    def columns(self) -> Array:
+        """Return (rows, bodies, 10): what unit parameters ask for along unit rates."""
+        W = [
+            np.array([body.wrench(a, v[:3], K) for body in UNIT_BODIES]).T
+            for v, (a, K) in zip(self.V, self.accelerations, strict=True)
+        ]
+        return np.einsum("jki,kip->jkp", self.U, np.array(W).reshape(-1, 6, 10))
+
+    def loads(self) -> Array:
+        """Return (rows,) what external wrenches take off."""
+        if self.wrenches is None:
+            return np.zeros(len(self.U))
+        own = [unrotate(R, w) for R, w in zip(self.R, self.wrenches, strict=True)]
+        return -np.einsum("jki,ki->j", self.U, np.array(own).reshape(-1, 6))
+
+
+def moving_parts(motion: ChainMotion, qdd: Array, base: Array | None) -> dict[str, MovingPart]:
+    """Return the trunk, if there is one, and all arms, with accelerations.
+
+    Args:
+        motion: the chain in motion.
+        qdd: (n,) joint accelerations.
+        base: (6,) true acceleration of a floating base; None without one.
+    """
+    chain, trunk, found, betas = motion.chain, motion.trunk, {}, []
+    if trunk is not None and motion.trunk_case is not None:
+        of_trunk = qdd[chain.joints[TRUNK]]
+        betas = trunk.accelerations(TrunkAcceleration(of_trunk, base))
+        found[TRUNK] = moving_trunk(motion.trunk_case, of_trunk, base)
+    for name, arm in motion.arms.items():
+        own, below, ends = qdd[chain.joints[name]], np.zeros((0, 6)), (0, 0)
+        given = motion.cases[name].moved(None if trunk is None else trunk.under(name, betas)).given
+        if trunk is not None and name in trunk.mounts:
+            by_joints, by_base = trunk.jacobian(name, np.zeros(3))
+            below, ends = np.hstack([by_joints, by_base]).T, (by_joints.shape[1], by_joints.shape[1] + by_base.shape[1])
+        n = len(own)
+        by = [(np.zeros(n), unit) for unit in below] + [(unit, np.zeros(6)) for unit in np.eye(n)]
+        moving = of_joints(given.arm, (given.q, given.qd, own), given.base_twist, given.base_acceleration, by)
+        found[name] = MovingPart(*moving, ends, given.link_wrenches, arm.passive + arm.arm.armature * own)
+    return found
+
+
+def moving_trunk(case: TrunkCase, qdd: Array, base: Array | None) -> MovingPart:
+    """Return a trunk with accelerations of its joints, and of a floating base, (6,)."""
+    acceleration, R = case.base_acceleration + (np.zeros(6) if base is None else base), case.base.R
+    six, n = np.eye(6)[: 0 if base is None else 6], len(qdd)
+    by = [(np.zeros(n), unit) for unit in six] + [(unit, np.zeros(6)) for unit in np.eye(n)]
+    part = MovingPart([], [], [], np.zeros((len(by), 0, 6)), (0, len(six)), case.wrenches, np.zeros(0))
+    if base is not None:
+        a, v = unrotate(R, acceleration), unrotate(R, case.base_twist)
+        U = np.array([[unrotate(R, twist)] for _, twist in by])
+        part = part._replace(R=[R], V=[v], accelerations=[(a, acceleration_gradient(a[:3], v[:3]))], U=U)
+    if case.trunk.serial is None:
+        return part
+    serial = case.trunk.serial.standing_at(case.base)
+    moving = of_joints(serial, (case.q, case.qd, qdd), case.base_twist, acceleration, by)
+    return part._replace(
+        R=[*part.R, *moving[0]],
+        V=[*part.V, *moving[1]],
+        accelerations=[*part.accelerations, *moving[2]],
+        U=np.concatenate([part.U, moving[3]], axis=1),
+        drives=serial.armature * qdd + case.passive(serial, case.q, case.qd, {}),
+    )
+
+
+def of_joints(
+    arm: Arm,
+    joints: tuple[Array, Array, Array],
+    base_twist: Array,
+    base_acceleration: Array,
+    by: Sequence[tuple[Array, Array]],
+) -> tuple[Sequence[Array], Sequence[Array], list[tuple[Array, Array]], Array]:
+    """Return attitudes, twists, accelerations and unit twists of the links that joints move; see `MovingPart`.
+
+    Args:
+        arm: the joints and links, on their base.
+        joints: positions, rates and accelerations, (N,) each.
+        base_twist: (6,) of the base, world axes.
+        base_acceleration: (6,) of the base, less [0; g], world axes.
+        by: of each row, joint rates and the twist of the base.
+    """
+    q, qd, qdd = joints
+    at = posture(arm, q)
+    V = link_twists(arm, at, qd, base_twist)
+    accelerations = list(bias_accelerations(arm, at, V, qd, base_twist, base_acceleration, qdd))
+    U = np.array([link_twists(arm, at, *row) for row in by]).reshape(len(by), len(q), 6)
+    return at.R, V, accelerations, U
 
 
 def object_columns(frame: Pose, twist: Array, acceleration: Array) -> Array:
@@ -146,33 +288,3 @@ def object_columns(frame: Pose, twist: Array, acceleration: Array) -> Array:
     a, w = unrotate(frame.R, acceleration), twist[:3] @ frame.R
     K = acceleration_gradient(a[:3], w)
     return np.array([rotate(frame.R, body.wrench(a, w, K)) for body in UNIT_BODIES]).T
-
-
-def link_columns(case: ArmCase, qdd: Array) -> Array:
-    """Return (N, N, 10) of one arm: torque of joint j by the parameters of link k.
-
-    Args:
-        case: what the arm is given.
-        qdd: (N,) joint accelerations.
-    """
-    given, arm = case.given, case.given.arm
-    at, n = posture(arm, given.q), arm.joint_count
-    V = link_twists(arm, at, given.qd, given.base_twist)
-    found = bias_accelerations(arm, at, V, given.qd, given.base_twist, given.base_acceleration, qdd)
-    wrenches = [
-        np.array([body.wrench(a, v[:3], K) for body in UNIT_BODIES]).T for v, (a, K) in zip(V, found, strict=True)
-    ]
-    U = np.array([link_twists(arm, at, unit, np.zeros(6)) for unit in np.eye(n)]).reshape(n, n, 6)
-    return np.einsum("jki,kip->jkp", U, np.array(wrenches).reshape(n, 6, 10))
-
-
-def drive_rows(motion: ChainMotion, name: str, qdd: Array) -> Array:
-    """Return (N,) torques of an arm that do not depend on its links' parameters; see `Regressor.drives`."""
-    given, moving = motion.cases[name].given, motion.arms[name]
-    torques = moving.passive + moving.arm.armature * qdd
-    if given.link_wrenches is None:
-        return torques
-    at = moving.at
-    external = [unrotate(R, f) for R, f in zip(at.R, given.link_wrenches, strict=True)]
-    U = [link_twists(moving.arm, at, unit, np.zeros(6)) for unit in np.eye(len(qdd))]
-    return torques - np.array([sum(u @ f for u, f in zip(twists, external, strict=True)) for twists in U])

@@ -9,16 +9,18 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from holdfast.dynamics.arm.free_dynamics import tip_acceleration
-from holdfast.dynamics.closed.chain_motion import chain_motion, pseudo_gravity
+from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
+from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import StateError
 from holdfast.identification.recording import FEWEST, Recording
-from holdfast.model.closed_chain import ClosedChain
+from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import twist_shift
 from holdfast.state import Inputs, State
 
 OF_OBJECT = ("object_pose", "object_twist", "object_acceleration")
+OF_BASE = ("base_pose", "base_twist", "base_acceleration")
 
 
 def completed(chain: ClosedChain, given: Recording) -> Recording:
@@ -29,8 +31,8 @@ def completed(chain: ClosedChain, given: Recording) -> Recording:
         given: the recording.
 
     Raises:
-        StateError: another number of joints or arms, too few samples for a spline, or an object whose motion neither
-            was recorded nor follows from a rigid grasp.
+        StateError: another number of joints or arms, too few samples for a spline, a floating base whose motion was
+            not recorded, or an object whose motion neither was recorded nor follows from a rigid grasp.
     """
     if given.q.shape[1] != chain.joint_count:
         raise StateError(f"recording: q: expected {chain.joint_count} joints, got {given.q.shape[1]}")
@@ -45,6 +47,8 @@ def completed(chain: ClosedChain, given: Recording) -> Recording:
         else:
             made["qdd"] = make_interp_spline(given.t, given.qd, k=5)(given.t, 1)
     given = replace(given, **made)
+    if chain.floats and (unknown := [name for name in OF_BASE if getattr(given, name) is None]):
+        raise StateError(f"recording: expected {', '.join(unknown)}, as the trunk's base floats; got none")
     lacking = [name for name in OF_OBJECT if getattr(given, name) is None]
     if not lacking:
         return given
@@ -63,9 +67,14 @@ def _object_motion(chain: ClosedChain, rigid: list[str], given: Recording, k: in
     """
     assert given.qd is not None and given.qdd is not None
     inputs = (given.inputs or Inputs()).shaped(chain)
-    q, qd, none = given.q[k], given.qd[k], np.zeros(chain.joint_count)
+    q, qd, qdd = given.q[k], given.qd[k], given.qdd[k]
+
+    def moving(pose: Array, twist: Array) -> ChainMotion:
+        state = given.on_base(k, State(q, qd, pose, twist))
+        return chain_motion(chain, state, np.zeros(chain.joint_count), inputs)
+
     pose = np.r_[1.0, np.zeros(6)]
-    arms = chain_motion(chain, State(q, qd, pose), none, inputs).arms
+    arms = moving(pose, np.zeros(6)).arms
     if given.object_pose is None:
         pose = (arms[rigid[0]].at.tip @ chain.grasps[rigid[0]].frame.inverse()).wxyz_xyz
     else:
@@ -74,7 +83,14 @@ def _object_motion(chain: ClosedChain, rigid: list[str], given: Recording, k: in
     A = np.concatenate([twist_shift(R @ chain.grasps[name].frame.p) for name in rigid])
     twists = np.concatenate([arms[name].tip_twist for name in rigid])
     twist = np.linalg.lstsq(A, twists, rcond=None)[0] if given.object_twist is None else given.object_twist[k]
-    moving = chain_motion(chain, State(q, qd, pose, twist), none, inputs)
-    centripetal = {c: held.a for c, held in zip(chain.grasps, moving.contacts, strict=True)}
-    tips = [tip_acceleration(arms[name], given.qdd[k][chain.joints[name]]) - centripetal[name] for name in rigid]
+    found = moving(pose, twist)
+    trunk, betas = found.trunk, []
+    if trunk is not None:
+        base = None if given.base_acceleration is None else given.base_acceleration[k]
+        betas = trunk.accelerations(TrunkAcceleration(qdd[chain.joints[TRUNK]], base))
+    centripetal = {c: held.a for c, held in zip(chain.grasps, found.contacts, strict=True)}
+    tips = []
+    for name in rigid:
+        under = None if trunk is None else trunk.under(name, betas)
+        tips.append(tip_acceleration(arms[name], qdd[chain.joints[name]], under) - centripetal[name])
     return pose, twist, np.linalg.lstsq(A, np.concatenate(tips), rcond=None)[0] + pseudo_gravity(chain)

@@ -12,6 +12,8 @@ conditioned; b offsets of the wrist sensors; tilt turns gravity. From wrists six
 and from torques as many as the chain has freedoms: N spans its motions, and no grasp force does work along them,
 
     N_C^T (Y_C pi - w) + N_q^T (M qdd + C + damping qd + ... - tau) = -N_q^T noise
+
+and with a floating base also N_b^T times the wrench that its motion would need of a drive.
 """
 
 from __future__ import annotations
@@ -21,11 +23,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from holdfast.dynamics.arm.newton_euler import drive_torques
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.closed.spring_wrenches import with_springs
 from holdfast.dynamics.constraint import constraint_rows
+from holdfast.dynamics.inverse import torques
 from holdfast.dynamics.regressor import UNIT_BODIES, object_columns
+from holdfast.dynamics.trunk.trunk_inverse import trunk_torques
 from holdfast.identification.recording import Recording
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
@@ -104,21 +107,25 @@ def torque_rows(chain: ClosedChain, recording: Recording, k: int, asked: Asked) 
     def moved(gravity: Array) -> ChainMotion:
         return chain_motion(replace(chain, gravity=gravity), state, np.zeros(n), inputs)
 
+    base = None if recording.base_acceleration is None else recording.base_acceleration[k]
+
     def needed(motion: ChainMotion) -> Array:
-        parts = motion.chain.arm_joints
-        none = np.zeros(6)
-        return np.concatenate(
-            [drive_torques(a, qdd[p], none) for a, p in zip(motion.arms.values(), parts, strict=True)]
-        )
+        """Return what trunk and arms alone ask for: torques, and with a floating base its wrench."""
+        none = np.zeros((len(chain.arms), 6))
+        if motion.trunk is None:
+            return torques(motion, qdd, none)
+        found = trunk_torques(motion, qdd, none, base)
+        return found.tau if base is None else np.concatenate([found.tau, found.base])
 
     motion = moved(np.zeros(3) if asked.gravity else chain.gravity)
     assert motion.object_case is not None
     N = constraint_rows(motion).motions
-    joints, free = N[:n].T, N[n:].T
+    joints, free = N[:n].T, N[n : n + 6].T
+    moving = np.vstack([N[:n], N[n + 6 :]]).T  # of joints and floating base
     here = needed(motion)
-    last = [(joints @ (here - tau) - free @ motion.object_case.wrench)[:, None]]
+    last = [(moving @ here - joints @ tau - free @ motion.object_case.wrench)[:, None]]
     if asked.gravity:
-        last += [np.array([joints @ (needed(moved(axis)) - here) for axis in np.eye(3)]).T]
+        last += [np.array([moving @ (needed(moved(axis)) - here) for axis in np.eye(3)]).T]
     columns = [free @ part for part in _object_columns(chain, state, alpha, asked)]
     return np.hstack([*columns, *last]), joints, tau
 
@@ -126,14 +133,7 @@ def torque_rows(chain: ClosedChain, recording: Recording, k: int, asked: Asked) 
 def _sample(chain: ClosedChain, recording: Recording, k: int) -> tuple[State, Array, Inputs]:
     """Return the state, the object's acceleration and shaped inputs of a sample."""
     assert recording.object_acceleration is not None
-    return sampled(recording, k), recording.object_acceleration[k], (recording.inputs or Inputs()).shaped(chain)
-
-
-def sampled(recording: Recording, k: int) -> State:
-    """Return the state in a sample of a complete recording."""
-    pose, twist = recording.object_pose, recording.object_twist
-    assert recording.qd is not None and pose is not None and twist is not None
-    return State(recording.q[k], recording.qd[k], pose[k], twist[k])
+    return recording.state(k), recording.object_acceleration[k], (recording.inputs or Inputs()).shaped(chain)
 
 
 def about_mass_centre(chain: ClosedChain) -> Array:

@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from holdfast.dynamics.kinematics import tip_pose
+from holdfast.dynamics.contact_places import tip_frames
 from holdfast.errors import StateError
 from holdfast.identification.recording import Recording
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
+from holdfast.state import State
 
 
 def measured_grasps(chain: ClosedChain, recordings: list[Recording]) -> tuple[ClosedChain, dict[str, Array]]:
@@ -45,7 +46,8 @@ def measured_grasps(chain: ClosedChain, recordings: list[Recording]) -> tuple[Cl
         if recording.q.shape[1] != chain.joint_count:
             raise StateError(f"recording: q: expected {chain.joint_count} joints, got {recording.q.shape[1]}")
         for k, q in enumerate(recording.q):
-            tips = {name: tip_pose(chain.arms[name], q[chain.joints[name]]) for name in rigid}
+            state = recording.on_base(k, State(q, 0.0 * q, np.r_[1.0, np.zeros(6)]))
+            tips = tip_frames(chain, state, rigid)
             if recording.object_pose is None:
                 seen = tips[rigid[0]] @ chain.grasps[rigid[0]].frame.inverse()
             else:

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.consistency import closure
-from holdfast.dynamics.regressor import refuse_trunk
 from holdfast.errors import ModelError, StateError
 from holdfast.identification.completed import completed
-from holdfast.identification.equations import Asked, Equations, equations, sampled
+from holdfast.identification.equations import Asked, Equations, equations
 from holdfast.identification.estimate import Estimate, estimate
 from holdfast.identification.grasp_frames import measured_grasps
 from holdfast.identification.identification import Identification
@@ -74,7 +73,6 @@ def identify(
         ModelError: no chain, a payload that is flat or no possible body, or options that do not fit.
         StateError: a recording that does not fit, lacks what is needed, is too short or tells nothing.
         ResultError: a file that cannot be read.
-        MethodNotApplicable: the chain has a trunk.
 
     Reference:
         Atkeson, An and Hollerbach 1986; Rucker and Wensing 2022; `docs/theory/derivatives.md`.
@@ -108,7 +106,6 @@ def identify(
 def _asked(chain: Any, by: Any, flags: dict[str, Any]) -> Asked:
     """Return what is unknown; refuse chains and options that do not fit."""
     checks.instance(chain, ClosedChain, "identify: chain")
-    refuse_trunk(chain, "identify")
     if by not in SOURCES:
         raise ModelError(f"identify: by: expected {' or '.join(map(repr, SOURCES))}, got {checks.short(by)}")
     for name, flag in flags.items():
@@ -234,7 +231,7 @@ def _notes_on_grasps(chain: ClosedChain, recordings: list[Recording], frames: di
     apart = dict.fromkeys(chain.grasps, 0.0)
     for one in recordings:
         for k in np.linspace(0, len(one) - 1, LOOKS).round().astype(int).tolist():
-            for name, gap in closure(chain, sampled(one, k)).items():
+            for name, gap in closure(chain, one.state(k)).items():
                 apart[name] = max(apart[name], float(np.abs(gap.position).max(initial=0.0)))
     far = {name: gap for name, gap in apart.items() if gap > FAR}
     if far:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.errors import ResultError
-from holdfast.identification.recording import Recording
+from holdfast.identification.recording import FREE_BODIES, Recording
 from holdfast.io.columns import ACCELERATION, POSE, TWIST, WRENCH
 from holdfast.io.files import file_path, one_line, reason_of
 from holdfast.io.result_reader import load_result
@@ -18,7 +18,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.state import Inputs
 
-FREE_BODY = {"object_pose": POSE, "object_twist": TWIST, "object_acceleration": ACCELERATION}
+OF_MOTION = {"pose": POSE, "twist": TWIST, "acceleration": ACCELERATION}
 
 
 def load_recording(path: str | PathLike[str], chain: ClosedChain, *, inputs: Inputs | None = None) -> Recording:
@@ -52,7 +52,8 @@ def load_recording(path: str | PathLike[str], chain: ClosedChain, *, inputs: Inp
     joints, wrench = chain.joint_names(), [part.name for part in WRENCH]
     titles: dict[str, list[str]] = {name: [f"{name} {joint}" for joint in joints] for name in ("q", "qd", "qdd", "tau")}
     titles["wrist_wrench"] = [f"wrist_wrench {arm} {part}" for arm, part in product(chain.names, wrench)]
-    titles |= {name: [f"{name} {part.name}" for part in parts] for name, parts in FREE_BODY.items()}
+    for body, (what, parts) in product(FREE_BODIES if chain.floats else FREE_BODIES[:1], OF_MOTION.items()):
+        titles[f"{body}_{what}"] = [f"{body}_{what} {part.name}" for part in parts]
     others = set(table) - {column for columns in titles.values() for column in columns}
     found: dict[str, Any] = {}
     for name, columns in titles.items():

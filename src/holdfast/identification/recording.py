@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -13,9 +13,10 @@ from holdfast.model import checks
 from holdfast.simulation.trajectory import Trajectory
 from holdfast.spatial.converted import NOT_GIVEN, REQUIRED, ArrayField, OptionalArrayField
 from holdfast.spatial.frozen import Frozen
-from holdfast.state import Inputs
+from holdfast.state import Inputs, State
 
 FEWEST = 6  # samples that a spline of fifth order needs
+FREE_BODIES = ("object", "base")
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +39,9 @@ class Recording(Frozen):
         object_pose: (samples, 7) wxyz_xyz of the object frame in the world.
         object_twist: (samples, 6) [omega; v of C], world axes.
         object_acceleration: (samples, 6) [omega_dot; v_dot of C], world axes.
+        base_pose: (samples, 7) wxyz_xyz of a trunk's floating base in the world; it and its motion are needed with one.
+        base_twist: (samples, 6) [omega; v of its origin], world axes.
+        base_acceleration: (samples, 6) [omega_dot; v_dot of its origin], world axes.
         inputs: external wrenches and base motion, the same for all samples; zero by default.
     """
 
@@ -50,6 +54,9 @@ class Recording(Frozen):
     object_pose: OptionalArrayField = NOT_GIVEN
     object_twist: OptionalArrayField = NOT_GIVEN
     object_acceleration: OptionalArrayField = NOT_GIVEN
+    base_pose: OptionalArrayField = NOT_GIVEN
+    base_twist: OptionalArrayField = NOT_GIVEN
+    base_acceleration: OptionalArrayField = NOT_GIVEN
     inputs: Inputs | None = None
 
     def __post_init__(self) -> None:
@@ -64,7 +71,9 @@ class Recording(Frozen):
             raise StateError(f"recording: q: expected shape (samples, joints), got shape {q.shape}")
         n = q.shape[1]
         shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("q", "qd", "qdd", "tau"), (samples, n))
-        shapes |= {"object_pose": (samples, 7)} | dict.fromkeys(("object_twist", "object_acceleration"), (samples, 6))
+        for body in FREE_BODIES:
+            shapes |= {f"{body}_pose": (samples, 7)}
+            shapes |= dict.fromkeys((f"{body}_twist", f"{body}_acceleration"), (samples, 6))
         for name, shape in shapes.items():
             if getattr(self, name) is not None:
                 put(self, name, checks.numbers(getattr(self, name), shape, f"recording: {name}", StateError))
@@ -97,5 +106,21 @@ class Recording(Frozen):
                 f"recording: expected the same grasps throughout, but they change at {run.t[k]:.9g} s; try a"
                 " Recording of the arrays before and another of those after"
             )
-        given: dict[str, Any] = {f.name: getattr(run, f.name) for f in fields(Recording) if f.name != "inputs"}
+        names = [f.name for f in fields(Recording) if f.name != "inputs"]
+        if not run.base_pose.shape[1]:
+            names = [name for name in names if not name.startswith("base_")]
+        given: dict[str, Any] = {name: getattr(run, name) for name in names}
         return Recording(**given, inputs=inputs)
+
+    def state(self, k: int) -> State:
+        """Return the state in a sample of a recording that has the object's motion."""
+        pose, twist = self.object_pose, self.object_twist
+        assert self.qd is not None and pose is not None and twist is not None
+        return self.on_base(k, State(self.q[k], self.qd[k], pose[k], twist[k]))
+
+    def on_base(self, k: int, state: State) -> State:
+        """Return a state with the floating base where it is in a sample, if it was recorded."""
+        if self.base_pose is None:
+            return state
+        twist = None if self.base_twist is None else self.base_twist[k]
+        return replace(state, base_pose=self.base_pose[k], base_twist=twist)

@@ -1,0 +1,85 @@
+"""Identification of what arms on a trunk hold, from states in any motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.identification import Recording
+from tests.systems.as_chain import Problem
+from tests.systems.problems import random_problem
+from tests.systems.trunk_problems import on_trunk
+
+SAMPLES = 20
+
+
+@cache
+def recorded(floating: bool) -> tuple[Problem, Recording]:
+    """Return a chain of a trunk and two arms, one in the world or both on a floating base, and states of it."""
+    arms = random_problem(3, joints=(7, 7), grasps=("rigid", "rigid"), moving_base=False)
+    p = on_trunk(arms, 3, 2, floating=floating, in_world=0.0 if floating else 0.5)
+    chain, random = p.chain, np.random.default_rng(4)
+    assert len(chain.mounts) == (2 if floating else 1)
+    rows: dict[str, list] = {}
+    for _ in range(SAMPLES):
+        near = replace(p.state, q=p.state.q + 0.2 * random.normal(size=chain.joint_count))
+        closed = hf.close(chain, near, inputs=p.inputs)
+        fast = replace(closed, qd=random.normal(size=chain.joint_count), object_twist=random.normal(size=6))
+        state, tau = hf.dynamics.project_velocity(chain, fast, inputs=p.inputs), 10 * random.normal(size=len(fast.q))
+        found = hf.forward_dynamics(chain, state, tau, inputs=p.inputs)
+        sample = {"q": state.q, "qd": state.qd, "qdd": found.qdd, "tau": tau, "object_pose": state.object_pose}
+        sample |= {"object_twist": state.object_twist, "object_acceleration": found.object_acceleration}
+        sample |= {"wrist_wrench": hf.forces.wrist_wrenches(chain, state, found)}
+        if floating:
+            sample |= {"base_pose": state.base_pose, "base_twist": state.base_twist}
+            sample |= {"base_acceleration": found.base_acceleration}
+        for name, x in sample.items():
+            rows.setdefault(name, []).append(x)
+    arrays = {name: np.array(column) for name, column in rows.items()}
+    return p, Recording(np.arange(SAMPLES), **arrays, inputs=p.inputs)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("by", ["wrist_wrench", "tau"])
+@pytest.mark.parametrize("floating", [False, True])
+def test_the_payload_comes_back(floating, by):
+    p, recording = recorded(floating)
+    body = p.chain.held_object
+    guess = hf.HeldObject.box(0.8 * body.mass, 0.3, 0.25, 0.2)
+    found = hf.identify(replace(p.chain, held_object=guess), recording, by=by)
+    true = np.r_[body.mass, body.com, body.inertia[np.triu_indices(3)]]
+    assert np.abs(found.values - true).max() < 1e-6
+    assert found.untold == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("floating", [False, True])
+def test_the_motion_of_the_object_follows_from_the_tips(floating):
+    p, recording = recorded(floating)
+    lacking = replace(recording, object_pose=None, object_twist=None, object_acceleration=None)
+    whole, given = (hf.identify(p.chain, one, by="tau").values for one in (lacking, recording))
+    assert np.abs(whole - given).max() < 1e-6
+
+
+@pytest.mark.slow
+def test_gravity_and_grasp_frames_are_found():
+    p, recording = recorded(True)
+    tilted = replace(p.chain, gravity=p.chain.gravity @ hf.Pose.from_rpy(0.05, -0.03, 0.0).R)
+    found = hf.identify(tilted, recording, by="tau", gravity=True)
+    assert np.abs(found.chain.gravity - p.chain.gravity).max() < 1e-6
+    off = hf.Pose.translation(0.01, 0.0, 0.0)
+    moved = {name: replace(grasp, frame=grasp.frame @ off) for name, grasp in p.chain.grasps.items()}
+    again = hf.identify(replace(p.chain, grasps=moved), recording, grasp_frames=True)
+    for name, grasp in p.chain.grasps.items():
+        assert np.abs(again.chain.grasps[name].frame.p - grasp.frame.p).max() < 1e-9
+
+
+@pytest.mark.slow
+def test_the_motion_of_a_floating_base_is_needed():
+    p, recording = recorded(True)
+    with pytest.raises(hf.StateError, match="expected base_twist, base_acceleration, as the trunk's base floats"):
+        hf.identify(p.chain, replace(recording, base_twist=None, base_acceleration=None), by="tau")
