@@ -38,6 +38,12 @@ def short() -> Recording:
     return recorded(*two_pandas(), rate=5.0)
 
 
+def given(recording: Recording) -> dict[str, np.ndarray]:
+    """Return the arrays of a recording that were recorded."""
+    arrays = {name: getattr(recording, name) for name in Recording.__dataclass_fields__ if name != "inputs"}
+    return {name: x for name, x in arrays.items() if x is not None}
+
+
 def far(found: hf.identification.Identification) -> float:
     """Return the chi-square of the error of the payload, where it is told."""
     off = (found.values[:10] - TRUE) / np.sqrt(np.diag(found.covariance)[:10])
@@ -122,7 +128,7 @@ def test_standing_still(model):
 
 def test_several_recordings(model, short):
     """Halves of a recording are the recording; their order does not matter."""
-    arrays = {name: getattr(short, name) for name in Recording.__dataclass_fields__ if name != "inputs"}
+    arrays = given(short)
     halves = [Recording(**{name: x[part] for name, x in arrays.items()}) for part in (slice(25, None), slice(25))]
     found, whole = hf.identify(model, halves), hf.identify(model, short)
     assert np.abs(found.values - whole.values).max() < 1e-9
@@ -250,7 +256,7 @@ def test_refusals(model, short, said):
 
 def test_recordings_that_do_not_fit(model, short):
     """Lacking, too few, of other arms, or of no motion that could tell anything."""
-    few = {name: getattr(short, name)[:2] for name in Recording.__dataclass_fields__ if name != "inputs"}
+    few = {name: x[:2] for name, x in given(short).items()}
     for wrong, said in (
         (replace(short, wrist_wrench=None), "expected wrist_wrench, got none; it has tau"),
         (replace(short, wrist_wrench=short.wrist_wrench[:, :1]), "expected 2 arms, got 1"),
