@@ -44,6 +44,11 @@ class VelocityCase(ArmCase):
 
     __slots__ = ()
 
+    @property
+    def in_motion(self) -> bool:
+        """No: the arm is at rest, and the gap of its grasp takes the place of the tip's motion."""
+        return False
+
     def power(self, z: Unknowns, y: Unknowns, varied: Numbers) -> Scalar:
         """Return the arm's and its grasp's part of L; see `ArmCase.power`."""
         given, none = self.given, np.zeros(6)

@@ -124,7 +124,8 @@ def reaches_object(chain: ClosedChain, name: str) -> bool:
 def responses_by_joints(at: Point, names: tuple[str, ...]) -> dict[str, dict[str, list[OwnResponse]]]:
     """Return, by arm and argument, what arms that are short do by themselves while their joints change."""
     chain, motion = at.motion.chain, at.motion
-    arms = [name for name, arm in chain.arms.items() if arm.joint_count < RECURSION_PAYS_FROM] if names else []
+    short = [name for name, arm in chain.arms.items() if arm.joint_count < RECURSION_PAYS_FROM]
+    arms = [name for name in short if names and motion.cases[name].in_motion]
     contacts = dict(zip(chain.grasps, motion.contacts, strict=True))
     found = each(
         lambda case, z, tip, arm, c: joint_responses(names, case, z, tip, arm, c),

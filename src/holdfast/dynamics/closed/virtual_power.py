@@ -93,6 +93,11 @@ class ArmCase(NamedTuple):
     frame: Pose
     twist: Array
 
+    @property
+    def in_motion(self) -> bool:
+        """Whether the equations are those of the arm in motion, which `joint_residuals` differentiates all at once."""
+        return True
+
     def moved(self, acceleration: Array | None) -> ArmCase:
         """Return the case of a base that accelerates by so much more, (6,); None: as it is."""
         given = self.given
