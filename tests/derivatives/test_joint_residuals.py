@@ -1,4 +1,4 @@
-"""Residuals of all joints at once, by composite bodies, beside those that automatic differentiation gives one by one."""
+"""Residuals of all joints at once, by composite bodies, beside those of automatic differentiation one by one."""
 
 from __future__ import annotations
 
