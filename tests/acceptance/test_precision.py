@@ -224,6 +224,7 @@ def test_straight_arms_among_three_are_not_singular(solver, which):
     assert result.rank == 18
 
 
+@pytest.mark.slow
 def test_machine_code():
     """In short: a light object, a parallelogram 1e-3 rad from flat and flat, two straight arms of three."""
     solver = by_machine_code()

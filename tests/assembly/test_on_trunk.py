@@ -96,6 +96,7 @@ def test_report():
     assert all(arm.residual < 1e-10 and 0 < arm.reach_used < 1 for arm in report.arms)
 
 
+@pytest.mark.slow
 def test_what_is_refused():
     """Poses of bases that do not float, postures of another length, what no posture reaches."""
     pose = hf.Pose.translation(0.5, 0, 1.0)

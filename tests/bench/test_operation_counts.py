@@ -14,6 +14,7 @@ CASES = (("rigid", False, 7), ("ball", True, 4))  # kind, whether the trunk floa
 KINDS = ("rigid", "ball")  # the mobility as a matrix, and in factors
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "floating", "fewest"), mostly_long(CASES, CASES[:1]))
 def test_linear_in_arms_and_their_joints(kind, floating, fewest):
     """Second differences are 0: of arms from two on the trunk on, of joints from where the recursion has them all."""

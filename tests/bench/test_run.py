@@ -27,6 +27,7 @@ SCHEMA = {
 }
 
 
+@pytest.mark.slow
 def test_schema():
     """The document has these keys and no others; another program may rely on them."""
     document = tiny_document()

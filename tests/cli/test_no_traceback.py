@@ -196,6 +196,7 @@ def test_odd_surroundings(made):
 SOLVE = f"solve {FILE} --case ball_3arm --format json"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "code", "said"),
     [

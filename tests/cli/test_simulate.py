@@ -159,6 +159,7 @@ def test_without_matplotlib(scene, capsys, monkeypatch):
     assert main(["plot", "results/short"]) == 0
 
 
+@pytest.mark.slow
 def test_plots_that_fail_leave_the_result(scene, capsys, monkeypatch):
     """Whatever happens to a plot, the run is on disk and its summary is told first."""
 
@@ -177,6 +178,7 @@ BALLS = TEXT.replace('kind = "rigid"', 'kind = "ball"\ncontact = { mu = 0.5 }')
 WEAK = BALLS.replace("squeeze = 20.0", "squeeze = 5.0").replace("duration = 2.0", "duration = 0.01")
 
 
+@pytest.mark.slow
 def test_slip_stops_the_run(scene, capsys):
     """A squeeze that cannot carry the box: 3, the grasp and the time on stderr, the result kept."""
     scene.write_text(WEAK)

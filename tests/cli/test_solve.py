@@ -131,6 +131,7 @@ def test_without_expected_answer(solve):
     assert answer["error_vs_expected"] is None
 
 
+@pytest.mark.slow
 def test_nothing_solved(solve, capsys):
     """Exit 3 if no answer is ok; the table says why."""
     code, (answer,) = solve(FILE, "--case", "hinge_2arm", "--method", "rccfd2")
@@ -140,6 +141,7 @@ def test_nothing_solved(solve, capsys):
     assert "rccfd2: refused: not_applicable: " in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_singular(solve):
     """Two stretched arms on one line: every method refuses, naming the ranks."""
     plain = {key: value for key, value in two_collinear_stretched_6r(0).items() if key != "tags"}

@@ -45,6 +45,7 @@ def check_all(known, target, source, compilers, folder):
                     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", mostly_slow((False, True), (True,)))
 def test_one_chain(source, tmp_path):
     """Object file and source of two arms, one of which holds."""

@@ -38,6 +38,7 @@ def test_files(tmp_path):
     assert source.functions["chain_kinetic_energy"].stack is None
 
 
+@pytest.mark.slow
 def test_headers_compile_strictly(tmp_path):
     """As C11 and as C++17, every warning an error; a law's parameter may be called like a word of C."""
     require("gcc", "g++")

@@ -33,6 +33,7 @@ def written(folder, target, functions=FUNCTIONS):
     return made.functions
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "target", [x if x == "x86-64-v2" else pytest.param(x, marks=pytest.mark.long) for x in OBJECT_TARGETS]
 )
@@ -50,6 +51,7 @@ def test_nothing_is_undefined(target, tmp_path):
     assert public == {name for f in functions for name in (f.name, f"{f.name}_prepare")}
 
 
+@pytest.mark.slow
 def test_valgrind(tmp_path):
     """Every read is of memory that was written, every access within its array."""
     require("valgrind", "gcc")
@@ -99,6 +101,7 @@ CALLS
 """
 
 
+@pytest.mark.slow
 def test_stack(tmp_path):
     """A call needs no more of the stack than the header says, and not much less."""
     require("gcc")

@@ -13,6 +13,8 @@ from holdfast.cli.commands import run
 from holdfast.control import compile_law
 from tests.codegen.exported import require
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 EXAMPLE, SCENE = ROOT / "examples" / "robot_code", ROOT / "examples" / "two_pandas.toml"
 SAMPLE = 1e-3

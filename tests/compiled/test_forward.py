@@ -52,6 +52,7 @@ def test_sorts_of_chains(name):
         assert problems.relative_disagreement(found, expected) <= TOLERANCE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["recursive", "mass_matrix"])
 def test_routes(method):
     """Both routes of an arm's answer at its tip; neither is the other's code."""

@@ -64,6 +64,7 @@ def test_forward_dynamics(problem):
     }
 
 
+@pytest.mark.slow
 def test_a_step():
     """Stages, projection and its rounds, gaps, forward dynamics."""
     problem = random_problem(0, grasps=GRASPS[:4], joints=(6, 4, 2, 4), moving_base=False, extras=False)

@@ -24,6 +24,8 @@ from holdfast.compiled.structure import Options, Structure
 from holdfast.compiler.targets import batch_module, cpu
 from holdfast.robots import gen3, iiwa14, panda, stewart_platform, three_finger_hand, ur5e
 
+pytestmark = pytest.mark.slow
+
 def digest(*texts):
     return hashlib.sha256(b"".join(texts)).hexdigest()
 

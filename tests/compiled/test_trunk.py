@@ -53,6 +53,7 @@ def test_reference(name):
             np.testing.assert_array_equal(row, getattr(found, part))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "joints", "floating"),
     mostly_long([(0, 1, False), (3, 3, True), (4, 4, False)], [(0, 1, False), (3, 3, True)]),

@@ -37,6 +37,7 @@ def test_as_if_asked_for_less():
     assert np.abs(asked.q[-1] - run.q[-1]).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_laws_and_rollouts():
     """A law is clipped in machine code; a rollout takes it as any other."""
     chain, state = limited()

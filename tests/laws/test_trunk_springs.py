@@ -53,6 +53,7 @@ def test_methods_agree(floating):
     assert relative_gap(tau, p.tau, np.abs(found.grasp_wrench).max()) < 1e-10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("floating", mostly_slow((False, True), (True,)))
 def test_balances(floating):
     """Energy with what springs store and lose, momentum with what those to the world pull; free flight keeps it."""

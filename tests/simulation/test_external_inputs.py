@@ -56,6 +56,7 @@ def compared(found: hf.Trajectory, expected: hf.Trajectory) -> float:
     return max(relative_gap(getattr(found, name), getattr(expected, name)) for name in names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "damping", "controller"),
     [*mostly_slow(ONCE, ONCE[::2][:2]), *mostly_long(AGAIN, ())],

@@ -92,6 +92,7 @@ def test_planar_mechanisms_in_space(seed):
     assert np.abs(run.qd[-1] - u[:-3]).max() < 1e-8
 
 
+@pytest.mark.slow
 def test_soft_fingers():
     """Their spin rows follow from the others too, but hold no position: other rows are held in position."""
     mechanism = random_mechanism(0, ["softfinger"])
@@ -134,6 +135,7 @@ def test_resumed_to_the_bit():
     assert resumed.grasp_wrench[-1].tobytes() == whole.grasp_wrench[-1].tobytes()
 
 
+@pytest.mark.slow
 def test_rank_is_that_of_the_closed_state():
     """However the state is displaced before it is projected back; a run that starts beside the grasps knows it too."""
     chain, state = bricard(MODELS[1])

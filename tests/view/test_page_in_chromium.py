@@ -18,6 +18,8 @@ from holdfast.view.page import export_page
 from tests.view.chromium import browser
 from tests.view.runs import lifted
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")
 WRIST = "/arms/left/joint1/joint2/joint3/joint4"
 

@@ -253,6 +253,7 @@ def limited(chain: ClosedChain, number: int, limits: dict[str, Any]) -> ClosedCh
     return replace(chain, arms=arms)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quantity", ["position", "rate", "effort"])
 def test_joint_limits(quantity):
     """A system stops where `simulate` does, to the instant; without the option it goes on and its margins are known."""
