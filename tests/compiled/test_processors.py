@@ -12,6 +12,8 @@ from tests.processors import environment, levels, without_dispatch
 
 ROOT = Path(__file__).parents[2]
 
+pytestmark = pytest.mark.slow
+
 # Builds models with the library and prints digests of their parameters and code, and the bits of the answers.
 SCRIPT = """
 import hashlib, json
@@ -23,8 +25,6 @@ from holdfast.compiled.parameters import parameters_of
 from holdfast.compiled.structure import Options, Structure
 from holdfast.compiler.targets import batch_module, cpu
 from holdfast.robots import gen3, iiwa14, panda, stewart_platform, three_finger_hand, ur5e
-
-pytestmark = pytest.mark.slow
 
 def digest(*texts):
     return hashlib.sha256(b"".join(texts)).hexdigest()
