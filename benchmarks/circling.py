@@ -1,6 +1,6 @@
 """Two Pandas that carry a box round a circle while their elbows swing, never at rest: a motion to step for long.
 
-Postures and torques are sums of a few sines of time, and a spring and a damper on every joint keep to them, so
+Configurations and torques are sums of a few sines of time, and a spring and a damper on every joint keep to them, so
 that any simulator can be given the same law.
 """
 
@@ -35,7 +35,7 @@ STIFFNESS = np.tile([600.0, 600.0, 400.0, 400.0, 150.0, 150.0, 100.0], 2)  # N m
 DAMPING = np.tile([40.0, 40.0, 30.0, 30.0, 10.0, 10.0, 8.0], 2)  # N m s/rad
 
 HARMONICS = 6
-PHASES = 48  # at which postures and torques are found
+PHASES = 48  # at which configurations and torques are found
 RATE = 2.0 * np.pi / PERIOD
 
 
@@ -45,12 +45,12 @@ class Circling:
 
     Attributes:
         chain: two Pandas and a box.
-        posture: (1 + 2 harmonics, n) of the joint positions: mean, cosines, sines [rad].
+        configuration: (1 + 2 harmonics, n) of the joint positions: mean, cosines, sines [rad].
         drive: likewise, of the torques that the motion takes and those of the spring's moving end [N m].
     """
 
     chain: ClosedChain
-    posture: Array
+    configuration: Array
     drive: Array
 
     def torque(self, t: Scalar, q: Array, qd: Array) -> Array:
@@ -60,7 +60,7 @@ class Circling:
     def state(self, t: float) -> State:
         """Return the closed state nearest to the motion at a time [s]."""
         pose, twist, _ = _box(t)
-        near = State(waves(t) @ self.posture, waves(t) @ rate_of(self.posture), pose.wxyz_xyz, twist)
+        near = State(waves(t) @ self.configuration, waves(t) @ rate_of(self.configuration), pose.wxyz_xyz, twist)
         return project(self.chain, near)[0]
 
 
@@ -68,15 +68,15 @@ class Circling:
 def circling() -> Circling:
     """Return the motion, its torques by inverse dynamics."""
     chain, times = _chain(), PERIOD * np.arange(PHASES) / PHASES
-    posture = _series(np.array([_posture(chain, t) for t in times]))
-    rate = rate_of(posture)
+    configuration = _series(np.array([_configuration(chain, t) for t in times]))
+    rate = rate_of(configuration)
     tau = []
     for t in times:
         pose, twist, acceleration = _box(t)
-        state = State(waves(t) @ posture, waves(t) @ rate, pose.wxyz_xyz, twist)
+        state = State(waves(t) @ configuration, waves(t) @ rate, pose.wxyz_xyz, twist)
         wrenches = commanded_wrenches(chain, state, acceleration)
         tau.append(inverse_dynamics(chain, state, waves(t) @ rate_of(rate), wrenches))
-    return Circling(chain, posture, _series(np.array(tau)) + STIFFNESS * posture + DAMPING * rate)
+    return Circling(chain, configuration, _series(np.array(tau)) + STIFFNESS * configuration + DAMPING * rate)
 
 
 def waves(t: Scalar) -> Array:
@@ -123,7 +123,7 @@ def _box(t: float) -> tuple[Pose, Array, Array]:
     return pose, twist, np.concatenate([[tilt_acceleration, 0.0, 0.0], -RADIUS * RATE**2 * along])
 
 
-def _posture(chain: ClosedChain, t: float) -> Array:
+def _configuration(chain: ClosedChain, t: float) -> Array:
     """Return joint positions that hold the box where it should be, near elbows that swing."""
     guess = ELBOWS_UP + SWING * np.sin(RATE * t) * np.eye(7)[2]
     box = _box(t)[0]

@@ -59,7 +59,7 @@ def library(scene: Scenario, folder: Path, source: bool) -> ctypes.CDLL:
 def bound_calls(scene: Scenario) -> dict[str, Callable[[], object]]:
     """Return Python's bound calls on the same state."""
     s, compiled = scene.state, hf.compile(scene.chain)
-    compiled.know_rank(generic_rank_of(compiled, s) or 0)
+    compiled.set_generic_rank(generic_rank_of(compiled, s) or 0)
     forward = compiled.bind()
     law = compile_law(scene.controller, scene.chain).bind()
     for one in (forward, law):

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 import holdfast as hf
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest
-from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.robots import panda
 from holdfast.view.figure_style import BLACK, DPI, STYLE, arm_look
 
@@ -59,7 +59,7 @@ def draw(out: Path, chain: hf.ClosedChain, run: hf.simulation.Trajectory) -> Non
         for k, strength in ((0, 0.35), (-1, 1.0)):
             state = run.state(k)
             for i, (name, arm) in enumerate(chain.arms.items()):
-                at = posture(arm, state.q[chain.joints[name]])
+                at = forward_kinematics(arm, state.q[chain.joints[name]])
                 points = np.array([arm.base.p, *(at.tip.p - reach for reach in at.reach), at.tip.p])
                 label = f"{name}, {'at the end' if k else 'at the beginning'}"
                 look: dict[str, Any] = {"color": arm_look(i)[0], "alpha": strength, "markersize": 3}

@@ -15,7 +15,7 @@ from holdfast.robots import iiwa14
 from holdfast.view.figure_style import DPI, STYLE
 
 OUT = Path(__file__).parent / "out"
-EACH = 16_384  # states in a batch: one posture, its own velocity and torques for each
+EACH = 16_384  # states in a batch: one configuration, its own velocity and torques for each
 
 
 def main(out: Path = OUT, batches: int = 62) -> dict[str, float]:
@@ -33,7 +33,7 @@ def main(out: Path = OUT, batches: int = 62) -> dict[str, float]:
 
     up, hand, seconds, sound, error, differs = [], [], 0.0, 0, 0.0, 0.0
     for _ in range(batches):
-        # A posture: the box somewhere near the middle. Velocities that keep the grasps closed, 0.3 rad/s or so.
+        # A configuration: the box somewhere near the middle. Velocities that keep the grasps closed, 0.3 rad/s or so.
         pose = middle.object_pose + np.r_[np.zeros(4), random.uniform(-0.05, 0.05, 3)]
         state = hf.close(chain, hf.State(middle.q, middle.qd, pose), hold_object=True)
         basis = hf.dynamics.motion_basis(chain, state)

@@ -34,7 +34,7 @@ def chain_at_rest() -> tuple[hf.ClosedChain, hf.State]:
 
 
 def reflex(chain: hf.ClosedChain, state: hf.State) -> hf.ControlLaw:
-    """Return springs and dampers about a posture, beside the torques that hold it."""
+    """Return springs and dampers about a configuration, beside the torques that hold it."""
     home, hold = state.q, hf.holding_torques(chain, state)
 
     def torque(t: Any, now: hf.State, memory: Any, given: Mapping[str, Any]) -> Any:

@@ -114,10 +114,10 @@ def test_plots_of_ones_own(lifted, run, tmp_path):
 def test_a_page_of_ones_own(lifted, run, tmp_path):
     """One HTML file that opens from disk."""
     pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")
-    from holdfast.view.film import film_of_run
     from holdfast.view.page import export_page
+    from holdfast.view.playback import playback_of_run
 
-    export_page(film_of_run(lifted[0], run, "my own robots"), tmp_path / "page.html")
+    export_page(playback_of_run(lifted[0], run, "my own robots"), tmp_path / "page.html")
     text = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "<title>my own robots</title>" in text
     assert text.rstrip().endswith("</html>")

@@ -1,7 +1,7 @@
 """Bricard's mechanism: a ring of five rods and the ground on six hinges, which moves although counting says it cannot.
 
 Six hinges take away thirty of the thirty freedoms of five rods; but one of these rows follows from the others, in every
-posture, and so one freedom is left. The rods lie on edges of a cube of 1 m, weigh 1 kg each and are 0.1 m square.
+configuration, and so one freedom is left. The rods lie on edges of a cube of 1 m, weigh 1 kg each and are 0.1 m square.
 
 Published: IFToMM benchmark A04; the figure that Exudyn prints after 1 s (jgerstmayr/EXUDYN, bricardMechanism.py): the
 norm of 35 coordinates, the rods' displacements and changes of Euler parameters, plus the numbers of freedoms and of

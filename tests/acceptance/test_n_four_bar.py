@@ -1,4 +1,4 @@
-"""IFToMM's N-four-bar for its full ten seconds, through ten singular postures."""
+"""IFToMM's N-four-bar for its full ten seconds, through ten singular configurations."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ PUBLISHED = (0.328458, 0.944519)
     ("step", "options"), [(0.1, ("dop853", 1e-9)), (0.1, ("dop853", 1e-12)), (2e-3, ("rk4", 1e-8))]
 )
 def test_n_four_bar(step, options):
-    """Every posture within 1e-6 s; the last position within 1e-6 of the published limit's six digits."""
+    """Every configuration within 1e-6 s; the last position within 1e-6 of the published limit's six digits."""
     chain, state = n_four_bar()
     expected = passing_times(3, 10)
     scheme, rtol = options
@@ -25,4 +25,4 @@ def test_n_four_bar(step, options):
     late = np.abs(np.array([one.t for one in run.occurrences]) - expected).max()
     at = np.array([np.cos(run.q[-1, 0]), np.sin(run.q[-1, 0])])
     assert late < 1e-6 and np.abs(at - PUBLISHED).max() < 1e-6
-    print(f"{scheme}: {len(expected)} postures within {late:.1e} s, B0 at {at[0]:.9f}, {at[1]:.9f}")
+    print(f"{scheme}: {len(expected)} configurations within {late:.1e} s, B0 at {at[0]:.9f}, {at[1]:.9f}")

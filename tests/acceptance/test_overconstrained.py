@@ -27,7 +27,7 @@ def test_line_symmetric_loops(chunk):
     """Fourth order and closure, 40 random loops a chunk; where the constraint is nearly singular it is said.
 
     Steps that are too long for the motion are taken in parts (`adaptive_parts`), and are then better than the fourth
-    order of shorter ones makes them; so the order is that of loops that stay away from singular postures.
+    order of shorter ones makes them; so the order is that of loops that stay away from singular configurations.
     """
     compared, orders, steps = 0, [], (6e-3, 1.5e-3, 0.75e-3)
     for seed in range(40 * chunk, 40 * chunk + 40):

@@ -1,4 +1,4 @@
-"""Real robots (`make robots`): which way their tips point, and postures for whatever they can reach."""
+"""Real robots (`make robots`): which way their tips point, and configurations for whatever they can reach."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from holdfast.robots import ROBOTS
 from holdfast.robots.urdf import UrdfChain, urdf_chain
 from tests.acceptance.test_real_robots import FOLDER
 
-POSTURES = 40
-SPARE = 0.05  # of each joint's range, that the posture to be found again has on either side
+CONFIGURATIONS = 40
+SPARE = 0.05  # of each joint's range, that the configuration to be found again has on either side
 KEPT = 0.02  # the same, that is asked for
 
 # file, base, tip, and the angle of its z axis with the way from the last joint [deg]; None where that tells nothing
@@ -70,17 +70,17 @@ def test_which_way_it_points(file, base, tip, angle):
 
 @pytest.mark.parametrize("robot", [*REACHING, *ROBOTS], ids=str)
 def test_what_can_be_reached_is(robot):
-    """Wherever a posture with 5 % of every range to spare leads, assemble finds one with the 2 % that it asks for."""
+    """Where a configuration has 5 % of every range to spare, assemble finds one with the 2 % that it asks for."""
     arm = ROBOTS[robot]() if isinstance(robot, str) else real(*robot).arm
     low, high = np.where(np.isfinite(arm.position_limits), arm.position_limits, [-np.pi, np.pi]).T
     limits = arm.position_limits.T
     random, times = np.random.default_rng(1), []
     grasps, box = {"arm": hf.Grasp("rigid", hf.Pose.identity())}, hf.HeldObject.box(1.0, 0.1, 0.1, 0.1)
-    for _ in range(POSTURES):
+    for _ in range(CONFIGURATIONS):
         q = random.uniform(low + SPARE * (high - low), high - SPARE * (high - low))
         begun = time.perf_counter()
         chain, state = hf.assemble({"arm": arm}, box, grasps, object_pose=hf.dynamics.tip_pose(arm, q))
         times.append(time.perf_counter() - begun)
         assert max(float(np.abs(gap.position).max()) for gap in hf.dynamics.closure(chain, state).values()) < 1e-10
         assert (np.minimum(state.q - limits[0], limits[1] - state.q) >= (KEPT - 1e-9) * (high - low)).all()
-    print(f"{robot}: {POSTURES} of {POSTURES}, median {np.median(times):.2f} s, longest {max(times):.2f} s")
+    print(f"{robot}: {CONFIGURATIONS} of {CONFIGURATIONS}, median {np.median(times):.2f} s, longest {max(times):.2f} s")

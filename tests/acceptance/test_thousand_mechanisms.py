@@ -1,7 +1,8 @@
-"""A thousand random mechanisms that are over-constrained, nearly singular, or pass singular postures.
+"""A thousand random mechanisms that are over-constrained, nearly singular, or pass singular configurations.
 
 Planar, spherical and parallel ones beside references that know nothing of redundant rows: a run in space must not be
-off by more than ten times what the same steps are off by there. Beside a singular posture the sibling is one far away.
+off by more than ten times what the same steps are off by there. Beside a singular
+configuration the sibling is one far away.
 """
 
 import numpy as np
@@ -12,7 +13,7 @@ from holdfast.dynamics.rank import constraint_rank
 from tests.oracles.planar_mechanism import random_mechanism
 from tests.oracles.spherical_mechanism import random_spherical
 from tests.simulation.test_overconstrained import free
-from tests.simulation.test_singular_postures import energy_error
+from tests.simulation.test_singular_configurations import energy_error
 from tests.systems.parallel_cranks import parallel_cranks
 
 pytestmark = pytest.mark.long
@@ -67,9 +68,9 @@ def test_overconstrained(kind, chunk):
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
-def test_singular_postures(chunk):
+def test_singular_configurations(chunk):
     """Each is named within a millionth of a second; the run that goes on ends where the pendulum does."""
-    postures, late, worst = 0, 0.0, 0.0
+    configurations, late, worst = 0, 0.0, 0.0
     for seed in range(EACH * chunk, EACH * (chunk + 1)):
         cranks = parallel_cranks(seed)
         angle, times = cranks.motion(0.4)
@@ -81,8 +82,8 @@ def test_singular_postures(chunk):
         stopped = hf.simulate(cranks.chain, cranks.state, free, 0.4, 8e-3)
         assert (stopped.stopped is None) == (len(times) == 0), seed
         require_steady_rank(cranks.chain, run.state(-1), seed)
-        postures, late, worst = postures + len(times), max(late, off), max(worst, error)
-    print(f"{postures} postures, at worst {late:.1e} s off; angles within {worst:.1e} rad")
+        configurations, late, worst = configurations + len(times), max(late, off), max(worst, error)
+    print(f"{configurations} configurations, at worst {late:.1e} s off; angles within {worst:.1e} rad")
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))

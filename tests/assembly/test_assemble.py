@@ -1,4 +1,4 @@
-"""The five-line start: closed, nearest to the preferred posture, the same every time, and plain about what failed."""
+"""The five-line start: closed, nearest to the preferred configuration, reproducible, and plain about what failed."""
 
 from dataclasses import replace
 
@@ -22,9 +22,9 @@ from holdfast import (
     forward_dynamics,
 )
 from holdfast.assembly.assemble import assemble
-from holdfast.assembly.nearest_posture import distance
+from holdfast.assembly.nearest_configuration import distance
 from holdfast.dynamics import closure
-from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.object_level import motion_basis
 from holdfast.robots import HOME, ROBOTS, stewart_platform, three_finger_hand
 from holdfast.spatial import rotation
@@ -50,7 +50,7 @@ def largest_gap(chain, state) -> float:
 
 
 def slope(chain, state, preferred, *, hold_object: bool) -> float:
-    """Return how fast the distance to the preferred posture changes along the steepest self-motion.
+    """Return how fast the distance to the preferred configuration changes along the steepest self-motion.
 
     Self-motions from `motion_basis`, all joints inside their limits.
     """
@@ -81,7 +81,7 @@ def test_two_of_every_robot(robot, pose):
 
 @pytest.mark.parametrize("kinds", [("rigid", "ball"), ("hinge", "rigid"), ("ball", "hinge")])
 def test_other_grasps(kinds):
-    """Freedom at the grasps is used for the posture too."""
+    """Freedom at the grasps is used for the configuration too."""
     wish = {"left": ELBOW_UP, "right": ELBOW_UP}
     chain, state = assemble(*facing("panda", kinds), object_pose=[1, 0, 0, 0, 0, 0, 0.7], q=wish)
     rigid, firm = assemble(*facing("panda"), object_pose=[1, 0, 0, 0, 0, 0, 0.7], q=wish)
@@ -92,7 +92,7 @@ def test_other_grasps(kinds):
 
 
 def test_it_is_a_minimum():
-    """Elbows moved either way and closed again are farther from the preferred posture."""
+    """Elbows moved either way and closed again are farther from the preferred configuration."""
     chain, state = assemble(*facing("iiwa14"), object_pose=[1, 0, 0, 0, 0, 0, 0.6])
     preferred = np.tile(HOME["iiwa14"], 2)
     basis = motion_basis(chain, state)
@@ -151,7 +151,7 @@ def test_mechanisms():
 
 
 def test_an_arm_that_holds_nothing():
-    """It takes its preferred posture, and the report says that it holds nothing."""
+    """It takes its preferred configuration, and the report says that it holds nothing."""
     arms, box, grasps = facing("ur5e")
     assembly = assemble(arms, box, {"left": grasps["left"]}, object_pose=[1, 0, 0, 0, 0, 0, 0.6])
     assert assembly.state.q[6:] == pytest.approx(HOME["ur5e"])
@@ -191,7 +191,7 @@ def test_report_of_dependent_rows():
 
 
 def test_too_far():
-    """Every arm that no posture brings there is named with what it lacks."""
+    """Every arm that no configuration brings there is named with what it lacks."""
     with pytest.raises(ClosureError) as caught:
         assemble(*facing("panda"), object_pose=[1, 0, 0, 0, 1, 1, 0.5])
     assert "arm 'left' is 0.742 m short" in str(caught.value)
@@ -215,14 +215,14 @@ def narrowed(robot: str, widest: float) -> Arm:
 
 @pytest.mark.parametrize("kind", ["rigid", "hinge", "ball"])
 @pytest.mark.parametrize(("robot", "widest", "draws"), [("ur5e", 2.5, range(4)), ("panda", 9.0, (7, 19, 27))])
-def test_other_postures_are_tried(robot, widest, draws, kind):
-    """Where a posture with 5 % of every joint's range to spare exists, the one found has the 2 % that are asked for."""
+def test_other_configurations_are_tried(robot, widest, draws, kind):
+    """Where a configuration with 5 % of every range to spare exists, the one found has the 2 % that are asked for."""
     arm, random = narrowed(robot, widest), np.random.default_rng(1)
     low, high = arm.position_limits.T
-    postures = random.uniform(low + 0.05 * (high - low), high - 0.05 * (high - low), (max(draws) + 1, len(low)))
+    configurations = random.uniform(low + 0.05 * (high - low), high - 0.05 * (high - low), (max(draws) + 1, len(low)))
     for k in draws:
         grasps = {"arm": Grasp(kind, Pose.identity())}
-        chain, state = assemble({"arm": arm}, BOX, grasps, object_pose=posture(arm, postures[k]).tip)
+        chain, state = assemble({"arm": arm}, BOX, grasps, object_pose=forward_kinematics(arm, configurations[k]).tip)
         assert largest_gap(chain, state) <= CLOSED
         assert (np.minimum(state.q - low, high - state.q) >= (0.02 - 1e-9) * (high - low)).all()
 

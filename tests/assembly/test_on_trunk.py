@@ -51,7 +51,7 @@ def test_preferred_by_default():
 
 
 def test_a_torso_that_must_turn():
-    """A tray that is out of reach from the preferred posture is behind: the torso turns, and the arms are brought."""
+    """A tray out of reach from the preferred configuration is behind: the torso turns, and the arms are brought."""
     behind = hf.Pose.from_rpy(0, 0, np.pi / 2, [0.0, 0.65, 1.0])
     with pytest.raises(hf.ClosureError):
         hf.assemble(on_own_bases(*stiff(behind))[0].arms, TRAY, GRASPS, object_pose=behind)
@@ -98,7 +98,7 @@ def test_report():
 
 @pytest.mark.slow
 def test_what_is_refused():
-    """Poses of bases that do not float, postures of another length, what no posture reaches."""
+    """Poses of bases that do not float, configurations of another length, what no configuration reaches."""
     pose = hf.Pose.translation(0.5, 0, 1.0)
     for options, message in (
         ({"base_pose": pose, **ON}, "base_pose: expected none, as the trunk's base does not float"),

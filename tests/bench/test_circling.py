@@ -15,17 +15,17 @@ def test_never_at_rest():
     """The fastest joint turns at 0.5 to 3 rad/s at every phase, under torques that Pandas have."""
     motion = circling()
     phases = np.array([waves(t) for t in np.linspace(0.0, PERIOD, 97)])
-    rates = np.abs(phases @ rate_of(motion.posture)).max(axis=1)
+    rates = np.abs(phases @ rate_of(motion.configuration)).max(axis=1)
     assert rates.min() >= 0.5 and rates.max() <= 3.0
-    torques = phases @ (motion.drive - STIFFNESS * motion.posture - DAMPING * rate_of(motion.posture))
+    torques = phases @ (motion.drive - STIFFNESS * motion.configuration - DAMPING * rate_of(motion.configuration))
     assert np.abs(torques).max() <= 87.0
 
 
 def test_rates_are_slopes():
-    """Of the postures, by central differences."""
+    """Of the configurations, by central differences."""
     motion, h = circling(), 1e-4
-    slope = (waves(0.3 + h) - waves(0.3 - h)) @ motion.posture / (2 * h)
-    assert np.abs(slope - waves(0.3) @ rate_of(motion.posture)).max() <= 1e-5
+    slope = (waves(0.3 + h) - waves(0.3 - h)) @ motion.configuration / (2 * h)
+    assert np.abs(slope - waves(0.3) @ rate_of(motion.configuration)).max() <= 1e-5
 
 
 @pytest.mark.parametrize("t", [0.0, 0.4, 1.1])
@@ -35,9 +35,9 @@ def test_states_are_closed_and_kept(t):
     state = motion.state(t)
     for gap in closure(motion.chain, state).values():
         assert np.abs(gap.position).max() <= 1e-13 and np.abs(gap.velocity).max() <= 1e-13
-    assert np.abs(state.q - waves(t) @ motion.posture).max() <= 5e-3
+    assert np.abs(state.q - waves(t) @ motion.configuration).max() <= 5e-3
     found = forward_dynamics(motion.chain, state, motion.torque(t, state.q, state.qd)).qdd
-    wanted = waves(t) @ rate_of(rate_of(motion.posture))
+    wanted = waves(t) @ rate_of(rate_of(motion.configuration))
     assert np.abs(found - wanted).max() <= 0.1 * np.abs(wanted).max()
 
 

@@ -14,8 +14,8 @@ import holdfast as hf
 from holdfast import dynamics, forces
 from holdfast.interop import to_mjcf
 from holdfast.interop.mcap_writer import write_mcap
-from holdfast.view.film import film_of_run
 from holdfast.view.page import page
+from holdfast.view.playback import playback_of_run
 from tests.capabilities.chains import Case
 
 STEP = 1e-4
@@ -236,7 +236,9 @@ RUNS = [
     Question("simulation, dop853", lambda c: run(c, scheme="dop853").q, quick=False),
     Question("an arm lets go", lambda c: run(c, events=[hf.Release(STEP, list(c.chain.grasps)[-1])]).q, quick=False),
     Question(
-        "the viewer's page", lambda c: len(page(film_of_run(c.chain, run(c), base_motion=c.base_motion))), quick=False
+        "the viewer's page",
+        lambda c: len(page(playback_of_run(c.chain, run(c), base_motion=c.base_motion))),
+        quick=False,
     ),
     Question("MCAP", mcap, quick=False),
     Question("MJCF", lambda c: len(to_mjcf(c.chain, c.state))),

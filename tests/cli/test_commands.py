@@ -165,7 +165,7 @@ def test_diagnose_all_cases(capsys):
 
 
 def test_diagnose_in_words(tmp_path, capsys):
-    """A singular posture is a finding: exit 0, lost directions in words; an open grasp is refused."""
+    """A singular configuration is a finding: exit 0, lost directions in words; an open grasp is refused."""
     singular = {key: value for key, value in two_collinear_stretched_6r(0).items() if key != "tags"}
     apart = small_case() | {"name": "open"}
     apart["arms"][0]["base"]["p"][0] += 0.1

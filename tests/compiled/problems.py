@@ -13,7 +13,7 @@ from holdfast import ClosedChain, Grasp, Inputs, Pose, State
 from holdfast.compiled import CompiledChain, CompiledResult
 from holdfast.compiler.interpret import interpret_schedule
 from holdfast.dynamics import ForwardResult
-from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.model.arm import Arm
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
@@ -161,7 +161,7 @@ def closed_again(problem: Problem, case: dict, seed: object) -> Problem:
     at = pose(random, 0.5)
     bases = {}
     for name, grasp in chain.grasps.items():
-        tip = posture(chain.arms[name].at(Pose.identity()), q[chain.joints[name]]).tip
+        tip = forward_kinematics(chain.arms[name].at(Pose.identity()), q[chain.joints[name]]).tip
         bases[name] = at @ grasp.frame @ tip.inverse()
     chain = chain.with_bases(bases)
     given = problem.inputs.shaped(chain)

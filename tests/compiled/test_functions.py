@@ -18,9 +18,9 @@ from holdfast.compiled.not_compiled import REASONS
 from holdfast.compiled.structure import Options
 from holdfast.compiler.interpret import interpret_schedule
 from holdfast.compiler.targets import cpu
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
-from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.projection import after_step
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
@@ -147,7 +147,7 @@ def reference(
             name: {field: np.array([getattr(x, field) for x in of]) for field in "Rp"} for name, of in links.items()
         }
         return {f"{name}.{field}": x for name, of in stacked.items() for field, x in of.items()}
-    at = {name: posture(arm, state.q[chain.joints[name]]) for name, arm in chain.arms.items()}
+    at = {name: forward_kinematics(arm, state.q[chain.joints[name]]) for name, arm in chain.arms.items()}
     if function == "mass_matrix":
         return {name: mass_matrix(arm, at[name])[0] for name, arm in chain.arms.items()}
     return {name: jacobian(arm, at[name]) for name, arm in chain.arms.items()}

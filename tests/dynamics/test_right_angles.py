@@ -1,4 +1,4 @@
-"""Postures at right angles, contacts on lines, point masses: what people build, against 50 digits."""
+"""Configurations at right angles, contacts on lines, point masses: what people build, against 50 digits."""
 
 from __future__ import annotations
 

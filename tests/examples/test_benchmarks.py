@@ -90,7 +90,7 @@ def test_bricard(capsys):
 
 @pytest.mark.slow
 def test_n_four_bar_folds(capsys):
-    """Two flat postures, where two more freedoms open, are passed when the parallelogram's one equation says so."""
+    """Two flat configurations, where two freedoms open, are passed when the parallelogram's one equation says so."""
     run = script("n_four_bar").main(2.0)
     assert "2 times flat" in capsys.readouterr().out
     assert run.stopped is None

@@ -80,8 +80,8 @@ def test_observation_and_reward():
             near = 1 / (1 + (angle / task.tolerance_angle) ** 2 + (distance / task.tolerance) ** 2)
             rate = near - max(0.0, force / task.largest_internal - 1) - 0.01 * np.mean(actions[i] ** 2)
             assert rewards[i] == pytest.approx(0.02 * rate, abs=1e-11)
-            told = [infos[name][i] for name in ("internal_force", "distance", "angle")]
-            assert told == pytest.approx([force, distance, angle], abs=1e-9)
+            info_names = [infos[name][i] for name in ("internal_force", "distance", "angle")]
+            assert info_names == pytest.approx([force, distance, angle], abs=1e-9)
 
 
 def test_ends():

@@ -56,7 +56,7 @@ def test_exact(model, short, by):
     """Without noise the payload comes back, however wrong the model is."""
     found = hf.identify(model, short, by=by)
     assert np.abs(found.values - TRUE).max() < 1e-8
-    assert found.untold == found.notes == found.kept == ()
+    assert found.undetermined == found.notes == found.kept == ()
     assert found.held_object.mass == found.values[0]
     assert np.abs(found.residuals).max() < 1e-7
 
@@ -104,7 +104,7 @@ def test_without_turning(model):
     found = hf.identify(model, noisy(recorded(*two_pandas(), rate=10.0, turn=0.0, tau=False), 0))
     moments = tuple(f"inertia {axes}" for axes in ("xx", "xy", "xz", "yy", "yz", "zz"))
     assert found.kept == moments
-    assert "cannot be told from noise: inertia xx, inertia xy" in found.untold[0]
+    assert "cannot be told from noise: inertia xx, inertia xy" in found.undetermined[0]
     assert np.abs(found.held_object.inertia - GUESS.inertia).max() < 1e-6
     assert abs(found.values[0] - 3.0) < 0.03
     assert np.linalg.norm(found.values[1:4] - BOX.com) < 5e-3
@@ -113,7 +113,7 @@ def test_without_turning(model):
 
 
 def test_standing_still(model):
-    """At rest in one posture the mass and the mass centre's part across the weight are told, along it nothing."""
+    """At rest in one configuration the mass and the mass centre's part across the weight are told, along it nothing."""
     still = recorded(*two_pandas(), duration=2.0, rate=50.0, turn=0.0, shift=0.0, tau=False)
     found = hf.identify(model, noisy(still, 1))
     R, down = hf.Pose.from_wxyz_xyz(still.object_pose[0]).R, np.array([0.0, 0.0, 1.0])
@@ -123,7 +123,7 @@ def test_standing_still(model):
     assert abs(along) < 1e-6
     assert abs(found.values[0] - 3.0) < 0.1
     assert len(found.kept) == 6 and len(found.partly) == 2  # x and z of the mass centre, as the object stands
-    assert any("com" in sentence for sentence in found.untold)
+    assert any("com" in sentence for sentence in found.undetermined)
 
 
 def test_several_recordings(model, short):
@@ -152,7 +152,7 @@ def test_offsets_of_sensors(model, swung):
 
     assert found.sensor_bias is not None
     assert np.abs(together(found.sensor_bias) - together(offsets)).max() < 0.3
-    assert len(found.untold) == 6
+    assert len(found.undetermined) == 6
     assert all(found.deviations[name] == np.inf for name in found.names[10:])
 
 

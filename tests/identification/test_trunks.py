@@ -53,7 +53,7 @@ def test_the_payload_comes_back(floating, by):
     found = hf.identify(replace(p.chain, held_object=guess), recording, by=by)
     true = np.r_[body.mass, body.com, body.inertia[np.triu_indices(3)]]
     assert np.abs(found.values - true).max() < 1e-6
-    assert found.untold == ()
+    assert found.undetermined == ()
 
 
 @pytest.mark.slow

@@ -120,7 +120,7 @@ def test_short_legs():
     parts = stewart_platform()
     chain = ClosedChain(*parts)
     state = moving(chain, State(np.zeros(18), np.zeros(18), [1, 0, 0, 0, 0, 0, 0.45]))
-    _, data = loaded(chain, state, looks=False)
+    _, data = loaded(chain, state, visuals=False)
     found = forward_dynamics(chain, state, np.zeros(18))
     assert data.qacc[:18] == pytest.approx(found.qdd, abs=1e-3 * np.abs(found.qdd).max())
     hand = ClosedChain(*three_finger_hand())
@@ -149,7 +149,7 @@ def test_limits_drives_and_looks():
     assert not model.geom_conaffinity.any()
     drawn = [g for g in range(model.ngeom) if model.body(model.geom_bodyid[g]).name == "object"]
     assert sorted(2 * model.geom_size[drawn[0]]) == pytest.approx([0.1, 0.2, 0.3])
-    assert mujoco.MjModel.from_xml_string(to_mjcf(chain, looks=False)).ngeom == 0
+    assert mujoco.MjModel.from_xml_string(to_mjcf(chain, visuals=False)).ngeom == 0
     assert ElementTree.fromstring(to_mjcf(chain)).find("keyframe") is None
     with pytest.raises(StateError, match="expected 2"):
         to_mjcf(chain, State(np.zeros(3), np.zeros(3), [1, 0, 0, 0, 0, 0, 0]))

@@ -69,7 +69,7 @@ def writers(folder: Path) -> dict:
     return {
         hf.io.export_csv: ((result,), "run.csv"),
         hf.io.export_parquet: ((result,), "run.parquet"),
-        hf.plot.export_page: ((hf.plot.film_of_run(chain, run, rate=2.0),), "page.html"),
+        hf.plot.export_page: ((hf.plot.playback_of_run(chain, run, rate=2.0),), "page.html"),
         hf.plot.save_plots: ((chain, run), "."),
         write_mcap: ((chain, run), "run.mcap"),
     }
@@ -150,7 +150,7 @@ def test_pictures_of_what_is_no_run(tmp_path):
     filled(tmp_path / "run", 2)
     empty = replace(run, **{name: getattr(run, name)[:0] for name in hf.simulation.trajectory.array_names()})
     one_arm = hf.ClosedChain({"left": chain.arms["left"]}, chain.held_object, {})
-    uses: list[Any] = [hf.plot.film_of_run, lambda chain, run: hf.plot.save_plots(chain, run, tmp_path)]
+    uses: list[Any] = [hf.plot.playback_of_run, lambda chain, run: hf.plot.save_plots(chain, run, tmp_path)]
     for use in uses:
         with pytest.raises(hf.StateError, match=r"expected a Trajectory.*got a Result; try its \.trajectory"):
             use(chain, hf.load_result(tmp_path / "run"))
@@ -160,6 +160,6 @@ def test_pictures_of_what_is_no_run(tmp_path):
             use(chain, empty)
         with pytest.raises(hf.ModelError, match="expected a ClosedChain, got a Trajectory"):
             use(run, chain)
-    with pytest.raises(hf.ModelError, match=r"got a Trajectory; try film_of_run\(chain, run\)"):
+    with pytest.raises(hf.ModelError, match=r"got a Trajectory; try playback_of_run\(chain, run\)"):
         hf.plot.export_page(cast(Any, run), tmp_path / "page.html")
-    assert np.array_equal(hf.plot.film_of_run(chain, run).t, hf.plot.film_of_run(chain, run, "run").t)
+    assert np.array_equal(hf.plot.playback_of_run(chain, run).t, hf.plot.playback_of_run(chain, run, "run").t)

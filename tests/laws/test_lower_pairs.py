@@ -227,7 +227,7 @@ def test_a_thread_turns_on():
 
 @pytest.mark.parametrize("kind", JOINTS)
 def test_gripping(kind):
-    """A grasp made where the tip is, is closed; `assemble` finds a posture for it too."""
+    """A grasp made where the tip is, is closed; `assemble` finds a configuration for it too."""
     p = pair((kind, "rigid"), 4)
     free = p.chain.without_grasp("arm0")
     made = hf.dynamics.attach(free, p.state, "arm0", p.chain.grasps["arm0"], here=True)

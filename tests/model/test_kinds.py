@@ -12,7 +12,7 @@ from holdfast.model.joint_types import JOINT_TYPES
 ROOT = Path(holdfast.__file__).parent
 NAMES = {*GRASP_KINDS, *JOINT_TYPES}
 # MuJoCo's joints, shapes and motions, which share a name with a grasp
-SHAPES = {"robots/primitive.py", "model/looks.py", "robots/urdf/visuals.py", "view/pieces.py"}
+SHAPES = {"robots/primitive.py", "model/visuals.py", "robots/urdf/visuals.py", "view/link_meshes.py"}
 OTHERS = {"interop/mjcf_tree.py", "dynamics/lost_direction.py"} | SHAPES
 
 

@@ -37,7 +37,7 @@ def closed_gaps(xml: str, found: ArmsOnTrunk, tips: dict[str, str], seed: int) -
         xml: the robot's URDF.
         found: what was read from it.
         tips: link by arm.
-        seed: of posture, grasps, velocities and torques.
+        seed: of configuration, grasps, velocities and torques.
     """
     random, tree = np.random.default_rng([seed, 0]), Tree(xml, found, seed)
     chain, state = holding(tree, found, tips, TRAY, "rigid", random)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from holdfast import Arm, ModelError, Pose
-from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.robots import HOME, PANDA_HOME, ROBOTS, panda
 from holdfast.robots.link_table import signed_axes
 from holdfast.robots.panda import FR3_ARMATURE
@@ -22,7 +22,7 @@ def test_published_figures(name, case):
     """Tip pose, mass matrix and gravity torques are what Pinocchio finds from the source."""
     arm, figures, close = ROBOTS[name](), PUBLISHED[name][case], SOURCES_DIGITS[name]
     q = np.sin(1.0 + np.arange(arm.joint_count) + 10 * case)
-    tip, (M, _, weight) = posture(arm, q).tip, mass_jacobian_bias(arm, q, 0 * q)
+    tip, (M, _, weight) = forward_kinematics(arm, q).tip, mass_jacobian_bias(arm, q, 0 * q)
     assert tip.p == pytest.approx(figures.tip, abs=close)
     assert tip.R[:, 2] == pytest.approx(figures.z, abs=close)
     assert tip.R[:, 0] == pytest.approx(figures.x, abs=close)
@@ -33,7 +33,7 @@ def test_published_figures(name, case):
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_data(name):
-    """Weights, limits around the home posture, no drive inertia unless given, right angles exact."""
+    """Weights, limits around the home configuration, no drive inertia unless given, right angles exact."""
     arm = ROBOTS[name]()
     assert HOME[name].shape == (arm.joint_count,) and not HOME[name].flags.writeable
     assert sum(link.mass for link in arm.links) == pytest.approx(MASSES[name])
@@ -72,11 +72,11 @@ def test_bad_options_are_named(name):
 
 def test_the_pandas_published_geometry():
     """At q = 0 the DH distances add up: 333 + 316 + 384 - 107 mm; ready, the hand is at (0.307, 0, 0.487), down."""
-    tip = posture(panda(), np.zeros(7)).tip
+    tip = forward_kinematics(panda(), np.zeros(7)).tip
     np.testing.assert_allclose(tip.p, [0.088, 0.0, 0.926], atol=1e-15)
     np.testing.assert_array_equal(tip.R, np.diag([1.0, -1.0, -1.0]))
     hand = Pose(rotation.exp(np.array([0.0, 0.0, -np.pi / 4])), np.array([0.0, 0.0, 0.1034]))
-    tip = posture(panda(tip=hand), PANDA_HOME).tip
+    tip = forward_kinematics(panda(tip=hand), PANDA_HOME).tip
     np.testing.assert_allclose(tip.p, [0.3069, 0.0, 0.4869], atol=5e-5)
     np.testing.assert_allclose(tip.R, np.diag([1.0, -1.0, -1.0]), atol=1e-15)
     assert [joint.effort_limit for joint in panda().joints] == [87.0] * 4 + [12.0] * 3

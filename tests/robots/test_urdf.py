@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from holdfast import Pose, SceneError
-from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.robots.urdf import load_urdf, load_urdf_arms, read_urdf, urdf_chain, urdf_chains, urdf_tree
 from holdfast.spatial import rotation
 from tests.robots.arm_dynamics import mass_jacobian_bias
@@ -131,7 +131,7 @@ def test_two_arms_stand_where_the_robot_has_them():
     assert [arm.joint_count for arm in arms.values()] == [3, 2]
     for side, q in (("left", [0.1, 0.2, 0.15]), ("right", [0.2, 0.15])):
         alone = load_urdf(TWO_ARMED, tip=f"{side}_grasp", locked=locked, lock_others=True, mount=mount)
-        tip, expected = posture(arms[side], np.array(q)).tip, posture(alone, np.array(q)).tip
+        tip, expected = forward_kinematics(arms[side], np.array(q)).tip, forward_kinematics(alone, np.array(q)).tip
         np.testing.assert_allclose(tip.p, expected.p, atol=1e-14)
         np.testing.assert_allclose(tip.R, expected.R, atol=1e-14)
 

@@ -63,7 +63,7 @@ def test_example_is_what_it_says():
 
 
 def test_defaults(tmp_path):
-    """Home posture, no grasp, gravity along -z, gravity compensation: the least one can say."""
+    """Home configuration, no grasp, gravity along -z, gravity compensation: the least one can say."""
     path = tmp_path / "short.toml"
     path.write_text(
         """

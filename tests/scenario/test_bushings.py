@@ -10,7 +10,7 @@ from holdfast.cli import main
 from holdfast.dynamics import potential_energy
 from holdfast.scenario.build import load_scene
 from holdfast.view.chain_scene import ChainScene
-from holdfast.view.film import film_of_run
+from holdfast.view.playback import playback_of_run
 from tests.scenario.test_anchors import loaded
 from tests.scenario.test_build import TEXT, refusal
 from tests.simulation.test_checkpoint import on_disk
@@ -102,11 +102,11 @@ def test_a_run(tmp_path, monkeypatch, capsys):
         assert main(command) == 0, capsys.readouterr().err
     chain, run = load_scene(tmp_path / "scene.toml").chain, hf.load_result("run").trajectory
     assert np.abs(run.grasp_wrench[-1, 1]).max() > 0.1 and np.abs(run.imbalance).max() < 1e-6
-    film, notebook = film_of_run(chain, run, "run"), Notebook()
-    ChainScene(notebook, film).show(len(film) - 1)
+    playback, notebook = playback_of_run(chain, run, "run"), Notebook()
+    ChainScene(notebook, playback).show(len(playback) - 1)
     lines = notebook.pointed["/springs/0"]
-    contact = hf.Pose.from_wxyz_xyz(film.object_pose[-1]) @ chain.grasps["right"].frame
-    assert lines[0, 0] == pytest.approx(film.tip[-1, 1]) and lines[-1, 1] == pytest.approx(contact.p)
+    contact = hf.Pose.from_wxyz_xyz(playback.object_pose[-1]) @ chain.grasps["right"].frame
+    assert lines[0, 0] == pytest.approx(playback.tip[-1, 1]) and lines[-1, 1] == pytest.approx(contact.p)
 
 
 def test_goes_on_to_the_same_bits(tmp_path):

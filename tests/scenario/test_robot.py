@@ -9,7 +9,7 @@ import pytest
 from holdfast import ClosureError, SceneError, load_urdf_arms
 from holdfast.cli import main
 from holdfast.dynamics import closure
-from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.scenario.build import load_scene
 from tests.robots.two_armed import TWO_ARMED
 from tests.scenario.test_build import refusal
@@ -21,11 +21,11 @@ ARMS = load_urdf_arms(
     locked=HELD,
     lock_others=True,
 )
-POSTURE = {"left": [0.3, 1.0, 0.1], "right": [-0.2, 1.3, 0.15]}
+CONFIGURATION = {"left": [0.3, 1.0, 0.1], "right": [-0.2, 1.3, 0.15]}
 
 
 def scene(urdf="", arm="", pieces=""):
-    """Return a scene of both arms on one object, balls where the tips are at POSTURE; text goes into each arm."""
+    """Return a scene of both arms on one object, balls where the tips are at CONFIGURATION; text goes into each arm."""
     text = [
         'controller = { type = "gravity_compensation" }',
         "simulation = { duration = 0.02, step = 0.005 }",
@@ -35,7 +35,7 @@ def scene(urdf="", arm="", pieces=""):
         base = arm_of_file.base.p.tolist()
         file = f'file = "robots/two.urdf", base = "torso", tip = "{side}_grasp", lock_others = true{urdf}'
         text += ["[[arms]]", f'name = "{side}"', f"base = {{ position = {base} }}", f"urdf = {{ {file} }}", arm]
-        point = posture(arm_of_file, np.array(POSTURE[side])).tip.p.tolist()
+        point = forward_kinematics(arm_of_file, np.array(CONFIGURATION[side])).tip.p.tolist()
         text += ["[[grasps]]", f'arm = "{side}"', 'kind = "ball"', f"position = {point}"]
     return "\n".join([*text, pieces])
 
@@ -50,13 +50,15 @@ def folder(tmp_path):
 
 
 def test_same_arms(folder):
-    """Both arms as `load_urdf_arms` has them; without q the search finds postures that close."""
+    """Both arms as `load_urdf_arms` has them; without q the search finds configurations that close."""
     found = load_scene(folder / "two.toml")
     for name, arm in ARMS.items():
         here = found.chain.arms[name]
         assert [joint.name for joint in here.joints] == [joint.name for joint in arm.joints]
         for q in np.random.default_rng(1).uniform(0.1, 1.0, (3, 3)):
-            assert posture(here, q).tip.wxyz_xyz == pytest.approx(posture(arm, q).tip.wxyz_xyz, abs=1e-14)
+            assert forward_kinematics(here, q).tip.wxyz_xyz == pytest.approx(
+                forward_kinematics(arm, q).tip.wxyz_xyz, abs=1e-14
+            )
         for mine, its in zip(here.links, arm.links, strict=True):
             assert mine.mass == its.mass
             assert (mine.inertia == its.inertia).all()
@@ -70,7 +72,7 @@ def test_a_guess_that_misses(folder):
         load_scene(folder / "far.toml")
     found = load_scene(folder / "two.toml")
     for name in ARMS:
-        assert found.state.q[found.chain.joints[name]] == pytest.approx(POSTURE[name], abs=1e-8)
+        assert found.state.q[found.chain.joints[name]] == pytest.approx(CONFIGURATION[name], abs=1e-8)
 
 
 def test_drives(folder):

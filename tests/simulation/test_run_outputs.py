@@ -17,7 +17,7 @@ from holdfast.io.model_data import model_data, model_of
 from holdfast.model.fingerprint import fingerprint
 from holdfast.simulation.trajectory import array_names
 from holdfast.view import inline
-from holdfast.view.pieces import pieces_in_files
+from holdfast.view.link_meshes import meshes_in_files
 from tests.systems.bushed import random_bushed
 from tests.systems.problems import random_problem
 from tests.systems.random_trunks import random_trunk_system
@@ -107,16 +107,16 @@ def test_pages_show_meshes(run, folder, tmp_path):
     pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")
     result = hf.load_result(run.save(tmp_path / "run"))
     for chain in (run.setting.chain, result.setting.chain):
-        pieces, missing = pieces_in_files(chain)
+        link_meshes, missing = meshes_in_files(chain)
         assert not missing
-        corners = pieces["right"][3][0].mesh.vertices  # of the third link
+        corners = link_meshes["right"][3][0].mesh.vertices  # of the third link
         assert sorted(map(tuple, np.unique(corners, axis=0))) == sorted(map(tuple, 0.1 * CORNERS))
     with_meshes = run.page(tmp_path / "a.html").read_text(encoding="utf-8")
     assert result.page(tmp_path / "b.html").read_text(encoding="utf-8") == with_meshes
     (folder / "link.stl").rename(folder / "gone.stl")
     try:
-        pieces, missing = pieces_in_files(run.setting.chain)
-        assert not pieces and "link.stl: no such file" in missing["left"][0]
+        link_meshes, missing = meshes_in_files(run.setting.chain)
+        assert not link_meshes and "link.stl: no such file" in missing["left"][0]
         assert run.page(tmp_path / "c.html").read_text(encoding="utf-8") != with_meshes
     finally:
         (folder / "gone.stl").rename(folder / "link.stl")
@@ -125,19 +125,19 @@ def test_pages_show_meshes(run, folder, tmp_path):
 def test_looks_stay_with_the_arm(run):
     """Another base or tool keeps them; other links drop them; no number and no machine code depends on them."""
     arm = run.setting.chain.arms["left"]
-    assert arm.looks is not None and len(arm.looks.bodies) == 8
-    assert arm.at(hf.Pose.identity()).with_tip(hf.Pose.translation(0, 0, 0.1)).looks is arm.looks
-    assert replace(arm, joints=arm.joints[:3], links=arm.links[:3]).looks is None
-    assert fingerprint(replace(arm, looks=None)) == fingerprint(arm)
-    with pytest.raises(hf.ModelError, match="looks: expected"):
-        replace(arm, looks="green")
+    assert arm.visuals is not None and len(arm.visuals.bodies) == 8
+    assert arm.at(hf.Pose.identity()).with_tip(hf.Pose.translation(0, 0, 0.1)).visuals is arm.visuals
+    assert replace(arm, joints=arm.joints[:3], links=arm.links[:3]).visuals is None
+    assert fingerprint(replace(arm, visuals=None)) == fingerprint(arm)
+    with pytest.raises(hf.ModelError, match="visuals: expected"):
+        replace(arm, visuals="green")
 
 
 def test_visuals_that_cannot_be_read():
     """They are no reason to refuse an arm: the notes say what, with its line."""
     text = urdf("odd", 1.0).replace("<inertial>", "<visual><geometry><sphere/></geometry></visual> <inertial>", 1)
     found = hf.robots.urdf_chain(text)
-    assert found.arm.looks is None
+    assert found.arm.visuals is None
     assert any("radius" in note and "simple solids" in note for note in found.notes)
 
 
@@ -168,7 +168,7 @@ def test_bases_that_move(run, tmp_path):
     for one in (swayed, result, pickle.loads(pickle.dumps(swayed))):
         one.to_mcap(tmp_path / "own.mcap")
         assert (tmp_path / "own.mcap").read_bytes() == (tmp_path / "given.mcap").read_bytes()
-    assert np.ptp(result.film(rate=500.0).base_pose[:, 0, 4:], axis=0).max() > 0
+    assert np.ptp(result.playback(rate=500.0).base_pose[:, 0, 4:], axis=0).max() > 0
     with pytest.raises(hf.StateError, match="expected the time of a sample"):
         swayed.setting.base_motion["left"](0.0011)
 
@@ -224,7 +224,7 @@ step = 0.002
 def test_refusals(run, tmp_path):
     """Runs that cannot, places that are taken: an error of the library's own, and nothing is written."""
     empty = replace(run, **{name: getattr(run, name)[:0] for name in array_names()})
-    for method in (*WRITES, "plot", "summary", "film", "show"):
+    for method in (*WRITES, "plot", "summary", "playback", "show"):
         arguments = [tmp_path / "x"] if method in WRITES else []
         for bad, what in ((replace(run, setting=None), "Setting"), (empty, "expected samples, got none")):
             try:

@@ -318,8 +318,8 @@ def test_kept_with_the_run(tmp_path):
     [{"scheme": "rk4"}, pytest.param({"scheme": "dop853", "rtol": 1e-9}, marks=pytest.mark.long)],
     ids=str,
 )
-def test_samples_beside_a_singular_posture(options):
-    """The long step that passes a posture ends at a sample too, where nothing jumps: none is late."""
+def test_samples_beside_a_singular_configuration(options):
+    """The long step that passes a configuration ends at a sample too, where nothing jumps: none is late."""
     chain, state = n_four_bar(2)
     (passing,) = passing_times(2, 1)
     period, asked = (passing + 0.002) / 20, []

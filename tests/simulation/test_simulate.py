@@ -111,7 +111,7 @@ def test_flat_parallelogram_stops_the_run():
     run = simulate(p.chain, p.state, limp, 0.1, step)
     assert run.t == pytest.approx([0, 0.01, 0.02])
     assert run.stopped is not None
-    assert run.stopped.startswith("stopped after t = 0.02 s, before a singular posture at t = 0.03 s: ")
+    assert run.stopped.startswith("stopped after t = 0.02 s, before a singular configuration at t = 0.03 s: ")
     assert "the grasp constraint has rank 8 there, 9 in general; force" in run.stopped
     (event,) = run.occurrences
     assert (event.kind, event.rank, event.generic_rank, len(event.lost)) == ("singular", 8, 9, 1)

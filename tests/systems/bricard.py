@@ -1,7 +1,7 @@
 """Bricard's mechanism: a spatial loop of five bars and six hinges that moves although it should not.
 
-One row of its constraint follows from the others, in every posture. IFToMM benchmark A04; geometry and masses as in its
-definition (RehabEngGroup/MBSbenchmarksInOpenSim, help/benchmarks/A04_BricardsMechanism.rst).
+One row of its constraint follows from the others, in every configuration. IFToMM benchmark A04; geometry and masses as
+in its definition (RehabEngGroup/MBSbenchmarksInOpenSim, help/benchmarks/A04_BricardsMechanism.rst).
 """
 
 from __future__ import annotations

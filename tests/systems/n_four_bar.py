@@ -1,4 +1,4 @@
-"""IFToMM's N-four-bar mechanism with N = 2: a bar on three parallel cranks, which passes singular postures.
+"""IFToMM's N-four-bar mechanism with N = 2: a bar on three parallel cranks, which passes singular configurations.
 
 The cranks stand on the ground at x = 0, 1, 2 and carry one rod over two links' length. Where all of them lie along
 x the mechanism may go on as a parallelogram, or fold. Released upright at 1 m/s it goes on as a parallelogram.

@@ -1,4 +1,4 @@
-"""Random bars on parallel cranks, pivots on one line: they pass singular postures where the cranks lie along it.
+"""Random bars on parallel cranks, pivots on one line: they pass singular configurations where the cranks lie along it.
 
 As long as it stays a parallelogram its motion is that of one angle, I w' = -g d/d(angle) of the height of all masses.
 """

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.robots.looks import arm_length, chain_length
+from holdfast.robots.visuals import arm_length, chain_length
 from holdfast.view.chain_scene import ChainScene
-from holdfast.view.film import film_of_run
+from holdfast.view.playback import playback_of_run
 from holdfast.view.plots import figures
 from tests.laws.test_anchors import pendulum, still
 from tests.simulation.runs import limp
@@ -19,10 +19,10 @@ from tests.view.test_chain_scene import Notebook
 
 
 def shown(p: Problem, motion=None):
-    """Return a run of a problem, its film, and what is drawn."""
+    """Return a run of a problem, its playback, and what is drawn."""
     run = hf.simulate(p.chain, p.state, limp, 0.02, 0.01, inputs=p.inputs, base_motion=motion, scheme="dop853")
-    film, notebook = film_of_run(p.chain, run, "run", 1e3, motion or {}), Notebook()
-    return run, film, notebook, ChainScene(notebook, film)
+    playback, notebook = playback_of_run(p.chain, run, "run", 1e3, motion or {}), Notebook()
+    return run, playback, notebook, ChainScene(notebook, playback)
 
 
 @pytest.mark.parametrize("alone", [True, False])
@@ -30,14 +30,14 @@ def test_where_it_stands(alone):
     """Its node and its tip are where the base is, and move with it; its foot and its name are there."""
     p, name = (pendulum("ball"), "pin") if alone else (still(1, "ball"), "pin1")
     base = p.chain.arms[name].base
-    run, film, notebook, scene = shown(p, {name: swaying(base)})
+    run, playback, notebook, scene = shown(p, {name: swaying(base)})
     for k in (0, len(run) - 1):
         scene.show(k)
         there, _, _ = swaying(base)(run.t[k])
         node = notebook.world_pose(f"/arms/{name}")
         assert node.p == pytest.approx(there.p, abs=1e-12)
         i = p.chain.names.index(name)
-        assert (node @ p.chain.arms[name].tip).p == pytest.approx(film.tip[k, i], abs=1e-9)
+        assert (node @ p.chain.arms[name].tip).p == pytest.approx(playback.tip[k, i], abs=1e-9)
     drawn = [part.removeprefix(f"/arms/{name}/") for part in notebook.drawn if part.startswith(f"/arms/{name}/")]
     assert {"(own)", "(hand)", "(name)"} <= set(drawn)
     assert len(figures(p.chain, run)) >= 2
@@ -55,8 +55,8 @@ def test_sizes():
 def test_on_a_trunk():
     """On a trunk it has no foot, and is inside the body that carries it."""
     _, p = by_anchor(0)
-    _, film, notebook, scene = shown(replace(p, state=p.state.at_rest()))
+    _, playback, notebook, scene = shown(replace(p, state=p.state.at_rest()))
     scene.show(0)
     assert "/arms/arm2/(own)" not in notebook.drawn and "/arms/arm2/(hand)" in notebook.drawn
-    contact = hf.Pose.from_wxyz_xyz(film.object_pose[0]) @ p.chain.grasps["arm2"].frame
+    contact = hf.Pose.from_wxyz_xyz(playback.object_pose[0]) @ p.chain.grasps["arm2"].frame
     assert np.abs(notebook.world_pose("/arms/arm2").p - contact.p).max() < 1e-6

@@ -8,10 +8,10 @@ import pytest
 
 from holdfast import Pose, Spring
 from holdfast.dynamics import link_poses
-from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.view.chain_scene import ChainScene
-from holdfast.view.film import film_of_run
 from holdfast.view.markers import ArrowScale, cone_colour
+from holdfast.view.playback import playback_of_run
 from tests.view.runs import lifted
 
 
@@ -70,40 +70,40 @@ class Notebook:
 @pytest.fixture(scope="module")
 def shown():
     chain, run = lifted()
-    film, notebook = film_of_run(chain, run, "lifted"), Notebook()
-    return film, notebook, ChainScene(notebook, film)
+    playback, notebook = playback_of_run(chain, run, "lifted"), Notebook()
+    return playback, notebook, ChainScene(notebook, playback)
 
 
 @pytest.mark.parametrize("k", [0, 3])
 def test_links_and_object(shown, k):
-    """Composed along their names, the nodes' poses are those of posture; so at any moment, in any order."""
-    film, notebook, scene = shown
+    """Composed along their names, the nodes' poses are those of configuration; so at any moment, in any order."""
+    playback, notebook, scene = shown
     scene.show(k)
-    for i, (name, arm) in enumerate(film.chain.arms.items()):
+    for i, (name, arm) in enumerate(playback.chain.arms.items()):
         joints = [joint.name for joint in arm.joints]
-        at = posture(arm, film.q[k, film.chain.joints[name]])
+        at = forward_kinematics(arm, playback.q[k, playback.chain.joints[name]])
         for j in range(arm.joint_count):
             node = notebook.world_pose("/".join(["/arms", name, *joints[: j + 1]]))
             assert np.abs(node.R - at.R[j]).max() < 1e-12
             assert node.p == pytest.approx(at.tip.p - at.reach[j], abs=1e-12)
-        assert (node @ arm.tip).p == pytest.approx(film.tip[k, i], abs=1e-12)
+        assert (node @ arm.tip).p == pytest.approx(playback.tip[k, i], abs=1e-12)
     contact = notebook.world_pose("/object/contacts/left")
-    assert contact.p == pytest.approx(film.tip[k, 0], abs=1e-9)
+    assert contact.p == pytest.approx(playback.tip[k, 0], abs=1e-9)
 
 
 def test_arrows(shown):
     """Forces and moments go out from the tips, to scale; the squeeze beside them; a moment has two heads."""
-    film, notebook, scene = shown
+    playback, notebook, scene = shown
     scene.show(2)
-    for i, name in enumerate(film.chain.names):
-        tip, wrench = film.tip[2, i], film.wrench[2, i]
+    for i, name in enumerate(playback.chain.names):
+        tip, wrench = playback.tip[2, i], playback.wrench[2, i]
         assert notebook.pointed[f"/forces/{name}"] == pytest.approx(
             np.array([[tip, tip + scene.scale.force * wrench[3:]]])
         )
         heads = notebook.pointed[f"/moments/{name}"][:, 1]
         assert heads[0] == pytest.approx(tip + scene.scale.moment * wrench[:3])
         (squeeze,) = notebook.pointed[f"/squeeze/{name}"]
-        internal = film.internal[2, i, 3:]
+        internal = playback.internal[2, i, 3:]
         assert squeeze[1] - squeeze[0] == pytest.approx(scene.scale.force * internal)
         assert (squeeze[0] - tip) @ internal == pytest.approx(0.0, abs=1e-9)
         assert 0.01 < np.linalg.norm(squeeze[0] - tip) < 0.1
@@ -124,10 +124,10 @@ def test_arrow_length_can_change(shown):
 
 def test_cones_turn_red(shown):
     """The cone's colour is that of its reserve; at the end of this run the contacts would slip."""
-    film, notebook, scene = shown
-    for k in (0, len(film) - 1):
+    playback, notebook, scene = shown
+    for k in (0, len(playback) - 1):
         scene.show(k)
-        assert notebook.colours["/object/cones/right"] == cone_colour(float(film.reserve("right")[k]))
+        assert notebook.colours["/object/cones/right"] == cone_colour(float(playback.reserve("right")[k]))
     assert notebook.colours["/object/cones/right"] == cone_colour(0.0)
     scene.show(0)
     assert notebook.colours["/object/cones/right"] != cone_colour(0.0)
@@ -146,20 +146,20 @@ def test_one_colour_an_arm(shown):
 
 def test_springs(shown):
     """A coil goes from end to end of every spring, wherever these have moved."""
-    film, _, _ = shown
-    (name, arm), *_ = film.chain.arms.items()
+    playback, _, _ = shown
+    (name, arm), *_ = playback.chain.arms.items()
     springs = [
         Spring((name, 3, (0, 0, 0)), ("object", (0, 0, 0.1)), 5.0),
         Spring(("world", (0, 0, 1)), ("world", (0, 0, 1)), 5.0),
     ]
-    sprung = replace(film, chain=replace(film.chain, springs=springs))
+    sprung = replace(playback, chain=replace(playback.chain, springs=springs))
     notebook = Notebook()
     scene = ChainScene(notebook, sprung)
-    for k in (0, len(film) - 1):
+    for k in (0, len(playback) - 1):
         scene.show(k)
         lines = notebook.pointed["/springs/0"]
-        link = link_poses(arm, film.q[k, film.chain.joints[name]])[3]
-        frame = Pose.from_wxyz_xyz(film.object_pose[k])
+        link = link_poses(arm, playback.q[k, playback.chain.joints[name]])[3]
+        frame = Pose.from_wxyz_xyz(playback.object_pose[k])
         assert lines[0, 0] == pytest.approx(link.p)
         assert lines[-1, 1] == pytest.approx(frame.p + 0.1 * frame.R[:, 2])
         assert np.array_equal(lines[1:, 0], lines[:-1, 1])

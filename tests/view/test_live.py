@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from holdfast.view.film import film_of_run
 from holdfast.view.live import Controls, readout, watch
 from holdfast.view.markers import ArrowScale
+from holdfast.view.playback import playback_of_run
 from holdfast.view.scene_writer import viewer_server
 from tests.view.runs import lifted
 
@@ -13,15 +13,15 @@ pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")
 
 
 @pytest.fixture(scope="module")
-def film():
+def playback():
     chain, run = lifted()
-    return film_of_run(chain, run, "lifted")
+    return playback_of_run(chain, run, "lifted")
 
 
 @pytest.fixture
-def controls(film):
+def controls(playback):
     with viewer_server() as server:
-        yield Controls(server, film, ArrowScale(0.01, 0.1))
+        yield Controls(server, playback, ArrowScale(0.01, 0.1))
 
 
 def test_clock(controls):
@@ -46,18 +46,18 @@ def test_arrow_length(controls):
     assert controls.scale == pytest.approx((0.02, 0.2))
 
 
-def test_readout(film, controls):
+def test_readout(playback, controls):
     """A row for each arm with its force, squeeze, moment, margin and torque; the needle within the meter."""
-    text = readout(film, 0)
-    force = np.linalg.norm(film.wrench[0, 1, 3:])
-    for number in (f"{force:.3g}", f"{film.margin[0, 1]:.3g}", f"{100 * film.torque_use('right')[0]:.3g}"):
+    text = readout(playback, 0)
+    force = np.linalg.norm(playback.wrench[0, 1, 3:])
+    for number in (f"{force:.3g}", f"{playback.margin[0, 1]:.3g}", f"{100 * playback.torque_use('right')[0]:.3g}"):
         assert f">{number}<" in text
     assert text.count("<tr>") == 3
     controls.show_numbers(0)
     assert controls._numbers.content == text
 
 
-def test_watch_ends_with_ctrl_c(film):
+def test_watch_ends_with_ctrl_c(playback):
     """The address is told while it can be opened; after Ctrl-C the port is free again."""
     import socket
 
@@ -71,6 +71,6 @@ def test_watch_ends_with_ctrl_c(film):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        watch(film, opened)
+        watch(playback, opened)
     with pytest.raises(ConnectionRefusedError), socket.create_connection(("127.0.0.1", found[0]), timeout=5):
         pass

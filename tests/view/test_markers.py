@@ -7,8 +7,8 @@ from holdfast import ClosedChain, Grasp, HeldObject, Pose
 from holdfast.robots import panda
 from holdfast.spatial import rotation
 from holdfast.view.figure_style import DANGER, GREEN, rgb
-from holdfast.view.film import film_of_run
 from holdfast.view.markers import arrow_scale, box_lines, cone_colour, cone_lines, equivalent_box, struts
+from holdfast.view.playback import playback_of_run
 from tests.view.runs import lifted
 
 FRAME = Pose(rotation.exp(np.array([0.3, -0.8, 0.5])), np.array([0.2, -0.1, 0.4]))
@@ -72,9 +72,9 @@ def test_cone_colours():
 
 def test_scale_is_round():
     """The largest force is 0.1 to 0.25 of an arm long, and 0.1 m are 1, 2 or 5 times a power of ten newtons."""
-    film = film_of_run(*lifted(), "lifted")
-    scale = arrow_scale(film)
-    longest = scale.force * np.linalg.norm(film.wrench[..., 3:], axis=-1).max()
+    playback = playback_of_run(*lifted(), "lifted")
+    scale = arrow_scale(playback)
+    longest = scale.force * np.linalg.norm(playback.wrench[..., 3:], axis=-1).max()
     assert 0.1 < longest < 0.4
     digits = f"{0.1 / scale.force:.6e}".split("e")[0].rstrip("0").rstrip(".")
     assert digits in {"1", "2", "5"}

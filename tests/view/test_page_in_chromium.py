@@ -13,8 +13,8 @@ import pytest
 
 from holdfast.cli import main
 from holdfast.view.cameras import cameras
-from holdfast.view.film import film_of_run
 from holdfast.view.page import export_page
+from holdfast.view.playback import playback_of_run
 from tests.view.chromium import browser
 from tests.view.runs import lifted
 
@@ -29,8 +29,8 @@ def at_times(tmp_path_factory):
     """The page of a run, and what it shows at the first and at the last moment, and back at the first."""
     folder = tmp_path_factory.mktemp("page")
     chain, run = lifted()
-    film = film_of_run(chain, run, "lifted")
-    export_page(film, folder / "page.html")
+    playback = playback_of_run(chain, run, "lifted")
+    export_page(playback, folder / "page.html")
     with browser(720, 400) as chromium:  # small: the processor draws it
         chromium.open(folder / "page.html")
         seen = []
@@ -57,16 +57,16 @@ def at_times(tmp_path_factory):
         chromium.ask("() => window.dispatchEvent(new KeyboardEvent('keydown', {code: 'Space'}))")
         chromium.page.wait_for_timeout(500)
         playing = chromium.player_time()
-    return film, seen, cameras, playing, chromium
+    return playback, seen, cameras, playing, chromium
 
 
 def test_slider_moves_the_arms(at_times):
     """Joints and object go where the run has them, and back."""
-    film, (first, last, again), *_ = at_times
+    playback, (first, last, again), *_ = at_times
     assert [seen["time"] for seen in (first, last, again)] == pytest.approx([0.0, 1.0, 0.0])
     assert np.abs(np.array(first["wrist"]) - last["wrist"]).max() > 1e-2
     for seen, k in ((first, 0), (last, -1)):
-        pose = film.object_pose[k]
+        pose = playback.object_pose[k]
         assert seen["object"] == pytest.approx(pose, abs=1e-6)
     assert again["wrist"] == first["wrist"]
     assert again["object"] == first["object"]
@@ -74,21 +74,21 @@ def test_slider_moves_the_arms(at_times):
 
 def test_arrows_and_cones_change(at_times):
     """The force's arrow is the force, from the contact; the cone turns red."""
-    film, (first, last, _), *_ = at_times
+    playback, (first, last, _), *_ = at_times
     for seen, k in ((first, 0), (last, -1)):
         tail, tip = np.array(seen["force"]).reshape(2, 3)
-        assert tail == pytest.approx(film.tip[k, 0], abs=1e-6)
-        cosine = (tip - tail) @ film.wrench[k, 0, 3:]
-        assert cosine == pytest.approx(np.linalg.norm(tip - tail) * np.linalg.norm(film.wrench[k, 0, 3:]), rel=1e-6)
+        assert tail == pytest.approx(playback.tip[k, 0], abs=1e-6)
+        cosine = (tip - tail) @ playback.wrench[k, 0, 3:]
+        assert cosine == pytest.approx(np.linalg.norm(tip - tail) * np.linalg.norm(playback.wrench[k, 0, 3:]), rel=1e-6)
     assert first["cone"] != last["cone"] == [213, 94, 0]
 
 
 def test_panel_follows(at_times):
     """The panel's numbers and cursor are those of the player's time."""
-    film, (first, last, _), *_ = at_times
+    playback, (first, last, _), *_ = at_times
     assert "t = 0.00 s" in first["text"]
     assert "t = 1.00 s" in last["text"]
-    assert f"left {np.linalg.norm(film.wrench[0, 0, 3:]):.1f}" in first["text"]
+    assert f"left {np.linalg.norm(playback.wrench[0, 0, 3:]):.1f}" in first["text"]
     assert float(last["cursor"]) > float(first["cursor"]) + 200
 
 
@@ -130,17 +130,17 @@ def test_readme_picture(tmp_path):
 def test_a_minute_of_two_arms(tmp_path):
     """60 s, 30 moments a second: at most 20 MB; the player keeps time, and goes anywhere."""
     chain, run = lifted(samples=31)
-    film = film_of_run(chain, run, "a minute")
+    playback = playback_of_run(chain, run, "a minute")
     t = np.linspace(0.0, 60.0, 1801)
     to_and_fro = 0.5 - 0.5 * np.cos(2 * np.pi * t / 6.0)
     rng = np.random.default_rng(0)
 
     def stretched(values: np.ndarray) -> np.ndarray:
-        columns = values.reshape(len(film), -1).T
-        return np.stack([np.interp(to_and_fro, film.t, c) for c in columns], axis=1).reshape(-1, *values.shape[1:])
+        columns = values.reshape(len(playback), -1).T
+        return np.stack([np.interp(to_and_fro, playback.t, c) for c in columns], axis=1).reshape(-1, *values.shape[1:])
 
     names = ("q", "base_pose", "object_pose", "tip", "wrench", "internal", "margin", "condition", "strength", "tau")
-    minute = replace(film, t=t, **{name: stretched(getattr(film, name)) for name in names})
+    minute = replace(playback, t=t, **{name: stretched(getattr(playback, name)) for name in names})
     # so that it compresses no better than real runs do
     minute = replace(minute, q=minute.q + 1e-4 * rng.normal(size=minute.q.shape))
     begin = time.monotonic()
@@ -182,9 +182,9 @@ WATCH = """() => new Promise(done => {
 def test_a_narrow_picture_and_equal_curves(tmp_path):
     """The eye goes as far away as the width asks for, and back with the window; of equal curves both are seen."""
     chain, run = lifted()
-    film = film_of_run(chain, run, "lifted")
-    export_page(film, tmp_path / "page.html")
-    first, root = cameras(film)[0], "__viserMutable.camera.position.toArray()"
+    playback = playback_of_run(chain, run, "lifted")
+    export_page(playback, tmp_path / "page.html")
+    first, root = cameras(playback)[0], "__viserMutable.camera.position.toArray()"
     near = np.linalg.norm(first.position)
     with browser(800, 1000) as chromium:
         chromium.open(tmp_path / "page.html")
@@ -195,5 +195,5 @@ def test_a_narrow_picture_and_equal_curves(tmp_path):
                               ".map(line => Number(line.getAttribute('stroke-width')))")  # fmt: skip
         ticks = chromium.ask("() => [...document.querySelectorAll('#holdfast svg text')].map(of => of.textContent)")
     assert np.all(np.diff(widths) < 0.0)
-    force = np.linalg.norm(film.wrench[..., 3:], axis=2)
+    force = np.linalg.norm(playback.wrench[..., 3:], axis=2)
     assert float(ticks[1]) <= force.min() and force.max() <= float(ticks[0]) < 1.5 * force.max()

@@ -9,9 +9,9 @@ from holdfast import ClosedChain, State, simulate
 from holdfast.control.object_tracking import ObjectTracking
 from holdfast.control.paths import RestToRest
 from holdfast.simulation.trajectory import Trajectory
-from holdfast.view.film import film_of_run
 from holdfast.view.live import readout
 from holdfast.view.page import meter
+from holdfast.view.playback import playback_of_run
 from tests.control.two_pandas import two_pandas
 from tests.systems import planar_parallelogram
 from tests.systems.as_chain import as_chain
@@ -28,9 +28,9 @@ def tracked(displacement, step: float, duration: float) -> tuple[ClosedChain, Tr
 
 def values_before_the_end(chain, run: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     """Return how long before the run's end each sample is [s], and the meter's values."""
-    film = film_of_run(chain, run, "to the end", rate=1e4)
-    assert len(film) == len(run.t)
-    return run.t[-1] - run.t, np.array(meter(film)["values"])
+    playback = playback_of_run(chain, run, "to the end", rate=1e4)
+    assert len(playback) == len(run.t)
+    return run.t[-1] - run.t, np.array(meter(playback)["values"])
 
 
 def assert_reddens(before: np.ndarray, values: np.ndarray) -> None:
@@ -54,8 +54,10 @@ def test_arms_that_are_led_beyond_their_reach():
     for arm in ("left", "right"):
         assert f"arm '{arm}' can hardly (relative strength" in run.stopped
     assert "try a smaller time step" not in run.stopped
-    film = film_of_run(chain, run, "to the end")
-    assert "nearest: left" in readout(film, len(film) - 1) or "nearest: right" in readout(film, len(film) - 1)
+    playback = playback_of_run(chain, run, "to the end")
+    assert "nearest: left" in readout(playback, len(playback) - 1) or "nearest: right" in readout(
+        playback, len(playback) - 1
+    )
 
 
 @pytest.mark.slow
@@ -70,7 +72,7 @@ def test_a_parallelogram_that_flattens():
     assert run.stopped is not None
     assert "at 'arm1' (rigid) against force" in run.stopped
     assert "is felt by no joint" in run.stopped
-    shown = meter(film_of_run(p.chain, run, "flat"))
+    shown = meter(playback_of_run(p.chain, run, "flat"))
     near = [nearest for nearest, value in zip(shown["nearest"], shown["values"], strict=True) if value > GREEN]
     assert near
     assert set(near) == {0}  # the grasps, not an arm

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.trunk.trunk_motion import trunk_at_rest
 from holdfast.spatial import rotation
 from holdfast.view.base_travel import base_travel
 from holdfast.view.cameras import cameras, trunk_outline
 from holdfast.view.chain_scene import ChainScene
 from holdfast.view.figure_style import TRUNK_COLOUR, rgb
-from holdfast.view.film import film_of_run
 from holdfast.view.markers import equivalent_box
 from holdfast.view.page import plots
+from holdfast.view.playback import playback_of_run
 from holdfast.view.plots import figures
 from tests.systems.trunk_runs import still_base, swaying
 from tests.view.test_chain_scene import Notebook
@@ -23,27 +23,27 @@ from tests.view.test_chain_scene import Notebook
 
 @pytest.fixture(scope="module", params=["floating", "swaying", "base alone"])
 def shown(request):
-    """A chain on a trunk, a run of it, its film, and what is drawn."""
+    """A chain on a trunk, a run of it, its playback, and what is drawn."""
     floats = request.param != "swaying"
     joints = 0 if request.param == "base alone" else 3
     p = still_base(4, joints, floating=floats, arms={"arms": 3, "grasps": "rigid", "joints": 7}, in_world=0.4)
     moving = {} if floats else {"trunk": swaying(p.chain.trunk.base)}
     run = hf.simulate(p.chain, p.state, lambda t, s, m: (p.tau, m), 0.03, 0.01, inputs=p.inputs, base_motion=moving)
-    film, notebook = film_of_run(p.chain, run, "run", 1e3, moving), Notebook()
-    return p.chain, run, film, notebook, ChainScene(notebook, film)
+    playback, notebook = playback_of_run(p.chain, run, "run", 1e3, moving), Notebook()
+    return p.chain, run, playback, notebook, ChainScene(notebook, playback)
 
 
-def frame_of(film, k):
-    return hf.Pose.from_wxyz_xyz(film.trunk_pose[k])
+def frame_of(playback, k):
+    return hf.Pose.from_wxyz_xyz(playback.trunk_pose[k])
 
 
 @pytest.mark.parametrize("k", [0, 3])
 def test_where_everything_is(shown, k):
     """Composed along their names, the nodes of trunk and arms are at the bodies of the dynamics; tips at the grasps."""
-    chain, run, film, notebook, scene = shown
-    assert len(film) == len(run) == 4
+    chain, run, playback, notebook, scene = shown
+    assert len(playback) == len(run) == 4
     scene.show(k)
-    here = replace(chain, trunk=replace(chain.trunk, base=frame_of(film, k)))
+    here = replace(chain, trunk=replace(chain.trunk, base=frame_of(playback, k)))
     found = trunk_at_rest(here, run.state(k))
     names = [joint.name or f"joint{j + 1}" for j, joint in enumerate(chain.trunk.joints)]
     first = len(found.bodies) - len(names)
@@ -54,19 +54,21 @@ def test_where_everything_is(shown, k):
         assert placed.p == pytest.approx(body.frame.p, abs=1e-12)
     for i, (name, arm) in enumerate(chain.arms.items()):
         base = found.mounts[name].frame if name in chain.mounts else arm.base
-        assert film.base_pose[k, i] == pytest.approx(base.wxyz_xyz, abs=1e-12)
+        assert playback.base_pose[k, i] == pytest.approx(base.wxyz_xyz, abs=1e-12)
         assert notebook.world_pose(f"/arms/{name}").p == pytest.approx(base.p, abs=1e-12)
-        contact = hf.Pose.from_wxyz_xyz(film.object_pose[k]) @ chain.grasps[name].frame
-        assert film.tip[k, i] == pytest.approx(contact.p, abs=1e-9)
-        assert posture(arm.at(base), run.q[k, chain.joints[name]]).tip.p == pytest.approx(film.tip[k, i], abs=1e-12)
+        contact = hf.Pose.from_wxyz_xyz(playback.object_pose[k]) @ chain.grasps[name].frame
+        assert playback.tip[k, i] == pytest.approx(contact.p, abs=1e-9)
+        assert forward_kinematics(arm.at(base), run.q[k, chain.joints[name]]).tip.p == pytest.approx(
+            playback.tip[k, i], abs=1e-12
+        )
 
 
 def test_the_base_moves(shown):
     """A floating base goes where the run has it, a swaying one where its motion takes it."""
-    chain, run, film, *_ = shown
-    assert np.abs(film.trunk_pose[-1] - film.trunk_pose[0]).max() > 1e-4
+    chain, run, playback, *_ = shown
+    assert np.abs(playback.trunk_pose[-1] - playback.trunk_pose[0]).max() > 1e-4
     if chain.floats:
-        assert film.trunk_pose == pytest.approx(run.base_pose)
+        assert playback.trunk_pose == pytest.approx(run.base_pose)
 
 
 def test_what_is_drawn(shown):
@@ -93,20 +95,20 @@ def test_free_fall_has_no_ground():
     p = still_base(7, 2, floating=True, arms=arms, in_world=0.0)
     run = hf.simulate(p.chain, p.state, lambda t, s, m: (p.tau, m), 0.01, 0.01)
     notebook = Notebook()
-    ChainScene(notebook, film_of_run(p.chain, run))
+    ChainScene(notebook, playback_of_run(p.chain, run))
     assert "/ground" not in notebook.drawn
 
 
 def test_cameras_see_the_trunk(shown):
     """Its links, and the box of a body that floats, are in every view of the whole chain."""
-    chain, _, film, *_ = shown
-    for k in (0, len(film) - 1):
-        outline = trunk_outline(chain.trunk, film, k)
+    chain, _, playback, *_ = shown
+    for k in (0, len(playback) - 1):
+        outline = trunk_outline(chain.trunk, playback, k)
         if chain.floats:
             edges, box = equivalent_box(chain.trunk.floating)
-            corner = (frame_of(film, k) @ box @ hf.Pose.translation(*edges / 2)).p
+            corner = (frame_of(playback, k) @ box @ hf.Pose.translation(*edges / 2)).p
             assert np.linalg.norm(outline - corner, axis=1).min() < 1e-12
-        for view in cameras(film)[:4]:
+        for view in cameras(playback)[:4]:
             ahead = (view.target - view.position) / np.linalg.norm(view.target - view.position)
             seen = outline - view.position
             off_axis = np.linalg.norm(seen - np.outer(seen @ ahead, ahead), axis=1) / (seen @ ahead)
@@ -115,13 +117,13 @@ def test_cameras_see_the_trunk(shown):
 
 def test_curves_and_figures(shown):
     """The trunk's torques are beside those of the arms, and the base's way where it floats."""
-    chain, run, film, *_ = shown
+    chain, run, playback, *_ = shown
     pytest.importorskip("matplotlib", reason="needs matplotlib: pip install 'holdfast[plot]'")
     drawn = figures(chain, run)
     titles = [panel.get_title() for panel in drawn["joint_torques"].axes if panel.get_title()]
     assert titles == [*(["trunk"] if chain.trunk.joint_count else []), *chain.names]
     assert ("base_motion" in drawn) is chain.floats
-    away = [plot for plot in plots(film) if plot["title"].startswith("floating base")]
+    away = [plot for plot in plots(playback) if plot["title"].startswith("floating base")]
     assert [len(plot["curves"]) for plot in away] == [2 if chain.floats else 0]
     if chain.floats:
         shift, turn, velocity, turning = drawn["base_motion"].axes

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from holdfast.assembly.limits import asked_reach, longest_reach, room_left, with_room
-from holdfast.assembly.nearest_posture import distance, nearest_posture
+from holdfast.assembly.nearest_configuration import distance, nearest_configuration
 from holdfast.assembly.on_trunk import brought_on_trunk
-from holdfast.assembly.reaching_postures import reaching_postures
+from holdfast.assembly.reaching_configurations import reaching_configurations
 from holdfast.assembly.report import AssemblyReport, assembly_report
 from holdfast.assembly.slack import with_slack_bushings
-from holdfast.assembly.starts import object_guesses, preferred_postures, starting_postures
+from holdfast.assembly.starts import object_guesses, preferred_configurations, starting_configurations
 from holdfast.dynamics.closing import close
 from holdfast.errors import ClosureError, ModelError
 from holdfast.model import checks
@@ -27,10 +27,10 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-STARTS = 96  # postures that an arm is brought to its grasp from, if the preferred one does not lead there
+STARTS = 96  # configurations that an arm is brought to its grasp from, if the preferred one does not lead there
 MOST_CLOSED = 6  # of them, the nearest
 LIKELIEST = 4  # guesses of the object's pose that the arms are brought to one by one
-BEST = 3  # closures whose posture is improved
+BEST = 3  # closures whose configuration is improved
 
 Starts = Callable[[ClosedChain, Mapping[str, Array]], Iterator[Iterable[State]]]
 
@@ -64,7 +64,7 @@ def assemble(
     mounts: Mapping[str, Any] | None = None,
     base_pose: Any = None,
 ) -> Assembly:
-    """Return the chain, and the closed state whose arms are nearest to their preferred postures.
+    """Return the chain, and the closed state whose arms are nearest to their preferred configurations.
 
         chain, state = assemble({"left": panda(at_left), "right": panda(at_right)}, box, grasps)
 
@@ -83,7 +83,7 @@ def assemble(
         grasps: grasp by arm name.
         object_pose: where the object is (a Pose or wxyz_xyz); None: found.
         q: preferred joint positions by arm name, or "trunk" [rad or m]; where missing, a built-in robot's
-            home posture, or the middle of the joint limits.
+            home configuration, or the middle of the joint limits.
         gravity: (3,) world axes [m/s^2].
         trunk: what arms stand on, as for `ClosedChain`.
         mounts: on which of its links, by arm name.
@@ -108,7 +108,7 @@ def assemble(
 
 def _brought(given: Pose | None, chain: ClosedChain, q: Mapping[str, Any] | None) -> State:
     """Return the closed state of arms on bases of their own, the object where it is given."""
-    preferred = preferred_postures(chain, q)
+    preferred = preferred_configurations(chain, q)
     if given is None:
         return _nearest(chain, preferred, _starts_somewhere, hold_object=False)
     _require_reach(chain, given)
@@ -127,7 +127,7 @@ def _starts_around(object_pose: Pose, chain: ClosedChain, preferred: Mapping[str
 
 
 def _starts_somewhere(chain: ClosedChain, preferred: Mapping[str, Array]) -> Iterator[Iterable[State]]:
-    """Yield states to close from, at every guess of the object's pose: in the preferred postures; then reaching it."""
+    """Yield states to close from, per guess of the object's pose: preferred configurations, then reaching ones."""
     guesses = object_guesses(chain, preferred)
     wanted = np.concatenate([preferred[name] for name in chain.arms])
     yield [State(wanted, 0 * wanted, pose.wxyz_xyz) for pose in guesses]
@@ -141,10 +141,10 @@ def _starts_somewhere(chain: ClosedChain, preferred: Mapping[str, Array]) -> Ite
 
 
 def _reaching(chain: ClosedChain, name: str, object_pose: Pose, preferred: Mapping[str, Array]) -> Array:
-    """Return postures in which an arm reaches its grasp, (found, N), the nearest to its preferred one first."""
+    """Return configurations in which an arm reaches its grasp, (found, N), the nearest to its preferred one first."""
     arm = chain.arms[name]
-    starts = starting_postures(arm, preferred[name], STARTS)
-    return reaching_postures(arm, chain.grasps[name], object_pose, starts, preferred[name])
+    starts = starting_configurations(arm, preferred[name], STARTS)
+    return reaching_configurations(arm, chain.grasps[name], object_pose, starts, preferred[name])
 
 
 def _nearest(chain: ClosedChain, preferred: Mapping[str, Array], starts: Starts, *, hold_object: bool) -> State:
@@ -161,7 +161,7 @@ def _nearest(chain: ClosedChain, preferred: Mapping[str, Array], starts: Starts,
     """
     wanted, missed = np.concatenate([preferred[name] for name in chain.arms]), None
     for within in (with_room(chain, preferred), chain):
-        missed = None  # the error names what misses within the arms' own limits, in the preferred postures
+        missed = None  # the error names what misses within the arms' own limits, in the preferred configurations
         for group in starts(within, preferred):
             closed = []
             for start in group:
@@ -171,7 +171,7 @@ def _nearest(chain: ClosedChain, preferred: Mapping[str, Array], starts: Starts,
                     missed = missed or cause
             if closed:
                 closed.sort(key=lambda state: distance(chain, state, wanted))
-                nearest = [nearest_posture(within, one, wanted, hold_object=hold_object) for one in closed[:BEST]]
+                nearest = [nearest_configuration(within, one, wanted, hold_object=hold_object) for one in closed[:BEST]]
                 return min(nearest, key=lambda at: (-room_left(chain, at), round(distance(chain, at, wanted), 9)))
     raise ClosureError(
         f"assemble: no starting point led to a configuration that satisfies the grasps. From the first one: {missed}"
@@ -179,7 +179,7 @@ def _nearest(chain: ClosedChain, preferred: Mapping[str, Array], starts: Starts,
 
 
 def _require_reach(chain: ClosedChain, pose: Pose) -> None:
-    """Refuse an object that no posture at all could reach.
+    """Refuse an object that no configuration at all could reach.
 
     Raises:
         ClosureError: naming each arm, and how much it is short.

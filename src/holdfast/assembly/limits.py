@@ -16,7 +16,7 @@ from holdfast.state import State
 
 
 def longest_reach(arm: Arm) -> float:
-    """Return a distance from the first joint that the tip cannot exceed in any posture [m].
+    """Return a distance from the first joint that the tip cannot exceed in any configuration [m].
 
     The lengths from joint to joint and on to the tip, and the strokes; infinite with a
     stroke that has no limit.
@@ -42,7 +42,7 @@ ROOM = 0.02  # of a joint's range: more room to a limit does not count
 
 
 def with_room(chain: ClosedChain, preferred: Mapping[str, Array]) -> ClosedChain:
-    """Return the chain with limits that keep 2 % of each joint's range free, as far as the preferred postures do."""
+    """Return the chain with limits that keep 2 % of each joint's range free, where the preferred configurations do."""
     arms = {}
     for name, arm in chain.arms.items():
         low, high = arm.position_limits.T

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.assembly.starts import preferred_posture, preferred_postures, starting_postures
+from holdfast.assembly.starts import preferred_configuration, preferred_configurations, starting_configurations
 from holdfast.dynamics.closing import close
 from holdfast.dynamics.trunk.trunk_motion import standing
 from holdfast.errors import ClosureError, ModelError, StateError
@@ -18,10 +18,10 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 
-STARTS = 12  # postures of a trunk that it is moved from, if the arms do not reach from the preferred one
+STARTS = 12  # configurations of a trunk that it is moved from, if the arms do not reach from the preferred one
 ENOUGH = 3  # found from which they do, to try the nearest first
 
-# a chain of arms on bases of their own, and their preferred postures -> a closed state of it
+# a chain of arms on bases of their own, and their preferred configurations -> a closed state of it
 Bring = Callable[[ClosedChain, Mapping[str, Any]], State]
 
 
@@ -50,11 +50,11 @@ def brought_on_trunk(
     Raises:
         ModelError: a pose of a base that does not float.
         StateError: preferred positions of the wrong length.
-        ClosureError: no posture of the trunk is found from which every arm reaches its grasp.
+        ClosureError: no configuration of the trunk is found from which every arm reaches its grasp.
     """
     given = dict(q) if isinstance(q, Mapping) else q
     own = given.pop(TRUNK, None) if isinstance(given, dict) else None
-    wanted, preferred = _trunk_posture(chain, own), preferred_postures(chain, given)
+    wanted, preferred = _trunk_configuration(chain, own), preferred_configurations(chain, given)
     if base_pose is not None and not chain.floats:
         raise ModelError("assemble: base_pose: expected none, as the trunk's base does not float; try trunk.base")
     base = (Pose.identity() if base_pose is None else checks.pose(base_pose, "base_pose")) if chain.floats else None
@@ -73,13 +73,13 @@ def brought_on_trunk(
         ) from cause
 
 
-def _trunk_posture(chain: ClosedChain, given: Any) -> Array:
+def _trunk_configuration(chain: ClosedChain, given: Any) -> Array:
     """Return the trunk's preferred joint positions: those given, or the middle of the limits; 0 without any."""
     assert chain.trunk is not None
     if given is not None:
         return checks.numbers(given, (chain.trunk.joint_count,), f"q of '{TRUNK}'", StateError)
     serial = chain.trunk.serial
-    return np.zeros(0) if serial is None else preferred_posture(serial)
+    return np.zeros(0) if serial is None else preferred_configuration(serial)
 
 
 def _arms_brought(chain: ClosedChain, at: State, preferred: Mapping[str, Any], bring: Bring) -> State:
@@ -91,13 +91,13 @@ def _arms_brought(chain: ClosedChain, at: State, preferred: Mapping[str, Any], b
 
 
 def _trunk_moved(chain: ClosedChain, guess: State, hold_object: bool) -> Iterator[State]:
-    """Yield closed states whose trunks have moved too, the nearest to the preferred posture first."""
+    """Yield closed states whose trunks have moved too, the nearest to the preferred configuration first."""
     assert chain.trunk is not None
     serial, own = chain.trunk.serial, chain.joints[TRUNK]
     if serial is None:
         return
     found = []
-    for start in starting_postures(serial, guess.q[own], STARTS):
+    for start in starting_configurations(serial, guess.q[own], STARTS):
         q = np.array(guess.q)
         q[own] = start
         try:

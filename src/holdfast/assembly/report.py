@@ -26,7 +26,7 @@ class ArmReport(Frozen):
         name: of the arm.
         holds: whether it has a grasp.
         reach: from its first joint to its contact [m]; nan without a grasp.
-        longest: no posture reaches farther [m].
+        longest: no configuration reaches farther [m].
         joint: the joint nearest to a limit; "" if none has limits.
         margin: how far that joint is from it [rad or m]; infinite if none has limits.
         unit: "rad" or "m", of the margin; empty if none has limits.

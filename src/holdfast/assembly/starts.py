@@ -1,4 +1,4 @@
-"""Where a search begins: the postures that arms prefer, others farther away, and guesses of the object's pose."""
+"""Where a search begins: the configurations that arms prefer, others farther away, and guesses of the object's pose."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.assembly.limits import longest_reach, shoulder
-from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.errors import ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
@@ -21,15 +21,15 @@ from holdfast.spatial.scalar import Array
 WIDEST = np.pi  # rad, or m: how far from 0 an unlimited joint is searched
 
 
-def preferred_postures(chain: ClosedChain, given: Mapping[str, Any] | None) -> dict[str, Array]:
+def preferred_configurations(chain: ClosedChain, given: Mapping[str, Any] | None) -> dict[str, Array]:
     """Return the preferred joint positions of every arm, by name.
 
-    Given ones first; else a built-in robot's home posture; else the middle of the joint
+    Given ones first; else a built-in robot's home configuration; else the middle of the joint
     limits (0 where there are none).
 
     Raises:
-        ModelError: a posture of an arm that is not there.
-        StateError: a posture of the wrong length.
+        ModelError: a configuration of an arm that is not there.
+        StateError: a configuration of the wrong length.
     """
     given = {} if given is None else given
     if not isinstance(given, Mapping):
@@ -40,12 +40,12 @@ def preferred_postures(chain: ClosedChain, given: Mapping[str, Any] | None) -> d
     return {
         name: checks.numbers(given[name], (arm.joint_count,), f"q of '{name}'", StateError)
         if name in given
-        else preferred_posture(arm)
+        else preferred_configuration(arm)
         for name, arm in chain.arms.items()
     }
 
 
-def starting_postures(arm: Arm, preferred: Array, count: int) -> Iterator[Array]:
+def starting_configurations(arm: Arm, preferred: Array, count: int) -> Iterator[Array]:
     """Yield joint positions to search from: the preferred ones, then seeded ones farther and farther away."""
     low, high = _range(arm)
     yield np.clip(preferred, *arm.position_limits.T)
@@ -54,8 +54,8 @@ def starting_postures(arm: Arm, preferred: Array, count: int) -> Iterator[Array]
         yield np.clip(preferred + spread * random.uniform(low - high, high - low) / 2, low, high)
 
 
-def preferred_posture(arm: Arm) -> Array:
-    """Return a built-in robot's home posture, or the middle of the joint limits (0 where there are none), (N,)."""
+def preferred_configuration(arm: Arm) -> Array:
+    """Return a built-in robot's home configuration, or the middle of the joint limits (0 where none exist), (N,)."""
     home = home_of(arm)
     return np.mean(_range(arm), axis=0) if home is None else home
 
@@ -79,7 +79,7 @@ def object_guesses(chain: ClosedChain, preferred: Mapping[str, Array]) -> list[P
       hands' centroid, and in the middle of what the arms reach.
     * Where each hand whose grasp fixes an attitude would hold it.
     """
-    hands = {name: posture(chain.arms[name], preferred[name]).tip for name in chain.grasps}
+    hands = {name: forward_kinematics(chain.arms[name], preferred[name]).tip for name in chain.grasps}
     contacts = {name: grasp.frame for name, grasp in chain.grasps.items()}
     middle = np.mean([frame.p for frame in contacts.values()], axis=0)
     centroids = [np.mean([hand.p for hand in hands.values()], axis=0), _middle_of_reach(chain)]

@@ -71,7 +71,7 @@ FASTEST = {
 
 def mjcf(chain: ClosedChain, solver: str, jacobian: str) -> str:
     """Return the chain as MJCF text, without geoms, so that no collision work is timed."""
-    root = document(chain, looks=False)
+    root = document(chain, visuals=False)
     for path, settings in (*FASTEST.items(), ("option", {"solver": solver, "jacobian": jacobian})):
         part = root.find(path)
         assert part is not None

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.jacobian import jacobian
-from holdfast.dynamics.arm.posture import posture
 from holdfast.errors import ClosureError
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import ClosedChain
@@ -104,7 +104,7 @@ def make_system(arm_count: int, joint_count: int, states: int | None = None, see
     for i in range(arm_count):
         grasp = Grasp("rigid", _place_on_circle(2 * np.pi * i / arm_count))
         q = home + random.uniform(-0.3, 0.3, joint_count)
-        tip = posture(arm, q).tip
+        tip = forward_kinematics(arm, q).tip
         arms[f"arm{i}"], grasps[f"arm{i}"] = arm.at(centre @ grasp.frame @ tip.inverse()), grasp
         first.append(q)
     chain = ClosedChain(arms, box, grasps)
@@ -156,7 +156,7 @@ def _state(
     for (name, grasp), guess in zip(chain.grasps.items(), near, strict=True):
         arm, contact = chain.arms[name], frame @ grasp.frame
         q = follow(arm, guess, contact) if moved else guess
-        J = jacobian(arm, posture(arm, q))
+        J = jacobian(arm, forward_kinematics(arm, q))
         own = random.uniform(-0.5, 0.5, len(q))
         # the rates nearest to random ones that move the tip as the box moves: null-space motion included
         rates.append(own + np.linalg.lstsq(J, shift_twist(contact.p - frame.p, twist) - J @ own)[0])
@@ -172,7 +172,7 @@ def follow(arm: Arm, q: Array, target: Pose) -> Array:
     """
     left = np.inf
     for _ in range(50):
-        at = posture(arm, q)
+        at = forward_kinematics(arm, q)
         gap = np.concatenate([at.tip.R @ rotation.log(at.tip.R.T @ target.R), target.p - at.tip.p])
         left = float(np.abs(gap).max())
         if left <= CLOSED:

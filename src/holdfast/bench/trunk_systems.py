@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from holdfast.bench.systems import STATES, System, follow, serial_arm
-from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.closing import project_velocity
 from holdfast.dynamics.trunk.trunk_motion import trunk_at_rest
 from holdfast.model.closed_chain import ClosedChain
@@ -50,7 +50,7 @@ def make_trunk_system(name: str, states: int = STATES, seed: int = 0) -> System:
     """
     random, trunk, arm = np.random.default_rng(seed), TRUNKS[name], serial_arm(7)
     home = {hand: np.array(PANDA_HOME) + random.uniform(-0.3, 0.3, 7) for hand in HANDS}
-    arms = {hand: arm.at(BOX @ HANDS[hand] @ posture(arm, q).tip.inverse()) for hand, q in home.items()}
+    arms = {hand: arm.at(BOX @ HANDS[hand] @ forward_kinematics(arm, q).tip.inverse()) for hand, q in home.items()}
     grasps = {hand: Grasp("rigid", frame) for hand, frame in HANDS.items()}
     last = BASE if trunk.floating is not None else trunk.joint_count - 1
     chain = ClosedChain(arms, HeldObject.box(3.0, 0.4, 0.3, 0.2), grasps, trunk=trunk, mounts=dict.fromkeys(arms, last))

@@ -18,10 +18,10 @@ from holdfast.scenario.build import Scenario
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
 from holdfast.state import Inputs
-from holdfast.view.film import Film, Looks, film_of_instant, film_of_run
+from holdfast.view.link_meshes import meshes_in_files
 from holdfast.view.live import watch
 from holdfast.view.page import export_page
-from holdfast.view.pieces import pieces_in_files
+from holdfast.view.playback import Playback, Visuals, playback_of_instant, playback_of_run
 
 LAST_PORT = 65535
 
@@ -60,20 +60,20 @@ def view(
         raise ResultError("--export -: stdout takes the page or, with --json, a report; try one of them")
     if page is not None and not is_standard(page) and os.path.lexists(page) and not overwrite:
         raise ResultError(f"{page}: exists already; try --overwrite, or another --export")
-    film = _film(target, rate, trust_xacro, changes)
+    playback = _film(target, rate, trust_xacro, changes)
     if page is not None and is_standard(page):
-        write_stdout(lambda path: export_page(film, path), "page.html")
+        write_stdout(lambda path: export_page(playback, path), "page.html")
         return 0
     if page is not None:
-        export_page(film, page)
+        export_page(playback, page)
         if as_json:
-            print_document({"file": str(page), "bytes": page.stat().st_size, "moments": len(film)})
+            print_document({"file": str(page), "bytes": page.stat().st_size, "moments": len(playback)})
             return 0
-        moments = "1 moment" if len(film) == 1 else f"{len(film)} moments"
+        moments = "1 moment" if len(playback) == 1 else f"{len(playback)} moments"
         stdout().print(f"{page}: {page.stat().st_size / 2**20:.1f} MiB, {moments}", soft_wrap=True)
         return 0
     try:
-        watch(film, _announce_json if as_json else _announce, port)
+        watch(playback, _announce_json if as_json else _announce, port)
     except KeyboardInterrupt:
         if not as_json:
             stdout().print("closed")
@@ -91,7 +91,7 @@ def _announce_json(address: str) -> None:
     sys.stdout.flush()
 
 
-def _film(target: Path, rate: float, trust_xacro: bool, changes: Sequence[str]) -> Film:
+def _film(target: Path, rate: float, trust_xacro: bool, changes: Sequence[str]) -> Playback:
     if is_standard(target):
         return _film_of_scene(opened_scene(target, trust_xacro, changes), target)
     if not os.path.exists(target):  # Path.exists raises at names that are too long
@@ -101,27 +101,29 @@ def _film(target: Path, rate: float, trust_xacro: bool, changes: Sequence[str]) 
     if changes:
         raise SceneError(f"--set: expected a scene, whose keys it sets, got the result folder {target}")
     setting, result = recorded(target, trust_xacro)
-    return film_of_run(setting.chain, result.trajectory, setting.name, rate, setting.base_motion, _looks(setting.chain))
+    return playback_of_run(
+        setting.chain, result.trajectory, setting.name, rate, setting.base_motion, _visuals(setting.chain)
+    )
 
 
-def _film_of_scene(scenario: Scenario, source: Path) -> Film:
+def _film_of_scene(scenario: Scenario, source: Path) -> Playback:
     """Return the one moment in which the scene begins, under its controller's torques."""
     world = Environment(
         scenario.chain, scenario.options.get("base_motion", {}), scenario.options.get("inputs") or Inputs()
     )
     try:
-        return film_of_instant(
-            evaluate(world, scenario.controller, 0.0, scenario.state, None), scenario.name, _looks(scenario.chain)
+        return playback_of_instant(
+            evaluate(world, scenario.controller, 0.0, scenario.state, None), scenario.name, _visuals(scenario.chain)
         )
     except (SingularChainError, StateError) as cause:
         raise type(cause)(f"{source}: {cause}") from cause
 
 
-def _looks(chain: ClosedChain) -> Looks:
+def _visuals(chain: ClosedChain) -> Visuals:
     """Return the surfaces of arms and trunk whose files have them; say on stderr whose meshes are not to be had."""
-    looks, missing = pieces_in_files(chain)
+    visuals, missing = meshes_in_files(chain)
     for name, (first, *others) in missing.items():
         more = f", and {len(others)} more" if others else ""
         what = name if name == TRUNK else f"arm '{name}'"
         say(f"note: {what} is drawn with simple solids: {first}{more}")
-    return looks
+    return visuals

@@ -42,13 +42,13 @@ _ANSWERS = {
     "ok": (OK, "everything is unique"),
     "indeterminate": (INDETERMINATE, "the forces are one solution of many, all else is unique"),
     "undecided": (UNDECIDED, "the rank is low, and the generic rank is not known"),
-    "singular": (SINGULAR, "a singular posture: no answer, results are not-a-number"),
+    "singular": (SINGULAR, "a singular configuration: no answer, results are not-a-number"),
     "invalid": (INVALID, "faulty inputs: no answer, results are not-a-number"),
 }
 _STEPS = {
     "running": (RUNNING, "the step was taken"),
     "slipped": (SLIPPED, "not taken: a grasp's margin would fall below the least allowed"),
-    "passes_singular": (PASSES_SINGULAR, "not taken: the posture is singular, or becomes so"),
+    "passes_singular": (PASSES_SINGULAR, "not taken: the configuration is singular, or becomes so"),
     "open": (OPEN, "not taken: a grasp is open, or the step is too long"),
     "broken": (BROKEN, "not taken: the state would not be finite"),
     "limited": (LIMITED, "not taken: a joint would pass a limit"),

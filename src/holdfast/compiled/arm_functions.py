@@ -22,9 +22,9 @@ from holdfast.compiled.structure import Options, Structure
 from holdfast.compiled.traced_chain import Given, traced, traced_chain, traced_inputs, traced_state
 from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External, Schedule
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
-from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.dynamics.consistency import tip_from_contact
@@ -134,11 +134,13 @@ def _torques(chain: ClosedChain, x: Given) -> Found:
 
 def _mass_matrices(chain: ClosedChain, x: Given) -> Found:
     arms = chain.arms.values()  # the mass matrix does not depend on where the bases are
-    return {"mass_matrix": _by_arm(lambda arm, q: mass_matrix(arm, posture(arm, q))[0].ravel(), chain, x, arms)}
+    return {
+        "mass_matrix": _by_arm(lambda arm, q: mass_matrix(arm, forward_kinematics(arm, q))[0].ravel(), chain, x, arms)
+    }
 
 
 def _jacobians(chain: ClosedChain, x: Given) -> Found:
-    return {"jacobian": _by_arm(lambda arm, q: jacobian(arm, posture(arm, q)).ravel(), chain, x)}
+    return {"jacobian": _by_arm(lambda arm, q: jacobian(arm, forward_kinematics(arm, q)).ravel(), chain, x)}
 
 
 def _by_arm(f: Callable[[Arm, Array], Array], chain: ClosedChain, x: Given, arms: Iterable[Arm] | None = None) -> Array:
@@ -186,7 +188,7 @@ def _accounts(chain: ClosedChain, x: Given) -> Found:
         "potential": total_potential_energy(chain, state),
         "momentum": total_momentum(chain, state, inputs, np.zeros(3)),
         "mass_moment": total_mass_moment(chain, state),
-        "tip_R": _by_arm(lambda arm, q: posture(arm, q).tip.R.ravel(), chain, x),
+        "tip_R": _by_arm(lambda arm, q: forward_kinematics(arm, q).tip.R.ravel(), chain, x),
     }
 
 
@@ -195,11 +197,13 @@ def _object_mobility(chain: ClosedChain, x: Given) -> Found:
 
 
 def _tip_poses(chain: ClosedChain, x: Given) -> Found:
-    return {"frame": _by_arm(lambda arm, q: _frame(posture(arm, q).tip), chain, x)}
+    return {"frame": _by_arm(lambda arm, q: _frame(forward_kinematics(arm, q).tip), chain, x)}
 
 
 def _link_poses(chain: ClosedChain, x: Given) -> Found:
-    return {"frame": _by_arm(lambda arm, q: concatenate(map(_frame, link_frames(posture(arm, q)))), chain, x)}
+    return {
+        "frame": _by_arm(lambda arm, q: concatenate(map(_frame, link_frames(forward_kinematics(arm, q)))), chain, x)
+    }
 
 
 def _frame(pose: Pose) -> Array:

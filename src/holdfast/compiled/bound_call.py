@@ -37,7 +37,7 @@ class BoundCall:
         if code == 0:
             return Status.OK
         if code == UNDECIDED:
-            statuses.settle(self._compiled, self._bound.arrays, self._written)
+            statuses.resolve_undecided(self._compiled, self._bound.arrays, self._written)
             self._bound.arrays["generic_rank"][...] = float(self._compiled.generic_rank or 0)
             self._bound.prepare()
             self.run()

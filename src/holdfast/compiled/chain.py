@@ -223,7 +223,7 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
         if not self.options.base_motion and any(name in parameters for name in MOVING):
             result = self.moving._forward(q, qd, tau, object_pose, object_twist, out=out, threads=threads, **parameters)
             if self.generic_rank is None and self.moving.generic_rank is not None:
-                self.know_rank(self.moving.generic_rank)
+                self.set_generic_rank(self.moving.generic_rank)
             return result
         inputs = zip(_INPUTS, (q, qd, tau, object_pose, object_twist), strict=True)
         found = {name: arrays.floats(name, x, self._externals[name].shape) for name, x in inputs}
@@ -243,7 +243,7 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
                 self._builtin.expect(out, out.memory, addresses[len(self._inputs) :].tolist())
         if not self.calls(found, result, threads):
             found = self.calls.own | found | _origins(parameters)
-            statuses.settle(self, found, result)
+            statuses.resolve_undecided(self, found, result)
             if batch is None:
                 statuses.require_answer(self, found, result)
         return result
@@ -257,7 +257,7 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
         """Return the kernel bound to new arrays, with the chain's own parameters."""
         return self.calls.bind()
 
-    def know_rank(self, generic_rank: int) -> None:
+    def set_generic_rank(self, generic_rank: int) -> None:
         """Store the generic rank, so that later calls can decide every status by themselves."""
         self.generic_rank = generic_rank
         self.calls.own["generic_rank"][...] = float(generic_rank)

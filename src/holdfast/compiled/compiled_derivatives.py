@@ -120,16 +120,16 @@ class CompiledDerivatives:
             self.calls.own["generic_rank"][...] = rank
             self.calls.prepare()
         if not self.calls(found, result, threads):
-            self._settle(found, result)
+            self._resolve_undecided(found, result)
         return Derivatives(result, self.request)
 
-    def _settle(self, found: Mapping[str, Array], result: CompiledResult) -> None:
+    def _resolve_undecided(self, found: Mapping[str, Array], result: CompiledResult) -> None:
         """Resolve undecided statuses, and reject derivatives of forces that are not unique.
 
         For one system they raise a StateError; in a batch they become NaN.
         """
         own = self.calls.own | dict(found)
-        statuses.settle(self._compiled, own, result)
+        statuses.resolve_undecided(self._compiled, own, result)
         if result.batch is None:
             statuses.require_answer(self._compiled, own, result)
         low = np.atleast_1d(result.array("status")) == INDETERMINATE

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from holdfast.compiled.chain import CompiledChain
 
 
-def settle(compiled: CompiledChain, found: Mapping[str, Array], result: CompiledResult) -> None:
+def resolve_undecided(compiled: CompiledChain, found: Mapping[str, Array], result: CompiledResult) -> None:
     """Resolve the statuses that machine code left undecided because the generic rank was unknown.
 
     The generic rank is determined near the first undecided system that nearly satisfies the grasp constraint, and is
@@ -46,7 +46,7 @@ def settle(compiled: CompiledChain, found: Mapping[str, Array], result: Compiled
             generic = rank.generic_rank_near(*tried[0], int(ranks[open_[0]]))
         else:
             generic = rank.generic_rank_near(*closed, rank.constraint_rank(*closed))
-            compiled.know_rank(generic)
+            compiled.set_generic_rank(generic)
     of = ranks[open_]
     status[open_] = OK if generic == compiled.chain.constraint_row_count else INDETERMINATE
     status[open_[of < generic]] = SINGULAR

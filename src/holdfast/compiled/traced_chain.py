@@ -153,8 +153,8 @@ def _with_constants(arm: Arm, structure: Structure) -> Arm:
     """
     joints, tip = [_constant_joint(joint) for joint in arm.joints], _constant_pose(arm.tip)
     if not structure.by_links:
-        return replace(arm.of(joints, (Link(0.0),) * arm.joint_count), tip=tip, looks=None)
-    made = replace(arm.of(joints, [_constant_link(link) for link in arm.links]), tip=tip, looks=None)
+        return replace(arm.of(joints, (Link(0.0),) * arm.joint_count), tip=tip, visuals=None)
+    made = replace(arm.of(joints, [_constant_link(link) for link in arm.links]), tip=tip, visuals=None)
     return made if structure.options.link_inertia else regrouped(made)
 
 

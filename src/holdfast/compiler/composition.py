@@ -273,10 +273,10 @@ class Composition:
             value = text(*handed, *args)
         finally:
             self.inside = False
-        handed_on = None
+        next_carry = None
         if carry is not None:
-            handed_on, value = value
-        done = Traversal(value, tuple(ports), handed_on, carried, Region(graph))
+            next_carry, value = value
+        done = Traversal(value, tuple(ports), next_carry, carried, Region(graph))
         region.further[what] = done
         return done
 

@@ -243,7 +243,7 @@ class Derivation:
         for ports in self.ports.values():
             ports.returned.sort(key=lambda port: (port[0], [node.serial for node in port[1]]))
 
-    def _handed_on(self) -> tuple[Stage, dict[str, Wire]]:
+    def _carry_over(self) -> tuple[Stage, dict[str, Wire]]:
         """Return the stage that copies the new values of carried arrays to where the next repetition reads them."""
         graph, ports = Graph(), GraphPorts()
         for name, internal in self.internals.items():
@@ -333,7 +333,7 @@ class Derivation:
         if len(self.traced.phase_calls) in when:
             calls.append(Call(GLUE, len(when), (0,)))
         if any(external.role == "carried" for external in self.externals.values()):
-            stage, wires = self._handed_on()
+            stage, wires = self._carry_over()
             groups["handed_on"] = Group(stage, 1, wires, side_by_side=False)
             calls.append(Call("handed_on", 0, (0,)))
         return Schedule(dict(self.externals), self.internals, groups, tuple(prepare), tuple(calls), status, guarded)

@@ -56,7 +56,7 @@ class GravityCompensation(Frozen):
         found = by_machine_code(self, t, state, memory)
         if found is not None:
             return found
-        none, posture = np.zeros(self.chain.joint_count), state.at_rest()
-        wrenches = commanded_wrenches(self.chain, posture, np.zeros(6), self.squeeze)
-        motion = chain_motion(self.chain, posture, none, Inputs().shaped(self.chain))
+        none, configuration = np.zeros(self.chain.joint_count), state.at_rest()
+        wrenches = commanded_wrenches(self.chain, configuration, np.zeros(6), self.squeeze)
+        motion = chain_motion(self.chain, configuration, none, Inputs().shaped(self.chain))
         return torques(motion, none, wrenches) - self.joint_damping * state.qd, memory

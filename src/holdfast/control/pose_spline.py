@@ -91,8 +91,10 @@ class PoseSpline(Frozen):
                 " follows from the limits; leave one out, or give times to pause there"
             )
         unscaled = PoseSpline(given, np.r_[0.0, np.cumsum(spans)])
-        looks = np.concatenate([np.linspace(a, b, LOOKS) for a, b in pairwise(unscaled.times)])
-        fastest = max(np.linalg.norm((unscaled.at(float(t)).twist / limits).reshape(2, 3), axis=1).max() for t in looks)
+        visuals = np.concatenate([np.linspace(a, b, LOOKS) for a, b in pairwise(unscaled.times)])
+        fastest = max(
+            np.linalg.norm((unscaled.at(float(t)).twist / limits).reshape(2, 3), axis=1).max() for t in visuals
+        )
         return PoseSpline(given, begin + float(fastest) * unscaled.times)
 
     def at(self, t: Scalar) -> Target:

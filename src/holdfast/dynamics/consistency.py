@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
 from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.dynamics.closed.contact import Contact, contact
@@ -108,7 +108,7 @@ def residuals_at(chain: ClosedChain, state: State, inputs: Inputs) -> dict[str, 
     for name, grasp in chain.grasps.items():
         row, part = chain.names.index(name), chain.joints[name]
         arm, base_twist = stand.arms[row], stand.base_twists[row]
-        at = posture(arm, state.q[part])
+        at = forward_kinematics(arm, state.q[part])
         moving = tip_twist(arm, at, link_twists(arm, at, state.qd[part], base_twist), base_twist)
         c = contact(grasp, frame, state.object_twist, at.tip, moving)
         found[name] = GraspResidual(position_residual(c, frame.p + c.origin, at.tip), c.velocity_gap)

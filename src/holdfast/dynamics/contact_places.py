@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.trunk.trunk_motion import trunk_at_rest
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
@@ -49,4 +49,4 @@ def tip_frames(chain: ClosedChain, state: State, names: Iterable[str]) -> dict[s
     arms = {
         name: chain.arms[name].standing_at(mounts[name].frame) if name in mounts else chain.arms[name] for name in names
     }
-    return {name: posture(arm, state.q[chain.joints[name]]).tip for name, arm in arms.items()}
+    return {name: forward_kinematics(arm, state.q[chain.joints[name]]).tip for name, arm in arms.items()}

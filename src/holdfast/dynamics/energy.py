@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from holdfast.dynamics.arm.posture import Posture, posture
+from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics
 from holdfast.dynamics.arm.velocity import link_twists
 from holdfast.dynamics.closed.bushing_wrenches import Stretched, bushing_energy, bushings
 from holdfast.dynamics.closed.spring_wrenches import Stretch, stretches
@@ -79,7 +79,7 @@ def trunk_bodies(chain: ClosedChain, at: Standing) -> list[Body]:
 
 def links(arm: Arm, q: Array, qd: Array, base_twist: Array) -> Iterator[Body]:
     """Yield the links of one arm, base to tip."""
-    at = posture(arm, q)
+    at = forward_kinematics(arm, q)
     twists = link_twists(arm, at, qd, base_twist)
     for link, V, R, origin in zip(arm.links, twists, at.R, _origins(at), strict=True):
         yield Body(link.spatial_inertia, V, R, origin)
@@ -331,6 +331,6 @@ def _trunk_elastic_energy(trunk: Trunk, q: Array) -> Scalar:
     return 0.0 if trunk.serial is None else arm_elastic_energy(trunk.serial, q)
 
 
-def _origins(at: Posture) -> list[Array]:
+def _origins(at: Kinematics) -> list[Array]:
     """Return the link origins O_k, world axes from the world's origin."""
     return [at.tip.p - reach for reach in at.reach]

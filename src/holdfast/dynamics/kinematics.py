@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
-from holdfast.dynamics.arm.posture import Posture, posture
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.arm import Arm
@@ -25,7 +25,7 @@ def tip_pose(arm: Arm, q: ArrayLike) -> Pose:
     Raises:
         StateError: positions of a wrong number, or not finite.
     """
-    return _posture(arm, q).tip
+    return _configuration(arm, q).tip
 
 
 def link_poses(arm: Arm, q: ArrayLike) -> list[Pose]:
@@ -38,11 +38,11 @@ def link_poses(arm: Arm, q: ArrayLike) -> list[Pose]:
     Raises:
         StateError: positions of a wrong number, or not finite.
     """
-    return link_frames(_posture(arm, q))
+    return link_frames(_configuration(arm, q))
 
 
-def link_frames(at: Posture) -> list[Pose]:
-    """Return the pose of every link frame of a posture in the world."""
+def link_frames(at: Kinematics) -> list[Pose]:
+    """Return the pose of every link frame of a configuration in the world."""
     return [Pose.unchecked(R, at.tip.p - reach) for R, reach in zip(at.R, at.reach, strict=True)]
 
 
@@ -58,7 +58,7 @@ def tip_jacobian(arm: Arm, q: ArrayLike) -> Array:
     Raises:
         StateError: positions of a wrong number, or not finite.
     """
-    return np.asarray(jacobian(arm, _posture(arm, q)), dtype=float)
+    return np.asarray(jacobian(arm, _configuration(arm, q)), dtype=float)
 
 
 def joint_mass_matrix(arm: Arm, q: ArrayLike) -> Array:
@@ -71,8 +71,8 @@ def joint_mass_matrix(arm: Arm, q: ArrayLike) -> Array:
     Raises:
         StateError: positions of a wrong number, or not finite.
     """
-    return np.asarray(mass_matrix(arm, _posture(arm, q))[0], dtype=float)
+    return np.asarray(mass_matrix(arm, _configuration(arm, q))[0], dtype=float)
 
 
-def _posture(arm: Arm, q: ArrayLike) -> Posture:
-    return posture(arm, checks.numbers(q, (arm.joint_count,), "q", StateError))
+def _configuration(arm: Arm, q: ArrayLike) -> Kinematics:
+    return forward_kinematics(arm, checks.numbers(q, (arm.joint_count,), "q", StateError))

@@ -12,8 +12,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics
 from holdfast.dynamics.arm.jacobian import jacobian
-from holdfast.dynamics.arm.posture import Posture, posture
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_at_rest
 from holdfast.dynamics.constraint import length_scale
 from holdfast.dynamics.indeterminate import felt_wrenches, pattern
@@ -29,18 +29,18 @@ from holdfast.state import State
 NEARING = 0.07  # s: runs into a singularity pass it 50 ms or more before joint rates and forces explode
 NEAR = 0.03  # s: about 20 ms before
 STRENGTH_LOST = 5.0  # s at most, per radian that a joint turns, or part of the reach that it slides
-LOST_BY_ARM = 1e-6  # s: lost, at a posture that is known to 1e-9 s
-POSTURES_TRIED = 4  # for an arm's generic rank
+LOST_BY_ARM = 1e-6  # s: lost, at a configuration that is known to 1e-9 s
+CONFIGURATIONS_TRIED = 4  # for an arm's generic rank
 
 
-def arm_strength(arm: Arm, at: Posture, grasp: Grasp, object_rotation: Array) -> float:
+def arm_strength(arm: Arm, at: Kinematics, grasp: Grasp, object_rotation: Array) -> float:
     """Return s of an arm's weakest tip direction, 0 to 1.
 
-    Directions that the arm lacks in every posture, having too few joints or parallel axes, do not count.
+    Directions that the arm lacks in every configuration, having too few joints or parallel axes, do not count.
 
     Args:
         arm: the arm.
-        at: its posture.
+        at: its configuration.
         grasp: its grasp; only directions that it transmits count.
         object_rotation: (3, 3) object axes to world axes.
     """
@@ -51,13 +51,13 @@ def arm_strength(arm: Arm, at: Posture, grasp: Grasp, object_rotation: Array) ->
 
 @lru_cache(maxsize=256)
 def generic_tip_rank(arm: Arm, grasp: Grasp) -> int:
-    """Return how many tip directions that a grasp transmits the arm can move along, away from singular postures."""
+    """Return how many transmitted tip directions the arm can move along, away from singular configurations."""
     random = np.random.default_rng(0)
-    return max(_rank_somewhere(arm, grasp, random) for _ in range(POSTURES_TRIED))
+    return max(_rank_somewhere(arm, grasp, random) for _ in range(CONFIGURATIONS_TRIED))
 
 
 def _rank_somewhere(arm: Arm, grasp: Grasp, random: np.random.Generator) -> int:
-    at = posture(arm, random.uniform(-np.pi, np.pi, arm.joint_count))
+    at = forward_kinematics(arm, random.uniform(-np.pi, np.pi, arm.joint_count))
     return int((tip_directions(_rows(grasp, at.tip.R), jacobian(arm, at)).strengths > LOST).sum())
 
 
@@ -84,7 +84,7 @@ def nearly_lost(chain: ClosedChain, state: State, limit: float = NEAR) -> list[s
 
 
 def lost_at(motion: ChainMotion, rank: int, generic_rank: int) -> list[str]:
-    """Return in words what is lost at a singular posture, the loads first that nothing feels there.
+    """Return in words what is lost at a singular configuration, the loads first that nothing feels there.
 
     Args:
         motion: the chain there.

@@ -14,8 +14,8 @@ from functools import cached_property
 
 import numpy as np
 
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.motion import ArmInputs
-from holdfast.dynamics.arm.posture import posture
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import skew
 
@@ -48,13 +48,13 @@ class ArmOperators:
     @cached_property
     def points(self) -> list[Array]:
         """O_0 (tip), O_1, ..., O_N, O_{N+1} (base origin), world axes."""
-        at = posture(self.given.arm, self.given.q)
+        at = forward_kinematics(self.given.arm, self.given.q)
         return [at.tip.p, *(at.tip.p - r for r in reversed(at.reach)), self.given.arm.base.p]
 
     @cached_property
     def rotations(self) -> list[Array]:
         """Rotation of link k = 1..N to world axes (index 0 is unused)."""
-        return [np.eye(3), *reversed(posture(self.given.arm, self.given.q).R)]
+        return [np.eye(3), *reversed(forward_kinematics(self.given.arm, self.given.q).R)]
 
     def phi_step(self, k: int) -> Array:
         """Return phi(k+1, k), k = 0..N."""

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from holdfast.dynamics.arm.posture import Posture, posture
+from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.closed.virtual_power import ArmCase, Numbers, Unknowns
@@ -66,12 +66,12 @@ class VelocityCase(ArmCase):
         arm, frame = given.arm.standing_at(base), grasp.frame
         held = grasp.standing_at(Pose.unchecked(varied.get("grasp_R", frame.R), varied.get("grasp_p", frame.p)))
         of_object = Pose.unchecked(varied.get("object_R", self.frame.R), varied.get("object_p", self.frame.p))
-        at = posture(arm, varied.get("q", given.q))
+        at = forward_kinematics(arm, varied.get("q", given.q))
         c = contact(held, of_object, none, at.tip, none)
         return self.gap_at(c, of_object, arm, at, varied)
 
-    def gap_at(self, c: Contact, of_object: Pose, arm: Arm, at: Posture, varied: Numbers) -> Array:
-        """Return the gap of a grasp in a posture: V+ - A V(C)."""
+    def gap_at(self, c: Contact, of_object: Pose, arm: Arm, at: Kinematics, varied: Numbers) -> Array:
+        """Return the gap of a grasp in a configuration: V+ - A V(C)."""
         qd, base, twist = (
             varied.get(name, own)
             for name, own in (
@@ -89,8 +89,8 @@ class PositionCase(VelocityCase):
 
     __slots__ = ()
 
-    def gap_at(self, c: Contact, of_object: Pose, arm: Arm, at: Posture, varied: Numbers) -> Array:
-        """Return the gap of a grasp in a posture: the small displacement tip minus object."""
+    def gap_at(self, c: Contact, of_object: Pose, arm: Arm, at: Kinematics, varied: Numbers) -> Array:
+        """Return the gap of a grasp in a configuration: the small displacement tip minus object."""
         return small_displacement(c, of_object.p + c.origin, at.tip)
 
 

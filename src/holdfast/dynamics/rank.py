@@ -277,6 +277,6 @@ def status_at(chain: ClosedChain, state: State, rank: int, generic: int | None =
         raise SingularChainError(
             f"the grasp constraint has rank {rank} of {chain.constraint_row_count} here, {found.why}: a singular"
             " configuration, where forces and accelerations are not those of any trajectory. holdfast.diagnose names"
-            " the lost directions; try another posture or another grasp"
+            " the lost directions; try another configuration or another grasp"
         )
     return Status.OK if found.kind == "regular" else Status.INDETERMINATE_FORCES

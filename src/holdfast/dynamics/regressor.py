@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from holdfast.dynamics.arm.bias import bias_accelerations
-from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.velocity import link_twists
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion, pseudo_gravity
 from holdfast.dynamics.closed.spring_wrenches import with_springs
@@ -270,7 +270,7 @@ def of_joints(
         by: of each row, joint rates and the twist of the base.
     """
     q, qd, qdd = joints
-    at = posture(arm, q)
+    at = forward_kinematics(arm, q)
     V = link_twists(arm, at, qd, base_twist)
     accelerations = list(bias_accelerations(arm, at, V, qd, base_twist, base_acceleration, qdd))
     U = np.array([link_twists(arm, at, *row) for row in by]).reshape(len(by), len(q), 6)

@@ -56,7 +56,7 @@ class ForwardResult(Frozen):
             with not-a-number for all else; the reference raises.)
         condition: how near the chain is to a singular configuration, without units: the inverse of the
             smallest pivot kept in solving for the grasp forces, each relative to its size before anything
-            was subtracted. Up to about 100 in ordinary postures; near a singular one it grows as the inverse
+            was subtracted. Up to about 100 in ordinary configurations; near a singular one it grows as the inverse
             square of the distance. Velocities, torques and `method` do not enter. (Compiled code returns
             infinity with SINGULAR.)
         method: the algorithm's name.

@@ -15,7 +15,7 @@ from holdfast.control.controller import ControlLaw
 from holdfast.control.object_tracking import ObjectPath
 from holdfast.control.paths import Target, quintic
 from holdfast.errors import ModelError
-from holdfast.gym import looks
+from holdfast.gym import terms
 from holdfast.gym.actions import joint_law, object_law
 from holdfast.gym.batch_text import BatchText
 from holdfast.gym.ready_made import two_fingers
@@ -68,8 +68,8 @@ class CarryTask(Frozen, Task):
     less `failure_cost`, where the episode terminates. The internal force is the largest sqrt(|moment / L|^2 +
     |force|^2) of any grasp's internal wrench, see `forces.split`.
 
-    Terminated when a grasp slips, a joint passes a limit, the posture is singular or a step fails; when the internal
-    force exceeds `crushing_internal`; when the object is farther from the path than `lost` or `lost_angle`.
+    Terminated when a grasp slips, a joint passes a limit, the configuration is singular or a step fails; when the
+    internal force exceeds `crushing_internal`; when the object is farther from the path than `lost` or `lost_angle`.
     Truncated after `duration + settle`.
 
     `info` has `internal_force` [N], `distance` [m] and `angle` [rad] from the path, `success` (1.0 where both are
@@ -169,7 +169,7 @@ class CarryTask(Frozen, Task):
         if not isinstance(first, Target):
             got = type(first).__name__
             raise ModelError(f"{what}: path: expected t -> control.paths.Target (pose, twist, acceleration), got {got}")
-        gap = float(np.abs(looks.away(first.pose, self.state.object_frame)).max())
+        gap = float(np.abs(terms.away(first.pose, self.state.object_frame)).max())
         if not gap <= BESIDE:
             raise ModelError(
                 f"{what}: path: expected one that begins where the object is, got one that begins {gap:.3g} (m or rad)"
@@ -184,21 +184,21 @@ class CarryTask(Frozen, Task):
     @property
     def observed(self) -> Mapping[str, Array]:
         """Bounds of the parts of an observation, in order."""
-        twist, force = np.full(6, looks.TWIST), TENFOLD * self.largest_internal
+        twist, force = np.full(6, terms.TWIST), TENFOLD * self.largest_internal
         return {
-            "path": looks.pose_bounds(),
+            "path": terms.pose_bounds(),
             "path_twist": 2.0 * twist,
             "path_acceleration": np.full(6, ACCELERATION),
-            "goal": looks.pose_bounds(),
+            "goal": terms.pose_bounds(),
             "twist": twist,
             "time": np.ones(1),
             "wrench": np.full(6 * len(self.chain.arms), force),
             "margin": np.full(len(self.chain.grasps), MARGIN),
-            **looks.joint_bounds(self.chain),
+            **terms.joint_bounds(self.chain),
         }
 
     @property
-    def told(self) -> tuple[str, ...]:
+    def info_names(self) -> tuple[str, ...]:
         """Names of the numbers in `info`."""
         return "internal_force", "distance", "angle", "success"
 
@@ -257,18 +257,18 @@ class CarryTask(Frozen, Task):
         """
         chain, t = self.chain, given["t"][()]
         state, target = traced_state(chain, given), self.target(t, given)
-        e = looks.away(target.pose, state.object_frame)
-        angle, distance = looks.size(e[:3]), looks.size(e[3:])
-        force = looks.internal_force(chain, state, given["grasp_wrench"], looks.moment_length(chain))
+        e = terms.away(target.pose, state.object_frame)
+        angle, distance = terms.size(e[:3]), terms.size(e[3:])
+        force = terms.internal_force(chain, state, given["grasp_wrench"], terms.moment_length(chain))
         dt, lasts = self.step * self.steps_per_action, self.episode_steps * self.step * self.steps_per_action
         parts = {
             "path": e,
             "path_twist": target.twist - state.object_twist,
             "path_acceleration": target.acceleration,
-            "goal": looks.away(self.target(self.duration, given).pose, state.object_frame),
+            "goal": terms.away(self.target(self.duration, given).pose, state.object_frame),
             "twist": state.object_twist,
             "time": array([t / lasts]),
-            "wrench": looks.in_object_axes(state, given["grasp_wrench"]),
+            "wrench": terms.in_object_axes(state, given["grasp_wrench"]),
             "margin": given["margin"],
             "q": state.q,
             "qd": state.qd,
@@ -276,15 +276,15 @@ class CarryTask(Frozen, Task):
         failed = where(given["code"][()] > 0.5, 1.0, 0.0)
         for over in (force > self.crushing_internal, distance > self.lost, angle > self.lost_angle):
             failed = where(over, 1.0, failed)
-        rate = self.path_reward * looks.nearness(e, self.tolerance_angle, self.tolerance)
+        rate = self.path_reward * terms.nearness(e, self.tolerance_angle, self.tolerance)
         rate = (
             rate
-            - self.internal_cost * looks.excess(force, self.largest_internal)
-            - self.effort_cost * looks.effort(given["action"])
+            - self.internal_cost * terms.excess(force, self.largest_internal)
+            - self.effort_cost * terms.effort(given["action"])
         )
         there = where(angle <= self.tolerance_angle, where(distance <= self.tolerance, 1.0, 0.0), 0.0)
         return {
-            "observation": looks.bounded(parts, self.observed),
+            "observation": terms.bounded(parts, self.observed),
             "reward": dt * rate - self.failure_cost * failed,
             "terminated": failed,
             "internal_force": force,

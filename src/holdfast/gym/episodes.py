@@ -100,11 +100,11 @@ class Episodes:
     @property
     def info(self) -> dict[str, Array]:
         """What else the last look said, (count,) each; `status` tells why a system stands still, or RUNNING."""
-        told = {name: self.seen[name].copy() for name in self.task.told}
+        info_names = {name: self.seen[name].copy() for name in self.task.info_names}
         codes = np.zeros(self.count, dtype=int)
         for number, systems in enumerate(self.systems):
             codes = np.where(self.phase == number, systems.arrays["code"].astype(int), codes)
-        return told | {"status": STATUSES[codes]}
+        return info_names | {"status": STATUSES[codes]}
 
     def _options(self, options: Mapping[str, Any] | None) -> dict[str, Array]:
         """Return what is given instead of drawn, a row for every episode."""

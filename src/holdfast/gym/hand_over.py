@@ -17,7 +17,7 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.contact_places import tip_frames
 from holdfast.dynamics.impulse import grasp_here
 from holdfast.errors import ModelError
-from holdfast.gym import looks
+from holdfast.gym import terms
 from holdfast.gym.actions import joint_law
 from holdfast.gym.batch_text import BatchText
 from holdfast.gym.episodes import Episodes
@@ -75,8 +75,8 @@ class HandOverTask(Frozen, Task):
     `success_reward` at the goal; less `failure_cost` where the episode terminates otherwise.
 
     Terminated with success when the giver has let go and the object is at its goal within the tolerances, slower
-    than `still`; otherwise when a grasp slips, a joint passes a limit, the posture is singular or a step fails, when
-    the internal force exceeds `crushing_internal`, or the object is farther than `lost` from where it was.
+    than `still`; otherwise when a grasp slips, a joint passes a limit, the configuration is singular or a step fails,
+    when the internal force exceeds `crushing_internal`, or the object is farther than `lost` from where it was.
     Truncated after `duration`.
 
     `info` has `internal_force` [N], `distance` [m] and `angle` [rad] from the goal, `gap` [m], `speed` [m/s] between
@@ -182,20 +182,20 @@ class HandOverTask(Frozen, Task):
     @property
     def observed(self) -> Mapping[str, Array]:
         """Bounds of the parts of an observation, in order."""
-        twist = np.full(6, looks.TWIST)
+        twist = np.full(6, terms.TWIST)
         return {
-            "gap": looks.pose_bounds(),
+            "gap": terms.pose_bounds(),
             "gap_twist": 2.0 * twist,
-            "goal": looks.pose_bounds(),
+            "goal": terms.pose_bounds(),
             "twist": twist,
             "holds": np.ones(2),
             "time": np.ones(1),
             "wrench": np.full(6 * len(self.chain.arms), TENFOLD * self.largest_internal),
-            **looks.joint_bounds(self.chain),
+            **terms.joint_bounds(self.chain),
         }
 
     @property
-    def told(self) -> tuple[str, ...]:
+    def info_names(self) -> tuple[str, ...]:
         """Names of the numbers in `info`."""
         return "internal_force", "distance", "angle", "gap", "speed", "within_reach", "phase", "success"
 
@@ -310,10 +310,10 @@ class HandOverTask(Frozen, Task):
         home, gap, slip = self.state.object_frame, np.zeros(6), np.zeros(6)
         if phase == GIVING:
             arm, wanted = motion.arms[self.receiver], state.object_frame @ self.tip_on_object
-            gap = looks.away(wanted, arm.at.tip)
+            gap = terms.away(wanted, arm.at.tip)
             slip = shift_twist(wanted.p - state.object_frame.p, state.object_twist) - arm.tip_twist
         goal = Pose.unchecked(rotation.exp(given["turn"]) @ home.R, home.p + given["displacement"])
-        e = looks.away(goal, state.object_frame)
+        e = terms.away(goal, state.object_frame)
         parts = {
             "gap": gap,
             "gap_twist": slip,
@@ -321,36 +321,36 @@ class HandOverTask(Frozen, Task):
             "twist": state.object_twist,
             "holds": np.array([float(phase != TAKEN), float(phase != GIVING)]),
             "time": array([t / (self.episode_steps * dt)]),
-            "wrench": looks.in_object_axes(state, given["grasp_wrench"]),
+            "wrench": terms.in_object_axes(state, given["grasp_wrench"]),
             "q": state.q,
             "qd": state.qd,
         }
-        turned, far = looks.size(gap[:3]), looks.size(gap[3:])
-        spinning, speed = looks.size(slip[:3]), looks.size(slip[3:])
+        turned, far = terms.size(gap[:3]), terms.size(gap[3:])
+        spinning, speed = terms.size(slip[:3]), terms.size(slip[3:])
         near = _all(
             turned <= self.capture_angle,
             far <= self.capture,
             speed <= self.capture_speed,
             spinning <= self.capture_rate,
         )
-        angle, distance = looks.size(e[:3]), looks.size(e[3:])
-        resting = looks.size(state.object_twist[3:]) <= self.still
+        angle, distance = terms.size(e[:3]), terms.size(e[3:])
+        resting = terms.size(state.object_twist[3:]) <= self.still
         there = _all(angle <= self.tolerance_angle, distance <= self.tolerance, resting)
         success = there if phase == TAKEN else 0.0
-        length = looks.moment_length(self.chains[phase])
-        force = looks.internal_force(motion.chain, state, given["grasp_wrench"], length)
+        length = terms.moment_length(self.chains[phase])
+        force = terms.internal_force(motion.chain, state, given["grasp_wrench"], length)
         failed = where(given["code"][()] > 0.5, 1.0, 0.0)
-        for over in (force > self.crushing_internal, looks.size(state.object_frame.p - home.p) > self.lost):
+        for over in (force > self.crushing_internal, terms.size(state.object_frame.p - home.p) > self.lost):
             failed = where(over, 1.0, failed)
         success = where(failed > 0.5, 0.0, success)
-        rate = self.reach_reward * looks.nearness(gap, self.capture_angle, self.capture)
+        rate = self.reach_reward * terms.nearness(gap, self.capture_angle, self.capture)
         if phase == TAKEN:
-            rate = rate + self.goal_reward * looks.nearness(e, self.tolerance_angle, self.tolerance)
-        rate = rate - self.internal_cost * looks.excess(force, self.largest_internal)
-        rate = rate - self.effort_cost * looks.effort(given["action"][:-2])
+            rate = rate + self.goal_reward * terms.nearness(e, self.tolerance_angle, self.tolerance)
+        rate = rate - self.internal_cost * terms.excess(force, self.largest_internal)
+        rate = rate - self.effort_cost * terms.effort(given["action"][:-2])
         once = self.success_reward * success - self.failure_cost * failed - self.impact_cost * given["impact"][()]
         return {
-            "observation": looks.bounded(parts, self.observed),
+            "observation": terms.bounded(parts, self.observed),
             "reward": dt * rate + once,
             "terminated": where(success > 0.5, 1.0, failed),
             "internal_force": force,

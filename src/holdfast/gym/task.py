@@ -68,7 +68,7 @@ class Task(ABC):
 
     @property
     @abstractmethod
-    def told(self) -> tuple[str, ...]:
+    def info_names(self) -> tuple[str, ...]:
         """Names of the numbers in `info`."""
 
     @property
@@ -142,7 +142,7 @@ class Task(ABC):
     def says(self) -> dict[str, Shape]:
         """Return shapes of what a look returns, by name."""
         size = sum(len(bound) for bound in self.observed.values())
-        return {"observation": (size,), "reward": (), "terminated": ()} | dict.fromkeys(self.told, ())
+        return {"observation": (size,), "reward": (), "terminated": ()} | dict.fromkeys(self.info_names, ())
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is pickled: the setting; machine code is compiled, or found on disk."""

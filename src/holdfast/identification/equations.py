@@ -59,7 +59,7 @@ class Equations:
         rows: (samples, r, features).
         maps: (samples, r, channels) of the channels' noise to the rows.
         measured: (samples, channels) [N m, N].
-        left_out: samples at singular postures, which have other freedoms.
+        left_out: samples at singular configurations, which have other freedoms.
     """
 
     rows: Array

@@ -24,7 +24,7 @@ class Identification(Frozen):
         deviations: by name, standard deviations; infinite where a value is the model's, or rests on it in part.
         kept: the names whose values are the model's, because the motion cannot tell them.
         partly: the names whose values rest on the model in part, because only combinations with others are told.
-        untold: what the motion cannot tell, in words; there the model is kept.
+        undetermined: what the motion cannot tell, in words; there the model is kept.
         notes: what else is to be known of the estimate, in words.
         sensor_bias: (arms, 6) what each wrist sensor shows too much, tip axes [N m, N]; None if not asked for.
         grasp_deviations: by arm whose grasp frame was asked for, (6,) of [turn; shift] in object axes [rad, m].
@@ -41,7 +41,7 @@ class Identification(Frozen):
     deviations: Mapping[str, float]
     kept: tuple[str, ...]
     partly: tuple[str, ...]
-    untold: tuple[str, ...]
+    undetermined: tuple[str, ...]
     notes: tuple[str, ...]
     sensor_bias: Array | None
     grasp_deviations: Mapping[str, Array]
@@ -67,4 +67,4 @@ class Identification(Frozen):
             f"{name:<{width}}  {value:>+12.5g}  {said.get(name, f'+- {self.deviations[name]:.2g}')}"
             for name, value in zip(self.names, self.values.tolist(), strict=True)
         ]
-        return "\n".join([*lines, *self.untold, *self.notes])
+        return "\n".join([*lines, *self.undetermined, *self.notes])

@@ -18,8 +18,8 @@ from holdfast.identification.grasp_frames import measured_grasps
 from holdfast.identification.identification import Identification
 from holdfast.identification.load_recording import recording_of
 from holdfast.identification.recording import Recording
+from holdfast.identification.undetermined import parts_kept, sentences
 from holdfast.identification.unknowns import Unknowns, unknowns
-from holdfast.identification.untold import parts_kept, sentences
 from holdfast.io.result_reader import Result
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -195,7 +195,7 @@ def _identification(
         deviations=dict(zip(look.names, sizes.tolist(), strict=True)),
         kept=tuple(name for name, one in zip(look.names, model, strict=True) if one),
         partly=tuple(name for name, one in zip(look.names, partly, strict=True) if one),
-        untold=sentences(found.held, look),
+        undetermined=sentences(found.held, look),
         notes=notes,
         sensor_bias=bias,
         grasp_deviations=frames,
@@ -219,7 +219,7 @@ def _notes(found: Estimate, system: Equations, noise_given: bool) -> list[str]:
         what = "deviations are too small by that" if noise_given else "deviations take that into account, roughly"
         notes.append(f"residuals of neighbouring samples are correlated ({found.correlation:.2f}): {what}")
     if system.left_out:
-        notes.append(f"{system.left_out} samples at singular postures were left out")
+        notes.append(f"{system.left_out} samples at singular configurations were left out")
     return notes
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from os import PathLike
 from typing import IO, Any
 
-from holdfast.dynamics.arm.posture import joint_placement
+from holdfast.dynamics.arm.forward_kinematics import joint_placement
 from holdfast.dynamics.contact_places import tip_frames
 from holdfast.errors import MissingExtra
 from holdfast.io.files import file_path, write_atomically

@@ -152,7 +152,7 @@ def standing(robot: MjcfRobot, body: int) -> Pose:
 
 
 def _placed(model: Any, body: int) -> Pose:
-    """Return the pose of a body in its parent's axes, in the model's reference posture."""
+    """Return the pose of a body in its parent's axes, in the model's reference configuration."""
     return Pose.from_wxyz_xyz(np.r_[model.body_quat[body], model.body_pos[body]])
 
 

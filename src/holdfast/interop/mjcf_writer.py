@@ -21,10 +21,10 @@ from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
-from holdfast.model.looks import Cylinder, Sphere
 from holdfast.model.spring import WORLD, Spring, SpringEnd
-from holdfast.robots.looks import equal_box, looks_of, looks_of_trunk
+from holdfast.model.visuals import Cylinder, Sphere
 from holdfast.robots.primitive import COLOURS, Primitive
+from holdfast.robots.visuals import equal_box, visuals_of, visuals_of_trunk
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
@@ -36,7 +36,7 @@ ENDLESS = 1e10  # rad or m: a range with one end needs some number for the other
 HINGE_LENGTH = 0.1  # m: from the hinge's first connect to the second, along its axis
 
 
-def to_mjcf(chain: ClosedChain, state: State | None = None, *, looks: bool = True) -> str:
+def to_mjcf(chain: ClosedChain, state: State | None = None, *, visuals: bool = True) -> str:
     """Return the chain as the text of an MJCF file.
 
     Body "left" is where the arm of that name stands; its links and joints are
@@ -56,14 +56,14 @@ def to_mjcf(chain: ClosedChain, state: State | None = None, *, looks: bool = Tru
     Args:
         chain: the chain.
         state: written as the keyframe "state"; None: none.
-        looks: give the bodies solids to look at, as `holdfast.robots.looks.looks_of` has them.
+        visuals: give the bodies solids to look at, as `holdfast.robots.visuals.visuals_of` has them.
 
     Raises:
         ModelError: a link MuJoCo cannot have: no rotational inertia, or principal moments that no
             mass distribution has; a massless last link; a spring on a massless link; two bodies of one name.
         StateError: a state of another chain.
     """
-    root = document(chain, looks=looks)
+    root = document(chain, visuals=visuals)
     drives = _add(root, "actuator")
     for name in chain.joint_names():  # in our order, whatever MuJoCo makes of the bodies'
         _add(drives, "motor", name=name, joint=name)
@@ -77,7 +77,7 @@ def to_mjcf(chain: ClosedChain, state: State | None = None, *, looks: bool = Tru
     return ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def document(chain: ClosedChain, *, looks: bool) -> Element:
+def document(chain: ClosedChain, *, visuals: bool) -> Element:
     """Return the root element of the chain's MJCF.
 
     Raises:
@@ -86,15 +86,15 @@ def document(chain: ClosedChain, *, looks: bool) -> Element:
     root = Element("mujoco", model="holdfast")
     _add(root, "compiler", angle="radian", inertiafromgeom="false", autolimits="true")
     _add(_add(root, "option", gravity=digits(chain.gravity)), "flag", contact="disable")
-    if looks:
+    if visuals:
         default = _add(root, "default")
         _add(default, "geom", contype="0", conaffinity="0", group="2")
     world = _add(root, "worldbody")
-    below = _add_trunk(world, chain, looks)
+    below = _add_trunk(world, chain, visuals)
     for name, arm in chain.arms.items():
         stands_on = below[chain.mounted_on[name]] if name in chain.mounts else world
-        _add_arm(stands_on, name, arm, looks)
-    _add_object(world, chain, looks)
+        _add_arm(stands_on, name, arm, visuals)
+    _add_object(world, chain, visuals)
     equality = _add(root, "equality")
     for name in chain.grasps:
         _add_grasp(equality, world, chain, name)
@@ -139,12 +139,12 @@ def digits(numbers: Any) -> str:
     return " ".join(repr(float(x)) for x in numbers)
 
 
-def _add_trunk(world: Element, chain: ClosedChain, looks: bool) -> list[Element]:
+def _add_trunk(world: Element, chain: ClosedChain, visuals: bool) -> list[Element]:
     """Append the trunk and return the element of each of its bodies, base outward; none without one."""
     trunk = chain.trunk
     if trunk is None:
         return []
-    solids = looks_of_trunk(chain) if looks else [[] for _ in range(trunk.joint_count + 1)]
+    solids = visuals_of_trunk(chain) if visuals else [[] for _ in range(trunk.joint_count + 1)]
     body = _add(world, "body", name=TRUNK, **({} if chain.floats else _placed(trunk.base)))
     found = []
     if trunk.floating is not None:
@@ -161,9 +161,9 @@ def _add_trunk(world: Element, chain: ClosedChain, looks: bool) -> list[Element]
     return found + _add_links(body, TRUNK, f"{TRUNK}", trunk.joints, trunk.links, solids[1:])
 
 
-def _add_arm(holder: Element, name: str, arm: Arm, looks: bool) -> None:
+def _add_arm(holder: Element, name: str, arm: Arm, visuals: bool) -> None:
     """Append the base and, each inside the one before, the links of an arm."""
-    solids = looks_of(arm) if looks else [[] for _ in range(arm.joint_count + 1)]
+    solids = visuals_of(arm) if visuals else [[] for _ in range(arm.joint_count + 1)]
     body = _add(holder, "body", name=name, **_placed(arm.base))
     _add_solids(body, solids[0], Pose.identity())
     *_, last = body, *_add_links(body, name, f"arm '{name}'", arm.joints, arm.links, solids[1:])
@@ -196,14 +196,14 @@ def _add_links(
     return made
 
 
-def _add_object(world: Element, chain: ClosedChain, looks: bool) -> None:
+def _add_object(world: Element, chain: ClosedChain, visuals: bool) -> None:
     """Append the object with a site at every contact."""
     held = chain.held_object
     _require_possible("object", held)
     body = _add(world, "body", name="object")
     _add(body, "freejoint", name="object")
     _add_inertial(body, held)
-    if looks:
+    if visuals:
         _add_solids(body, [_object_solid(held)], Pose.identity())
     for name, grasp in chain.grasps.items():
         _add(body, "site", name=f"object/{name}", **_placed(grasp.frame))

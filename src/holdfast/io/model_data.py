@@ -23,15 +23,15 @@ from holdfast.model.grasp import Friction, Grasp, WrenchLimits
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
-from holdfast.model.looks import Box, Capsule, Cylinder, Looks, Mesh, Sphere, Visual
 from holdfast.model.spring import Spring, SpringEnd
 from holdfast.model.trunk import Trunk
+from holdfast.model.visuals import Box, Capsule, Cylinder, Mesh, Sphere, Visual, Visuals
 from holdfast.spatial.pose import Pose
 
 KINDS = {
     kind.__name__: kind
     for kind in (
-        Anchor, Arm, Box, Capsule, ClosedChain, Cylinder, Friction, Grasp, HeldObject, Joint, Link, Looks, Mesh, Pose,
+        Anchor, Arm, Box, Capsule, ClosedChain, Cylinder, Friction, Grasp, HeldObject, Joint, Link, Visuals, Mesh, Pose,
         Sphere, Spring, SpringEnd, Trunk, Visual, WrenchLimits,
     )
 }  # fmt: skip

@@ -14,7 +14,7 @@ from holdfast.model import checks
 from holdfast.model.fingerprint import PICTURE
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
-from holdfast.model.looks import Looks
+from holdfast.model.visuals import Visuals
 from holdfast.spatial.converted import making
 from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.pose import Pose, PoseField
@@ -31,7 +31,7 @@ class Arm(Frozen):
         tip: pose of the tip frame in the last link's axes; where the arm touches.
         base: pose of the base frame in the world.
         name: for messages.
-        looks: what its file says it looks like, for the viewer; dropped where it is of another number of links.
+        visuals: what its file says it looks like, for the viewer; dropped where it is of another number of links.
     """
 
     joints: Sequence[Joint]
@@ -39,7 +39,7 @@ class Arm(Frozen):
     tip: PoseField = field(default_factory=making(Pose.identity))
     base: PoseField = field(default_factory=making(Pose.identity))
     name: str = ""
-    looks: Looks | None = field(default=None, metadata=PICTURE)
+    visuals: Visuals | None = field(default=None, metadata=PICTURE)
 
     def __post_init__(self) -> None:
         label, put = self._check_frames(), object.__setattr__
@@ -65,7 +65,7 @@ class Arm(Frozen):
             tuple(one for joint, link in zip(self.joints, self.links, strict=True) for one in _links(joint, link)),
         )
         put(self, "joints", tuple(part for joint in self.joints for part in joint.parts))
-        put(self, "looks", fitting_looks(self.looks, len(self.links), label))
+        put(self, "visuals", fitting_visuals(self.visuals, len(self.links), label))
 
     def _check_frames(self) -> str:
         """Check name, tip and base, and return what messages call the arm."""
@@ -138,14 +138,14 @@ class Arm(Frozen):
         return np.array([j.rest for j in self.joints])
 
 
-def fitting_looks(looks: Any, links: int, label: str) -> Looks | None:
-    """Return the looks of a base and so many links; None if they are of other links.
+def fitting_visuals(visuals: Any, links: int, label: str) -> Visuals | None:
+    """Return the visuals of a base and so many links; None if they are of other links.
 
     Raises:
-        ModelError: what are no looks.
+        ModelError: what are no visuals.
     """
-    checks.instance(looks, (Looks, type(None)), f"{label}: looks")
-    return looks if looks is not None and len(looks.bodies) == links + 1 else None
+    checks.instance(visuals, (Visuals, type(None)), f"{label}: visuals")
+    return visuals if visuals is not None and len(visuals.bodies) == links + 1 else None
 
 
 def _links(joint: Joint, link: Link) -> tuple[Link, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from holdfast.model import checks
 from holdfast.model.fingerprint import PICTURE
-from holdfast.model.looks import Cylinder, Shape, Sphere
+from holdfast.model.visuals import Cylinder, Shape, Sphere
 from holdfast.spatial import inertia as spatial_inertia
 from holdfast.spatial.converted import REQUIRED, ArrayField, making
 from holdfast.spatial.frozen import Frozen, frozen_property

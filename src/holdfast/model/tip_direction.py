@@ -56,7 +56,9 @@ def way_to_tip(arm: Arm) -> Array | None:
     lengths = [float(np.linalg.norm(part.p)) for part in (*(j.placement for j in arm.joints[1:]), arm.tip)]
     short = SHORT * math.fsum(lengths)
     if on_joint := lengths[-1] <= short:
-        offset = joint.placement.R.T @ joint.placement.p  # from the joint before; `along` is the same in any posture
+        offset = (
+            joint.placement.R.T @ joint.placement.p
+        )  # from the joint before; `along` is the same in any configuration
     distance = float(np.linalg.norm(offset))
     along = float(joint.axis @ offset) / distance if distance > short else 0.0
     if on_joint and abs(along) <= ALONG:

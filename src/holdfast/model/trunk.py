@@ -10,11 +10,11 @@ import numpy as np
 
 from holdfast.errors import ModelError
 from holdfast.model import checks
-from holdfast.model.arm import Arm, fitting_looks
+from holdfast.model.arm import Arm, fitting_visuals
 from holdfast.model.fingerprint import PICTURE
 from holdfast.model.joint import Joint
 from holdfast.model.link import Link
-from holdfast.model.looks import Looks
+from holdfast.model.visuals import Visuals
 from holdfast.spatial.converted import making
 from holdfast.spatial.frozen import Frozen, frozen_property
 from holdfast.spatial.pose import Pose, PoseField
@@ -32,14 +32,14 @@ class Trunk(Frozen):
         links: as many links.
         base: pose of its base frame in the world; of no meaning with a floating base, whose pose is in the state.
         floating: the free body that it begins with, e.g. a spacecraft; None for a base in the world.
-        looks: as those of an `Arm`.
+        visuals: as those of an `Arm`.
     """
 
     joints: Sequence[Joint] = ()
     links: Sequence[Link] = ()
     base: PoseField = field(default_factory=making(Pose.identity))
     floating: Link | None = None
-    looks: Looks | None = field(default=None, metadata=PICTURE)
+    visuals: Visuals | None = field(default=None, metadata=PICTURE)
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -54,12 +54,12 @@ class Trunk(Frozen):
                 raise ModelError("trunk: expected at least one joint or a floating base, got neither")
             put(self, "joints", ())
             put(self, "links", ())
-            put(self, "looks", fitting_looks(self.looks, 0, NAME))
+            put(self, "visuals", fitting_visuals(self.visuals, 0, NAME))
             return
         serial = Arm(self.joints, self.links, base=self.base, name=NAME)  # checks them, and takes joints apart
         put(self, "joints", serial.joints)
         put(self, "links", serial.links)
-        put(self, "looks", fitting_looks(self.looks, len(serial.links), NAME))
+        put(self, "visuals", fitting_visuals(self.visuals, len(serial.links), NAME))
 
     def __repr__(self) -> str:
         """Return joints and base, on one line."""

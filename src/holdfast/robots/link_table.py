@@ -51,15 +51,15 @@ class LinkTable(NamedTuple):
         name: of the robot.
         rows: its joints and links, base to tip.
         flange: where tools are mounted, in the last link's axes.
-        home: a posture with room on every side, (N,) [rad].
-        looks: solids on its base, then on link after link.
+        home: a configuration with room on every side, (N,) [rad].
+        visuals: solids on its base, then on link after link.
     """
 
     name: str
     rows: tuple[Row, ...]
     flange: Pose
     home: Array
-    looks: tuple[tuple[Primitive, ...], ...]
+    visuals: tuple[tuple[Primitive, ...], ...]
 
     def arm(self, base: Any, tip: Any, armature: Any) -> Arm:
         """Return the arm of the table.

@@ -1,4 +1,4 @@
-"""Which built-in robot an arm is: its looks and its home posture go with its joints, not with its name."""
+"""Which built-in robot an arm is: its visuals and its home configuration go with its joints, not with its name."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def builtin_of(arm: Arm) -> LinkTable | None:
 
 
 def home_of(arm: Arm) -> Array | None:
-    """Return the home posture (N,) of the built-in robot that the arm is [rad], or None."""
+    """Return the home configuration (N,) of the built-in robot that the arm is [rad], or None."""
     robot = builtin_of(arm)
     return None if robot is None else robot.home
 

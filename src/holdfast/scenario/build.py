@@ -198,7 +198,7 @@ def build_robots(data: SceneData, files: RobotFiles, at: Location) -> tuple[Scen
 
 
 def closed(chain: ClosedChain, guess: State, search: bool) -> State:
-    """Return the state with every grasp closed around the object where it is; `search` tries other postures too.
+    """Return the state with every grasp closed around the object where it is; `search` tries other configurations too.
 
     Object and trunk stay where they are, and as fast.
 

@@ -11,7 +11,7 @@ from holdfast.io.typed import Location
 from holdfast.model.held_object import HeldObject
 from holdfast.model.joint import UNBOUNDED, Joint
 from holdfast.model.link import Link
-from holdfast.model.looks import Shape
+from holdfast.model.visuals import Shape
 from holdfast.scenario.names import require_names
 from holdfast.scenario.poses import pose
 from holdfast.scenario.scene import BodyData, JointData, ObjectData

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.assembly.starts import preferred_posture
+from holdfast.assembly.starts import preferred_configuration
 from holdfast.errors import HoldfastError
 from holdfast.io.typed import Location
 from holdfast.model import checks
@@ -193,7 +193,7 @@ def with_drives(data: UrdfData, chains: Sequence[Sequence[Joint]], at: Location)
 
 
 def _standing(arm: Arm) -> Robot:
-    return Robot(arm, preferred_posture(arm))
+    return Robot(arm, preferred_configuration(arm))
 
 
 def _of_file(data: ArmData, files: RobotFiles, base: Pose, at: Location) -> Robot:
@@ -201,7 +201,7 @@ def _of_file(data: ArmData, files: RobotFiles, base: Pose, at: Location) -> Robo
     with file_refusals(at):
         source = files.source(data.urdf, data.name)
     links = chain_of_file(data.urdf, source, base, at)
-    return Robot(links.arm, preferred_posture(links.arm), source, links)
+    return Robot(links.arm, preferred_configuration(links.arm), source, links)
 
 
 def _of_joints(data: ArmData, base: Pose, at: Location) -> Robot:

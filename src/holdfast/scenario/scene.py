@@ -116,8 +116,8 @@ class ArmData(_Strict):
     An arm with a `mount` stands on that link of the trunk, its `base` in the link's axes. One that the trunk's
     file has a tip of is out of that file. `tip` is the pose of a massless tool's tip in the robot's own tip frame,
     or in the axes of the last link of `joints`. `q` is a guess from which the arm is moved to its grasp. Without it
-    that is the robot's home posture, or the middle of its joints' ranges, and others are tried where it does not lead
-    to the grasp. An `anchor` has no joints; without a `base` it stands where its grasp is at the start.
+    that is the robot's home configuration, or the middle of its joints' ranges, and others are tried where it does not
+    lead to the grasp. An `anchor` has no joints; without a `base` it stands where its grasp is at the start.
     """
 
     name: str
@@ -136,7 +136,7 @@ class TrunkData(_Strict):
     """What arms stand on: a built-in robot's name, a URDF, or joints; perhaps on a body that floats.
 
     `base` is where its base frame is, of a floating base at the start, with a `twist` then. Its joints begin, and the
-    arms are led to the object, at `q`: the robot's home posture, or the middle of the joints' ranges, by default.
+    arms are led to the object, at `q`: the robot's home configuration, or the middle of the joints' ranges, by default.
     """
 
     robot: str | None = None

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from holdfast.assembly.starts import preferred_posture
+from holdfast.assembly.starts import preferred_configuration
 from holdfast.io.typed import Location
 from holdfast.model import checks
 from holdfast.model.arm import Arm
@@ -120,11 +120,11 @@ def _where_it_floats(found: SceneTrunk, data: TrunkData, base: Pose, at: Locatio
 
 def _at_rest(trunk: Trunk) -> SceneTrunk:
     """Return a trunk with the positions that its joints prefer."""
-    return SceneTrunk(trunk, np.zeros(0) if trunk.serial is None else preferred_posture(trunk.serial))
+    return SceneTrunk(trunk, np.zeros(0) if trunk.serial is None else preferred_configuration(trunk.serial))
 
 
 def _carrying(arm: Arm) -> Trunk:
-    return Trunk(arm.joints, arm.links, arm.base, looks=arm.looks)
+    return Trunk(arm.joints, arm.links, arm.base, visuals=arm.visuals)
 
 
 def _of_file(
@@ -163,7 +163,7 @@ def _of_file(
     for name, joints in zip(names, others, strict=True):
         (i,) = (i for i, arm in enumerate(arms) if arm.name == name)
         arm = replace(found.arms[name], joints=joints)
-        alone = Robot(arm, preferred_posture(arm), source, links.chains[name])
+        alone = Robot(arm, preferred_configuration(arm), source, links.chains[name])
         robots[name] = finished(alone, arms[i], at / "arms" / i)
         if data.base_motion is not None and name not in found.mounts:
             raise (here / "base_motion").refuse(

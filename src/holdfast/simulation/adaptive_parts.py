@@ -1,4 +1,4 @@
-"""Fixed steps near a singular posture, taken in parts where they are too long.
+"""Fixed steps near a singular configuration, taken in parts where they are too long.
 
 There a motion turns within the time in which the constraint's strength changes by its own size, and a step of fixed
 length may be longer than that. So where a step changes the strength by more than a fiftieth (or by a thirtieth, where

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.energy import Power
-from holdfast.simulation.stops import MOMENT
+from holdfast.simulation.stops import JUMP_WIDTH
 from holdfast.spatial.scalar import Array, array
 
 # Columns of every work and power array.
@@ -66,13 +66,13 @@ def momentum_imbalance(t: Array, momentum: Array, rate: Array, base_impulse: Arr
     """Return (L, P) less its first value and all impulses since, (samples, 6) [N m s, N s].
 
     Args:
-        t: (samples,) [s]; neighbours about `stops.MOMENT` apart are the two sides of a jump.
+        t: (samples,) [s]; neighbours about `stops.JUMP_WIDTH` apart are the two sides of a jump.
         momentum: (samples, 6) [angular; linear] about a fixed point.
         rate: (samples, 6) the wrenches on the whole chain about it.
         base_impulse: (samples, 6) of the bases in impacts so far, about it.
     """
     by_wrenches = np.zeros_like(momentum)
-    jumps = np.flatnonzero(np.diff(t) <= np.maximum(4 * np.spacing(t[1:]), 2 * MOMENT)) + 1
+    jumps = np.flatnonzero(np.diff(t) <= np.maximum(4 * np.spacing(t[1:]), 2 * JUMP_WIDTH)) + 1
     for part in np.split(np.arange(len(t)), jumps):
         if len(part) > 1:
             by_wrenches[part[1:]] = interval_integrals(t[part], rate[part])

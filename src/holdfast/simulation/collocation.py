@@ -1,9 +1,9 @@
-"""Steps through a singular posture: Gauss collocation, with every stage on the constraint.
+"""Steps through a singular configuration: Gauss collocation, with every stage on the constraint.
 
 Beside the grasps by d accelerations are off by d over the constraint's strength, so an explicit scheme, whose stages
-lie beside them, loses its order about a singular posture. The motion itself is smooth there. The polynomial that has
-the right slope at Gauss's points, closed states all of them, passes it to order 12, and no stage comes near a posture
-in the middle of the step (or at its ends).
+lie beside them, loses its order about a singular configuration. The motion itself is smooth there. The polynomial that
+has the right slope at Gauss's points, all of which are closed states, passes it to order 12, and no stage comes near a
+singular configuration in the middle of the step (or at its ends).
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def collocation_step(now: Instant, until: float) -> StepCourse:
         if not np.isfinite(moving) or moving <= STILL or (moving < NEAR and moving >= 0.5 * before):
             break
     if not moving < NEAR:
-        raise StateError("the stages of a step through a singular posture do not settle; try a smaller step")
+        raise StateError("the stages of a step through a singular configuration do not settle; try a smaller step")
     y = h * scheme.b @ slopes
     closed, gaps = yield Closing(until, displaced(start, y))
     return Step((yield Arrival(until, closed)), gaps, work_of(y), [])

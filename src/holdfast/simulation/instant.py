@@ -181,7 +181,7 @@ def evaluate(
     if not found.condition <= WORST_CONDITION:
         raise SingularChainError(
             f"the grasp constraint is nearly singular: condition {found.condition:.3g}, expected <="
-            f" {WORST_CONDITION:g}; try another posture or another grasp"
+            f" {WORST_CONDITION:g}; try another configuration or another grasp"
         )
     powers = work_rates(power(chain, state, tau, found, inputs), friction, state.qd)
     return Instant(t, state, chain, inputs, tau, memory, found, powers)

@@ -1,6 +1,6 @@
 """Steps that dampers and springs of joints cannot blow up: implicit in both, explicit in all else.
 
-A stage of an implicit-explicit Runge-Kutta scheme has two states: one by the explicit weights, at which postures,
+A stage of an implicit-explicit Runge-Kutta scheme has two states: one by the explicit weights, at which configurations,
 controller and all forces are evaluated, and one by the implicit weights, whose rates v and positions q dampers (D) and
 springs (K) feel, and whose velocities are what positions change by (S. Boscarino, F. Filbet, G. Russo, "High order
 semi-implicit schemes for time dependent partial differential equations", J. Sci. Comput. 68, 2016). Its acceleration k,

@@ -130,15 +130,15 @@ OnSingular = Literal["stop", "continue"]
 
 @dataclass(frozen=True)
 class Policy:
-    """What is done about violations and singular postures.
+    """What is done about violations and singular configurations.
 
     Attributes:
         on_slip: about a grasp that cannot hold: "stop" the run there; "record" it and go on as if it
             held; "release" it: the grasp opens and the arm goes on free.
         on_limit: about a joint beyond a limit: "record" or "stop"; "clip": torques are clipped to effort limits, where
             their margins are 0, and the others recorded.
-        on_singular: about a posture where the constraint loses rank: "stop" the run before it, or "continue" through
-            it where only one motion with continuous velocities leads on.
+        on_singular: about a configuration where the constraint loses rank: "stop" the run before it, or "continue"
+            through it where only one motion with continuous velocities leads on.
     """
 
     on_slip: OnSlip = "stop"

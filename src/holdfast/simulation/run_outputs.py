@@ -157,7 +157,7 @@ class RunOutputs:
         """
         from holdfast.view.page import export_page
 
-        export_page(self.film(rate), path)
+        export_page(self.playback(rate), path)
         return Path(path)
 
     def show(self, rate: float = RATE) -> Any:
@@ -175,11 +175,11 @@ class RunOutputs:
         from holdfast.view.inline import shown
         from holdfast.view.page import page
 
-        film = self.film(rate)
-        return shown(page(film), film.title)
+        playback = self.playback(rate)
+        return shown(page(playback), playback.title)
 
-    def film(self, rate: float = RATE) -> Any:
-        """Return the moments that the page shows, a `Film`, for `holdfast.plot.export_page`.
+    def playback(self, rate: float = RATE) -> Any:
+        """Return the moments that the page shows, a `Playback`, for `holdfast.plot.export_page`.
 
         Args:
             rate: moments a second.
@@ -188,10 +188,10 @@ class RunOutputs:
             StateError: a run that does not know its chain, or one without samples.
             ModelError: a rate that is not positive or gives too many moments.
         """
-        from holdfast.view.film import film_of_run
+        from holdfast.view.playback import playback_of_run
 
         run, setting = self._run_and_setting()
-        return film_of_run(setting.chain, run, setting.name, rate, setting.base_motion)
+        return playback_of_run(setting.chain, run, setting.name, rate, setting.base_motion)
 
     def _run_and_setting(self) -> tuple[Trajectory, Any]:
         """Return the run and its setting, checked against each other."""

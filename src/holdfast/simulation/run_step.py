@@ -1,4 +1,4 @@
-"""One step of a run: margins verified inside it, singular postures on its way found, too long ones refused."""
+"""One step of a run: margins verified inside it, singular configurations on its way found, too long ones refused."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from holdfast.simulation.confirmation import Window, explained, require_shown, t
 from holdfast.simulation.instant import Instant
 from holdfast.simulation.run_state import RunState
 from holdfast.simulation.segment import Segment, suited
-from holdfast.simulation.singular_posture import (
+from holdfast.simulation.singular_configuration import (
     CLOSED,
-    SingularPosture,
+    SingularConfiguration,
+    configuration_ahead,
+    configurations_passed,
     goes_through,
     length_before,
     length_through,
     may_be_unresolved,
     may_lose_rank,
-    posture_ahead,
-    postures_passed,
     time_left,
 )
 from holdfast.simulation.stability import elsewhere
@@ -35,7 +35,7 @@ FASTEST = 1e30  # rad/s or m/s: what is faster ends in numbers that are none
 
 
 def stepped(at: RunState) -> RunState:
-    """Return the run after a step, or at its end where it may not go through a singular posture on the way."""
+    """Return the run after a step, or at its end where it may not go through a singular configuration on the way."""
     segment, now, settings = at.segment, at.now, at.segment.settings
     until = float(settings.stops.times[at.checkpoint.stop])
     goes_on = settings.policy.on_singular == "continue"
@@ -44,30 +44,30 @@ def stepped(at: RunState) -> RunState:
     left = time_left(segment, now, step) if goes_on else None
     if left is not None and (proposal is not None or left <= 1.5 * step):  # no step is to end beside it
         return _towards(at, left, step)
-    later, posture = _step_and_posture(at, until)
-    if posture is None:
+    later, configuration = _step_and_configuration(at, until)
+    if configuration is None:
         assert later is not None
         return later
-    if goes_on and posture.unique:
-        return _towards(at, posture.t - now.t, step)
-    return _ended(at, posture)
+    if goes_on and configuration.unique:
+        return _towards(at, configuration.t - now.t, step)
+    return _ended(at, configuration)
 
 
-def _step_and_posture(at: RunState, until: float) -> tuple[RunState | None, SingularPosture | None]:
-    """Return the run after a step, if there is one, and the first singular posture on its way.
+def _step_and_configuration(at: RunState, until: float) -> tuple[RunState | None, SingularConfiguration | None]:
+    """Return the run after a step, if there is one, and the first singular configuration on its way.
 
-    A fixed step near a singular posture that is too long for the motion there is taken in parts.
+    A fixed step near a singular configuration that is too long for the motion there is taken in parts.
     """
     segment, now = at.segment, at.now
     later, failure = None, None
     try:
         later = _step_to(at, until)
-        posture = _first_posture(segment, now, later.now)
+        configuration = _first_configuration(segment, now, later.now)
     except HoldfastError as cause:
-        failure, posture = cause, posture_ahead(segment, now, until)
-    leaps = posture is not None and posture.gap > CLOSED
+        failure, configuration = cause, configuration_ahead(segment, now, until)
+    leaps = configuration is not None and configuration.gap > CLOSED
     finer = None
-    if (posture is None or leaps) and not segment.scheme.adaptive:
+    if (configuration is None or leaps) and not segment.scheme.adaptive:
         finer = _finer(at, until, later, leaps)
     if finer is not None:
         try:
@@ -75,19 +75,19 @@ def _step_and_posture(at: RunState, until: float) -> tuple[RunState | None, Sing
         except HoldfastError as cause:
             failure = failure or cause
         else:
-            return later, _first_posture(segment, now, later.now)
-    if failure is not None and posture is None:
+            return later, _first_configuration(segment, now, later.now)
+    if failure is not None and configuration is None:
         raise failure
-    return later, posture
+    return later, configuration
 
 
-def _first_posture(segment: Segment, now: Instant, later: Instant) -> SingularPosture | None:
-    """Return the first singular posture between two instants."""
-    return next(postures_passed(segment, now, later), None)
+def _first_configuration(segment: Segment, now: Instant, later: Instant) -> SingularConfiguration | None:
+    """Return the first singular configuration between two instants."""
+    return next(configurations_passed(segment, now, later), None)
 
 
 def _finer(at: RunState, until: float, later: RunState | None, leaps: bool) -> Stepper | None:
-    """Return what takes a fixed step that is too long for the motion near a singular posture; None: it is not.
+    """Return what takes a fixed step that is too long for the motion near a singular configuration; None: it is not.
 
     Args:
         at: the run.
@@ -107,11 +107,11 @@ def _finer(at: RunState, until: float, later: RunState | None, leaps: bool) -> S
 
 
 def _towards(at: RunState, left: float, step: float) -> RunState:
-    """Return the run after a step to a place beside a singular posture, or through it.
+    """Return the run after a step to a place beside a singular configuration, or through it.
 
     Args:
         at: the run.
-        left: how long it takes to get to the posture [s].
+        left: how long it takes to get to the configuration [s].
         step: a step as long as it may be [s].
     """
     now, segment = at.now, at.segment
@@ -121,8 +121,8 @@ def _towards(at: RunState, left: float, step: float) -> RunState:
         return _step_to(at, _latest(at), lambda tried: length_before(left, tried))
     until = min(now.t + length_through(left, step), _latest(at))
     later = _step_to(at, until, stepper=segment.collocation)
-    passed = list(postures_passed(segment, now, later.now))  # none where the motion turned before it
-    branching = [posture for posture in passed if not posture.unique]
+    passed = list(configurations_passed(segment, now, later.now))  # none where the motion turned before it
+    branching = [configuration for configuration in passed if not configuration.unique]
     return _ended(at, branching[0]) if branching else _passed(at, later, passed)
 
 
@@ -137,28 +137,28 @@ def _latest(at: RunState) -> float:
     return min(latest, float(hold.asked[held.asked]))
 
 
-def _passed(at: RunState, later: RunState, postures: Sequence[SingularPosture]) -> RunState:
-    """Return the run after a step through singular postures."""
+def _passed(at: RunState, later: RunState, configurations: Sequence[SingularConfiguration]) -> RunState:
+    """Return the run after a step through singular configurations."""
     before, after = (one.checkpoint.occurrences for one in (at, later))
-    crossed = [posture.occurrence("passes a singular posture") for posture in postures]
+    crossed = [configuration.occurrence("passes a singular configuration") for configuration in configurations]
     news = sorted([*after[len(before) :], *crossed], key=lambda one: one.t)
     return replace(later, checkpoint=replace(later.checkpoint, occurrences=(*before, *news)))
 
 
-def _ended(at: RunState, posture: SingularPosture) -> RunState:
-    """Return the run as it ends before a singular posture."""
-    occurrence = posture.occurrence("stops before a singular posture")
+def _ended(at: RunState, configuration: SingularConfiguration) -> RunState:
+    """Return the run as it ends before a singular configuration."""
+    occurrence = configuration.occurrence("stops before a singular configuration")
     saved = replace(at.checkpoint, occurrences=(*at.checkpoint.occurrences, occurrence))
-    where = f"stopped after t = {at.now.t:.6g} s, before a singular posture at t = {posture.t:.9g} s"
-    return replace(at, checkpoint=saved, ended=f"{where}: {posture.text}{_branches(at, posture)}")
+    where = f"stopped after t = {at.now.t:.6g} s, before a singular configuration at t = {configuration.t:.9g} s"
+    return replace(at, checkpoint=saved, ended=f"{where}: {configuration.text}{_branches(at, configuration)}")
 
 
-def _branches(at: RunState, posture: SingularPosture) -> str:
-    """Return why a run that may go on through singular postures does not."""
-    if posture.unique or at.segment.settings.policy.on_singular == "stop":
+def _branches(at: RunState, configuration: SingularConfiguration) -> str:
+    """Return why a run that may go on through singular configurations does not."""
+    if configuration.unique or at.segment.settings.policy.on_singular == "stop":
         return ""
-    if posture.gap > CLOSED:
-        return f". The grasps would be open by {posture.gap:.3g} (m or rad) there: try smaller steps"
+    if configuration.gap > CLOSED:
+        return f". The grasps would be open by {configuration.gap:.3g} (m or rad) there: try smaller steps"
     return ". The constraint has its rank again on the same side: more than one motion leads on from there"
 
 

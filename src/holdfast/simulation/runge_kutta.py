@@ -83,7 +83,7 @@ RK4 = Tableau(
 )
 
 # The cheap scheme. Simulators often take semi-implicit Euler, which keeps energy well where the
-# inertia does not depend on the posture; here it does. On two Pandas that fall for 0.4 s the
+# inertia does not depend on the configuration; here it does. On two Pandas that fall for 0.4 s the
 # midpoint rule drifts by 2e-6 of the peak kinetic energy with 2 evaluations a ms, semi-implicit
 # Euler with as many by 5e-4; and projection, which costs as much as both, is needed half as often.
 MIDPOINT = Tableau(

@@ -115,12 +115,12 @@ class Segment:
 
     @cached_property
     def collocation(self) -> CollocationStepper:
-        """What takes the steps through singular postures."""
+        """What takes the steps through singular configurations."""
         return CollocationStepper(self.environment, self.controller, self.generic_rank)
 
     @cached_property
     def varied_parts(self) -> Stepper:
-        """What takes fixed steps that are too long near a singular posture, in parts of different lengths."""
+        """What takes fixed steps that are too long near a singular configuration, in parts of different lengths."""
         if self.implicit or self.settings.scheme.implicit:
             return HalvedPartsStepper(self.stepper)
         make = self.settings.make_stepper

@@ -99,7 +99,7 @@ def simulate(
             "release" (it opens; velocities go on).
         on_limit: what is done about a joint beyond a limit: "record" or "stop"; "clip": torques beyond an effort limit
             are clipped to it (its margin is 0 then), and the other limits recorded.
-        on_singular: what is done about a singular posture on the way: "stop" before it, or "continue" through it
+        on_singular: what is done about a singular configuration on the way: "stop" before it, or "continue" through it
             where only one motion with continuous velocities leads on; steps then end beside it.
         scheme: "rk4", "midpoint" or "dop853" (adaptive, order 8).
         rtol: relative tolerance of an adaptive scheme, see `adaptive.Tolerance`.

@@ -18,7 +18,7 @@ from holdfast.model import checks
 from holdfast.spatial.scalar import Array
 
 MOST_STEPS = 1_000_000
-MOMENT = 1e-15  # [s]: how far apart the two sides of a jump are, where float64 tells less apart
+JUMP_WIDTH = 1e-15  # [s]: how far apart the two sides of a jump are, where float64 tells less apart
 ALIKE = 1e-9  # of a step: grid times nearer than this to a breakpoint give way to it
 
 
@@ -58,7 +58,7 @@ def step_times(duration: float, step: float) -> Array:
 
 def just_after(t: float) -> float:
     """Return the time of a jump's far side, if the near side is at t [s]."""
-    return max(t + MOMENT, float(np.nextafter(t, np.inf)))
+    return max(t + JUMP_WIDTH, float(np.nextafter(t, np.inf)))
 
 
 def stops(

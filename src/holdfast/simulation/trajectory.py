@@ -28,9 +28,9 @@ class Occurrence:
     Attributes:
         t: when [s].
         kind: "attach" and "release" of a grasp; "violation", a margin that becomes negative, and
-            "recovery", where it no longer is; "singular", a posture where the grasp constraint loses rank; "stiff",
-            where steps become linearly implicit, because no explicit one could follow damping or springs.
-        name: the arm, or 'arm/joint'; of a singular posture "grasps", of stiff joints "joints".
+            "recovery", where it no longer is; "singular", a configuration where the grasp constraint loses rank;
+            "stiff", where steps become linearly implicit, because no explicit one could follow damping or springs.
+        name: the arm, or 'arm/joint'; of a singular configuration "grasps", of stiff joints "joints".
         text: what happened.
         quantity: of a violation or recovery, what was passed: "grasp", "position", "rate", "effort".
         lowest: of a recovery, the lowest margin since the violation [N; rad or m; rad/s or m/s; N m or N].
@@ -40,9 +40,9 @@ class Occurrence:
         base_impulses: of an attach, (arms, 6) of the base on each arm about the base origin.
         trunk_base_impulse: of an attach, (6,) of the base on a trunk about the base origin; empty without one.
         energy_change: of an attach, of the kinetic energy [J].
-        rank: of a singular posture, of the grasp constraint there.
-        generic_rank: of a singular posture, of the constraint before and after.
-        lost: of a singular posture, in words, the loads that nothing feels there and the directions that arms lose.
+        rank: of a singular configuration, of the grasp constraint there.
+        generic_rank: of a singular configuration, of the constraint before and after.
+        lost: of a singular configuration, in words, the loads that it cannot resist and the directions that arms lose.
     """
 
     t: float

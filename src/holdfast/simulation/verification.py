@@ -48,7 +48,7 @@ REFUSALS = (SingularChainError, ClosureError, StateError)
 
 
 class StepMargins(NamedTuple):
-    """What the looks of a step show.
+    """What the visuals of a step show.
 
     Attributes:
         times: (looks,) in order; the first is the last look of the step before, if there is one.

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.link import Link
 from holdfast.model.trunk import Trunk
-from holdfast.robots.looks import arm_length, chain_length
+from holdfast.robots.visuals import arm_length, chain_length
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import cross
-from holdfast.view.film import Film
 from holdfast.view.markers import box_lines, equivalent_box
+from holdfast.view.playback import Playback
 from holdfast.view.scene_writer import FIELD_OF_VIEW, Camera
 
 SEEN_OF = 5  # moments that are to fit into the picture
@@ -29,21 +29,21 @@ def upward(chain: ClosedChain) -> Array:
     return -chain.gravity / g if g > 0 else np.array([0.0, 0.0, 1.0])
 
 
-def cameras(film: Film) -> list[Camera]:
+def cameras(playback: Playback) -> list[Camera]:
     """Return views from which the whole chain is in the picture, and one near the object; the first is the best."""
-    up = upward(film.chain)
-    along = _spread(film.base_pose[0, :, 4:], up)
+    up = upward(playback.chain)
+    along = _spread(playback.base_pose[0, :, 4:], up)
     front = cross(along, up)  # from the chain towards who looks at it
-    chosen = np.unique(np.linspace(0, len(film) - 1, SEEN_OF).astype(int))
-    near = np.concatenate([object_outline(film, k) for k in chosen])
-    points = np.concatenate([near, *(arms_outline(film, k) for k in chosen)])
-    trunk, lengths = film.chain.trunk, [chain_length(film.chain)]
+    chosen = np.unique(np.linspace(0, len(playback) - 1, SEEN_OF).astype(int))
+    near = np.concatenate([object_outline(playback, k) for k in chosen])
+    points = np.concatenate([near, *(arms_outline(playback, k) for k in chosen)])
+    trunk, lengths = playback.chain.trunk, [chain_length(playback.chain)]
     if trunk is not None:
-        points = np.concatenate([points, *(trunk_outline(trunk, film, k) for k in chosen)])
+        points = np.concatenate([points, *(trunk_outline(trunk, playback, k) for k in chosen)])
         lengths += [] if trunk.serial is None else [arm_length(trunk.serial)]
     around = AROUND * max(lengths)
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    held = film.object_pose[chosen, 4:].mean(axis=0)
+    held = playback.object_pose[chosen, 4:].mean(axis=0)
     directions = {
         "overview": front + 0.45 * along + 0.4 * up,
         "front": front,
@@ -74,28 +74,28 @@ def _fitted(name: str, direction: Array, up: Array, points: Array, target: Array
     return Camera(name, target + distance * back, target)
 
 
-def arms_outline(film: Film, k: int) -> Array:
+def arms_outline(playback: Playback, k: int) -> Array:
     """Return bases, link origins and tips at a moment, (points, 3) world axes [m]."""
     points = []
-    for i, (name, arm) in enumerate(film.chain.arms.items()):
-        base = Pose.from_wxyz_xyz(film.base_pose[k, i])
-        points += _serial_outline(arm, base, film.q[k, film.chain.joints[name]])
+    for i, (name, arm) in enumerate(playback.chain.arms.items()):
+        base = Pose.from_wxyz_xyz(playback.base_pose[k, i])
+        points += _serial_outline(arm, base, playback.q[k, playback.chain.joints[name]])
     return np.array(points)
 
 
-def trunk_outline(trunk: Trunk, film: Film, k: int) -> Array:
+def trunk_outline(trunk: Trunk, playback: Playback, k: int) -> Array:
     """Return base and link origins, and the corners of a body that floats, at a moment, (points, 3) world axes [m]."""
-    base = Pose.from_wxyz_xyz(film.trunk_pose[k])
+    base = Pose.from_wxyz_xyz(playback.trunk_pose[k])
     points = [base.p]
     if trunk.floating is not None:
         points += list(_corners(trunk.floating) @ base.R.T + base.p)
     if trunk.serial is not None:
-        points += _serial_outline(trunk.serial, base, film.q[k, film.chain.joints[TRUNK]])
+        points += _serial_outline(trunk.serial, base, playback.q[k, playback.chain.joints[TRUNK]])
     return np.array(points)
 
 
 def _serial_outline(arm: Arm, base: Pose, q: Array) -> list[Array]:
-    at = posture(arm.at(base), q)
+    at = forward_kinematics(arm.at(base), q)
     return [base.p, at.tip.p, *(at.tip.p - reach for reach in at.reach)]
 
 
@@ -105,11 +105,11 @@ def _corners(body: HeldObject | Link) -> Array:
     return box_lines(edges).reshape(-1, 3) @ box.R.T + box.p
 
 
-def object_outline(film: Film, k: int) -> Array:
+def object_outline(playback: Playback, k: int) -> Array:
     """Return the corners of the object's box, and the contacts, at a moment, (points, 3) world axes [m]."""
-    corners = _corners(film.chain.held_object)
-    contacts = [grasp.frame.p for grasp in film.chain.grasps.values()]
-    frame = Pose.from_wxyz_xyz(film.object_pose[k])
+    corners = _corners(playback.chain.held_object)
+    contacts = [grasp.frame.p for grasp in playback.chain.grasps.values()]
+    frame = Pose.from_wxyz_xyz(playback.object_pose[k])
     return np.concatenate([corners, np.reshape(contacts, (-1, 3))]) @ frame.R.T + frame.p
 
 

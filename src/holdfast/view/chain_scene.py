@@ -7,21 +7,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from holdfast.dynamics.arm.posture import joint_placement
+from holdfast.dynamics.arm.forward_kinematics import joint_placement
 from holdfast.dynamics.closed.spring_wrenches import stretches
 from holdfast.errors import ModelError
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.joint import Joint
 from holdfast.model.trunk import Trunk
-from holdfast.robots.looks import arm_length, chain_length, looks_of, looks_of_trunk
+from holdfast.robots.visuals import arm_length, chain_length, visuals_of, visuals_of_trunk
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
 from holdfast.view import figure_style, meshes
 from holdfast.view.cameras import cameras, upward
-from holdfast.view.film import Film
+from holdfast.view.link_meshes import LinkMesh, meshes_of
 from holdfast.view.markers import (
     arrow_scale,
     coil,
@@ -33,7 +33,7 @@ from holdfast.view.markers import (
 )
 from holdfast.view.meshes import Mesh
 from holdfast.view.object_drawing import drawn_object
-from holdfast.view.pieces import Piece, pieces_of
+from holdfast.view.playback import Playback
 from holdfast.view.scene_writer import Colour, SceneWriter
 
 OBJECT_GREY, LINE_GREY = (150, 150, 158), (70, 70, 78)
@@ -46,18 +46,18 @@ FOOT_RADIUS, FOOT_HEIGHT, NAME_DEPTH, TOOL_RADIUS, PALM_RADIUS = 0.1, 0.008, 0.0
 
 
 class ChainScene:
-    """A film's chain, drawn into a scene.
+    """A playback's chain, drawn into a scene.
 
     Attributes:
-        film: what is shown.
+        playback: what is shown.
         scale: of the arrows; may be changed between two moments.
     """
 
-    def __init__(self, writer: SceneWriter, film: Film) -> None:
+    def __init__(self, writer: SceneWriter, playback: Playback) -> None:
         """Draw everything that does not change; `show` does the rest."""
-        self.film, self.scale = film, arrow_scale(film)
+        self.playback, self.scale = playback, arrow_scale(playback)
         self._writer = writer
-        chain = film.chain
+        chain = playback.chain
         self._size = self._widest = chain_length(chain)
         if chain.trunk is not None and chain.trunk.serial is not None:
             self._widest = max(self._size, arm_length(chain.trunk.serial))
@@ -66,31 +66,31 @@ class ChainScene:
             self._joints[TRUNK] = self._draw_trunk(chain.trunk)
         self._cones = self._draw_object()
         self._draw_ground()
-        self._reserves = {name: film.reserve(name) for name in self._cones}
-        for name in film.holding:
+        self._reserves = {name: playback.reserve(name) for name in self._cones}
+        for name in playback.holding:
             colour, node, shaft = arm_colour(chain.names.index(name)), _node(name), SHAFT * self._size
             writer.arrows(f"/forces/{node}", 1, colour, shaft)
             writer.arrows(f"/moments/{node}", 2, colour, 0.7 * shaft)
             writer.arrows(f"/squeeze/{node}", 1, figure_style.rgb(figure_style.INTERNAL), 0.8 * shaft)
         for i, segments in enumerate(self._coils(0)):
             writer.lines(f"/springs/{i}", segments, LINE_GREY, LINE * self._size)
-        writer.look_from(cameras(film)[0], upward(chain))
+        writer.look_from(cameras(playback)[0], upward(chain))
         self.show(0)
 
     def show(self, k: int) -> None:
         """Move everything to where it is at moment k."""
-        film, chain = self.film, self.film.chain
-        pose = film.object_pose[k]
+        playback, chain = self.playback, self.playback.chain
+        pose = playback.object_pose[k]
         with self._writer.at_once():
-            bases = {_root(name): base for name, base in zip(chain.names, film.base_pose[k], strict=True)}
-            for root, base in {**bases, **({} if chain.trunk is None else {ROOT: film.trunk_pose[k]})}.items():
+            bases = {_root(name): base for name, base in zip(chain.names, playback.base_pose[k], strict=True)}
+            for root, base in {**bases, **({} if chain.trunk is None else {ROOT: playback.trunk_pose[k]})}.items():
                 self._writer.place(root, base[:4], base[4:])
             for name, joints in chain.joints_of.items():
-                for node, joint, q in zip(self._joints[name], joints, film.q[k, chain.joints[name]], strict=True):
+                for node, joint, q in zip(self._joints[name], joints, playback.q[k, chain.joints[name]], strict=True):
                     E, l = joint_placement(joint, q)
                     self._writer.place(node, rotation.to_quaternion(E), l)
             self._writer.place("/object", pose[:4], pose[4:])
-            for name in film.holding:
+            for name in playback.holding:
                 self._point(name, k)
             for i, segments in enumerate(self._coils(k)):
                 self._writer.redraw(f"/springs/{i}", segments)
@@ -99,41 +99,43 @@ class ChainScene:
 
     def _coils(self, k: int) -> list[Array]:
         """Return the lines of every spring, and of every bushing from tip to contact, at moment k, world axes."""
-        film, chain, held = self.film, self.film.chain, Pose.from_wxyz_xyz(self.film.object_pose[k])
-        ends = [(film.tip[k, chain.names.index(n)], (held @ chain.grasps[n].frame).p) for n in chain.bushings]
+        playback, chain, held = self.playback, self.playback.chain, Pose.from_wxyz_xyz(self.playback.object_pose[k])
+        ends = [(playback.tip[k, chain.names.index(n)], (held @ chain.grasps[n].frame).p) for n in chain.bushings]
         return self._springs(k) + [coil(a, b, COIL * self._size) for a, b in ends]
 
     def _springs(self, k: int) -> list[Array]:
         """Return the lines of every spring between bodies at moment k, world axes."""
-        film, chain = self.film, self.film.chain
+        playback, chain = self.playback, self.playback.chain
         if not chain.springs:
             return []
-        bases = dict(zip(chain.names, film.base_pose[k], strict=True))
+        bases = dict(zip(chain.names, playback.base_pose[k], strict=True))
         moved = chain.with_bases({name: pose for name, pose in bases.items() if name not in chain.mounts})
-        below = film.trunk_pose[k]
+        below = playback.trunk_pose[k]
         if moved.trunk is not None and not chain.floats:
             moved = replace(moved, trunk=replace(moved.trunk, base=below))
-        state = State(film.q[k], 0.0 * film.q[k], film.object_pose[k], base_pose=below if chain.floats else None)
+        state = State(
+            playback.q[k], 0.0 * playback.q[k], playback.object_pose[k], base_pose=below if chain.floats else None
+        )
         still = Inputs().shaped(moved)
         return [coil(s.a.position, s.b.position, COIL * self._size) for s in stretches(moved, state, still)]
 
     def _point(self, name: str, k: int) -> None:
         """Let the arrows of one arm go out from its tip; the squeeze beside the force, not inside it."""
-        film, node, writer = self.film, _node(name), self._writer
-        i = film.chain.names.index(name)
-        tip, wrench, internal = film.tip[k, i], film.wrench[k, i], film.internal[k, i, 3:]
+        playback, node, writer = self.playback, _node(name), self._writer
+        i = playback.chain.names.index(name)
+        tip, wrench, internal = playback.tip[k, i], playback.wrench[k, i], playback.internal[k, i, 3:]
         force, moment = self.scale.force * wrench[3:], self.scale.moment * wrench[:3]
         writer.point(f"/forces/{node}", np.array([[tip, tip + force]]))
         # a moment's arrow has two heads
         writer.point(f"/moments/{node}", np.array([[tip, tip + share * moment] for share in (1.0, 0.8)]))
-        beside = tip + BESIDE * self._size * _across(internal, -upward(film.chain))
+        beside = tip + BESIDE * self._size * _across(internal, -upward(playback.chain))
         writer.point(f"/squeeze/{node}", np.array([[beside, beside + self.scale.force * internal]]))
 
     def _draw_arm(self, index: int, name: str, arm: Arm) -> list[str]:
         """Draw an arm and return the names of its joints' nodes, base to tip."""
-        chain, base = self.film.chain, Pose.from_wxyz_xyz(self.film.base_pose[0, index])
+        chain, base = self.playback.chain, Pose.from_wxyz_xyz(self.playback.base_pose[0, index])
         root, colour = _root(name), arm_colour(index)
-        nodes = self._draw_links(root, base, name, arm.joints, pieces_of(looks_of(arm)), colour)
+        nodes = self._draw_links(root, base, name, arm.joints, meshes_of(visuals_of(arm)), colour)
         self._writer.mesh(f"{nodes[-1]}/(own)" if nodes else f"{root}/(hand)", self._hand(arm), colour)
         up = base.R.T @ upward(chain)
         # the base of an arm on a trunk may be far away, and that of others too
@@ -145,35 +147,35 @@ class ChainScene:
 
     def _draw_trunk(self, trunk: Trunk) -> list[str]:
         """Draw the trunk, its base frame with axes, and return the names of its joints' nodes, base outward."""
-        base, colour = Pose.from_wxyz_xyz(self.film.trunk_pose[0]), figure_style.rgb(figure_style.TRUNK_COLOUR)
-        looks = pieces_of(looks_of_trunk(self.film.chain))
-        nodes = self._draw_links(ROOT, base, TRUNK, trunk.joints, looks, colour)
+        base, colour = Pose.from_wxyz_xyz(self.playback.trunk_pose[0]), figure_style.rgb(figure_style.TRUNK_COLOUR)
+        visuals = meshes_of(visuals_of_trunk(self.playback.chain))
+        nodes = self._draw_links(ROOT, base, TRUNK, trunk.joints, visuals, colour)
         # out of the body that floats, which would hide them
         inside = 0.0 if trunk.floating is None else float(equivalent_box(trunk.floating)[0].max()) / 2
         self._writer.frame(f"{ROOT}/(axes)", Pose.identity(), inside + 3 * AXES * self._widest)
         if trunk.floating is None:
-            self._writer.mesh(f"{ROOT}/(own)", foot(self._widest, base.R.T @ upward(self.film.chain)), colour)
+            self._writer.mesh(f"{ROOT}/(own)", foot(self._widest, base.R.T @ upward(self.playback.chain)), colour)
         return nodes
 
     def _draw_links(
-        self, root: str, base: Pose, name: str, joints: Sequence[Joint], otherwise: list[list[Piece]], colour: Colour
+        self, root: str, base: Pose, name: str, joints: Sequence[Joint], otherwise: list[list[LinkMesh]], colour: Colour
     ) -> list[str]:
-        """Draw base and links as the film has them, or otherwise; return the names of the joints' nodes, base outward.
+        """Draw base and links as the playback has them, or as given; return the names of the joints' nodes.
 
         Raises:
-            ModelError: looks that are not as many.
+            ModelError: visuals that are not as many.
         """
         nodes = [root]
         self._writer.frame(root, base)
         for k, joint in enumerate(joints):
             nodes.append(f"{nodes[-1]}/{_node(joint.name or f'joint{k + 1}')}")
             self._writer.frame(nodes[-1], Pose.identity())
-        looks = self.film.looks.get(name) or otherwise
-        if len(looks) != len(nodes):
-            raise ModelError(f"looks of '{name}': expected {len(nodes)} lists, base and links, got {len(looks)}")
-        for node, pieces in zip(nodes, looks, strict=True):
-            for j, shade in enumerate(dict.fromkeys(piece.colour for piece in pieces)):
-                whole = meshes.joined(piece.mesh for piece in pieces if piece.colour == shade)
+        visuals = self.playback.visuals.get(name) or otherwise
+        if len(visuals) != len(nodes):
+            raise ModelError(f"visuals of '{name}': expected {len(nodes)} lists, base and links, got {len(visuals)}")
+        for node, link_meshes in zip(nodes, visuals, strict=True):
+            for j, shade in enumerate(dict.fromkeys(piece.colour for piece in link_meshes)):
+                whole = meshes.joined(piece.mesh for piece in link_meshes if piece.colour == shade)
                 self._writer.mesh(f"{node}/({j})", whole, colour if shade is None else shade)
         return nodes[1:]
 
@@ -190,7 +192,7 @@ class ChainScene:
 
     def _draw_object(self) -> list[str]:
         """Draw object, contact frames and friction cones, which move with it; return whose cones there are."""
-        chain, writer = self.film.chain, self._writer
+        chain, writer = self.playback.chain, self._writer
         surface, outline, edges, box = drawn_object(chain.held_object)
         thin = LINE * self._size
         writer.frame("/object", Pose.identity())
@@ -207,11 +209,13 @@ class ChainScene:
 
     def _draw_ground(self) -> None:
         """Draw a grid under the lowest base in the world; none where nothing stands in it, or falls."""
-        film, chain = self.film, self.film.chain
+        playback, chain = self.playback, self.playback.chain
         up = upward(chain)
-        placed = [p for name, p in zip(chain.names, film.base_pose[0, :, 4:], strict=True) if name not in chain.mounts]
+        placed = [
+            p for name, p in zip(chain.names, playback.base_pose[0, :, 4:], strict=True) if name not in chain.mounts
+        ]
         if chain.trunk is not None and (not chain.floats or chain.gravity.any()):
-            placed.append(film.trunk_pose[0, 4:])
+            placed.append(playback.trunk_pose[0, 4:])
         if not placed:
             return
         bases = np.array(placed)

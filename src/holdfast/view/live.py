@@ -1,4 +1,4 @@
-"""The live viewer: a film in the browser, with controls beside it and the numbers of the moment that is shown."""
+"""The live viewer: a playback in the browser, with controls beside it and the numbers of the moment that is shown."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ import numpy as np
 from holdfast.view.cameras import cameras, upward
 from holdfast.view.chain_scene import ChainScene
 from holdfast.view.figure_style import DANGER, GREEN, ORANGE, arm_look
-from holdfast.view.film import Film
 from holdfast.view.markers import ArrowScale
 from holdfast.view.page import legend, meter, plots
+from holdfast.view.playback import Playback
 from holdfast.view.scene_writer import Camera, SceneWriter, viewer_server
 
 SPEEDS = ("0.1x", "0.25x", "0.5x", "1x", "2x", "4x")
 TICK = 1 / 60  # s
 
 
-def watch(film: Film, announce: Callable[[str], None], port: int = 0) -> None:
-    """Show a film in the browser until KeyboardInterrupt; only this machine can see it.
+def watch(playback: Playback, announce: Callable[[str], None], port: int = 0) -> None:
+    """Show a playback in the browser until KeyboardInterrupt; only this machine can see it.
 
     Args:
-        film: what to show.
+        playback: what to show.
         announce: called with the address once it can be opened.
         port: to listen at; 0 for any that is free.
 
@@ -35,8 +35,8 @@ def watch(film: Film, announce: Callable[[str], None], port: int = 0) -> None:
         KeyboardInterrupt: the end; the server has been stopped.
     """
     with viewer_server(port) as server:
-        scene = ChainScene(SceneWriter(server), film)
-        controls = Controls(server, film, scene.scale)
+        scene = ChainScene(SceneWriter(server), playback)
+        controls = Controls(server, playback, scene.scale)
         announce(f"http://127.0.0.1:{server.get_port()}")
         shown = None
         while True:
@@ -52,35 +52,35 @@ def watch(film: Film, announce: Callable[[str], None], port: int = 0) -> None:
 class Controls:
     """The controls beside the picture, and the clock that they govern."""
 
-    def __init__(self, server: Any, film: Film, scale: ArrowScale) -> None:
+    def __init__(self, server: Any, playback: Playback, scale: ArrowScale) -> None:
         """Put the controls up.
 
         Args:
             server: of `viewer_server`.
-            film: what is shown.
+            playback: what is shown.
             scale: of the arrows at their usual length.
         """
-        self._film, self._usual = film, scale
-        self._playing, self._time, self._before = False, float(film.t[0]), time.monotonic()
+        self._film, self._usual = playback, scale
+        self._playing, self._time, self._before = False, float(playback.t[0]), time.monotonic()
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
-        key = " ".join(chip(i, name) for i, name in enumerate(film.chain.names))
-        gui.add_html(f"<div style='padding:0 1em'><b>{html.escape(film.title)}</b><br>{key}</div>")
-        if len(film) > 1:
-            self._slider = gui.add_slider("time [s]", self._time, float(film.t[-1]), 1e-3, self._time)
+        key = " ".join(chip(i, name) for i, name in enumerate(playback.chain.names))
+        gui.add_html(f"<div style='padding:0 1em'><b>{html.escape(playback.title)}</b><br>{key}</div>")
+        if len(playback) > 1:
+            self._slider = gui.add_slider("time [s]", self._time, float(playback.t[-1]), 1e-3, self._time)
             self._button = gui.add_button("Play")
             self._speed = gui.add_dropdown("speed", SPEEDS, initial_value="1x")
             self._button.on_click(lambda _: self._play(not self._playing))
         self._length = gui.add_slider("arrow length", 0.1, 5.0, 0.1, 1.0)
-        views = {view.name: view for view in cameras(film)}
+        views = {view.name: view for view in cameras(playback)}
         buttons = gui.add_button_group("look from", tuple(views))
-        buttons.on_click(lambda event: _look(event.client, views[buttons.value], upward(film.chain)))
+        buttons.on_click(lambda event: _look(event.client, views[buttons.value], upward(playback.chain)))
         self._legend = gui.add_html("")
         self._numbers = gui.add_html("")
-        for plot in plots(film) if len(film) > 1 else []:
+        for plot in plots(playback) if len(playback) > 1 else []:
             if plot["curves"]:
-                _add_curves(gui, film, plot)
+                _add_curves(gui, playback, plot)
 
     @property
     def scale(self) -> ArrowScale:
@@ -88,21 +88,21 @@ class Controls:
         return ArrowScale(*(self._length.value * usual for usual in self._usual))
 
     def moment(self, now: float) -> int:
-        """Return which moment of the film to show.
+        """Return which moment of the playback to show.
 
         Args:
             now: time of a clock that never goes back [s].
         """
-        film, passed, self._before = self._film, now - self._before, now
-        if len(film) == 1:
+        playback, passed, self._before = self._film, now - self._before, now
+        if len(playback) == 1:
             return 0
         if abs(self._slider.value - self._time) > 1e-3:  # someone moved it
             self._time = float(self._slider.value)
         elif self._playing:
             later = self._time + float(self._speed.value[:-1]) * passed
-            self._time = later if later <= film.t[-1] else float(film.t[0])
+            self._time = later if later <= playback.t[-1] else float(playback.t[0])
             self._slider.value = round(self._time, 3)
-        return int(np.searchsorted(film.t, self._time + 1e-9, side="right").clip(1, len(film))) - 1
+        return int(np.searchsorted(playback.t, self._time + 1e-9, side="right").clip(1, len(playback))) - 1
 
     def show_numbers(self, moment: int) -> None:
         """Show the numbers of a moment."""
@@ -122,7 +122,7 @@ def _look(client: Any, view: Camera, up: Any) -> None:
             client.camera.position, client.camera.look_at = view.position, view.target
 
 
-def _add_curves(gui: Any, film: Film, plot: dict[str, Any]) -> None:
+def _add_curves(gui: Any, playback: Playback, plot: dict[str, Any]) -> None:
     """Add the curves of one of the panel's plots over time."""
     from viser import uplot
 
@@ -133,7 +133,7 @@ def _add_curves(gui: Any, film: Film, plot: dict[str, Any]) -> None:
         series.append(uplot.Series(label=curve["label"], stroke=curve["colour"], width=float(width), dash=dash))
     values = (np.array([np.nan if v is None else v for v in curve["values"]]) for curve in plot["curves"])
     scales = {"x": uplot.Scale(time=False), "y": uplot.Scale(distr=3 if plot["log"] else 1)}
-    gui.add_uplot((film.t, *values), tuple(series), title=plot["title"], scales=scales, aspect=1.8)
+    gui.add_uplot((playback.t, *values), tuple(series), title=plot["title"], scales=scales, aspect=1.8)
 
 
 HEADINGS = ("", "force [N]", "internal [N]", "moment [N m]", "margin [N]", "torque [%]")
@@ -142,16 +142,17 @@ METER = f"height:8px;border-radius:4px;background:linear-gradient(90deg,{ZONES})
 NEEDLE = "position:relative;top:-3px;width:3px;height:14px;background:#000"
 
 
-def readout(film: Film, moment: int) -> str:
+def readout(playback: Playback, moment: int) -> str:
     """Return the wrenches of a moment, the margins, how near the torques are to their limits, and the condition."""
-    rows = "".join(_row(film, moment, i, name) for i, name in enumerate(film.chain.names))
+    rows = "".join(_row(playback, moment, i, name) for i, name in enumerate(playback.chain.names))
     head = "".join(f"<th style='text-align:right;font-weight:normal'>{heading}</th>" for heading in HEADINGS)
-    shown = meter(film)
+    shown = meter(playback)
     share, nearest = shown["values"][moment] or 0.0, shown["names"][shown["nearest"][moment]]
     return (
-        f"<div style='padding:0 1em;font-size:.8em'><b>t = {film.t[moment]:.3f} s</b>"
+        f"<div style='padding:0 1em;font-size:.8em'><b>t = {playback.t[moment]:.3f} s</b>"
         f"<table style='width:100%'><tr>{head}</tr>{rows}</table>"
-        f"condition of the grasps {film.condition[moment]:.3g}; regular to singular, nearest: {html.escape(nearest)}"
+        f"condition of the grasps {playback.condition[moment]:.3g}; regular to singular, nearest:"
+        f" {html.escape(nearest)}"
         f"<div style='{METER}'><div style='{NEEDLE};left:{99 * share:.1f}%'></div></div></div>"
     )
 
@@ -161,14 +162,14 @@ def chip(index: int, name: str) -> str:
     return f"<span style='color:{arm_look(index)[0]}'>&#9632;</span> {html.escape(name)}"
 
 
-def _row(film: Film, moment: int, i: int, name: str) -> str:
-    use = film.torque_use(name)
-    moments, forces = film.wrench[moment, i, :3], film.wrench[moment, i, 3:]
+def _row(playback: Playback, moment: int, i: int, name: str) -> str:
+    use = playback.torque_use(name)
+    moments, forces = playback.wrench[moment, i, :3], playback.wrench[moment, i, 3:]
     values = (
         float(np.linalg.norm(forces)),
-        float(np.linalg.norm(film.internal[moment, i, 3:])),
+        float(np.linalg.norm(playback.internal[moment, i, 3:])),
         float(np.linalg.norm(moments)),
-        float(film.margin[moment, i]),
+        float(playback.margin[moment, i]),
         np.inf if use is None else 100 * float(use[moment]),
     )
     cells = "".join(f"<td style='text-align:right'>{_short(value)}</td>" for value in values)

@@ -10,12 +10,12 @@ from holdfast.dynamics.constraint import length_scale
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.held_object import HeldObject
 from holdfast.model.link import Link
-from holdfast.robots.looks import chain_length
+from holdfast.robots.visuals import chain_length
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.view.figure_style import DANGER, GREEN, ORANGE, rgb
-from holdfast.view.film import Film
+from holdfast.view.playback import Playback
 
 SMALLEST_EDGE = 1e-3  # m
 
@@ -118,16 +118,16 @@ class ArrowScale(NamedTuple):
     moment: float
 
 
-def arrow_scale(film: Film) -> ArrowScale:
-    """Return the scale that makes the film's largest wrench a handy arrow, rounded to 1, 2 or 5.
+def arrow_scale(playback: Playback) -> ArrowScale:
+    """Return the scale that makes the playback's largest wrench a handy arrow, rounded to 1, 2 or 5.
 
     A moment is as long as the force that makes it at the contacts' distance from their middle.
     """
-    size = chain_length(film.chain)
-    lever = length_scale([grasp.frame.p for grasp in film.chain.grasps.values()])
+    size = chain_length(playback.chain)
+    lever = length_scale([grasp.frame.p for grasp in playback.chain.grasps.values()])
     largest = max(
-        float(np.linalg.norm(film.wrench[..., 3:], axis=-1).max(initial=0.0)),
-        float(np.linalg.norm(film.wrench[..., :3], axis=-1).max(initial=0.0)) / lever,
+        float(np.linalg.norm(playback.wrench[..., 3:], axis=-1).max(initial=0.0)),
+        float(np.linalg.norm(playback.wrench[..., :3], axis=-1).max(initial=0.0)) / lever,
     )
     force = one_two_five(LONGEST * size / largest) if largest > 0 else 1.0
     return ArrowScale(force, force / lever)

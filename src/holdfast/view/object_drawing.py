@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from holdfast.model.held_object import HeldObject
-from holdfast.model.looks import Cylinder, Sphere, Visual
+from holdfast.model.visuals import Cylinder, Sphere, Visual
 from holdfast.robots.mesh_files.limits import MeshFault, require_triangles
 from holdfast.robots.mesh_files.read import read_mesh
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.view import meshes
+from holdfast.view.link_meshes import piece_of
 from holdfast.view.markers import box_lines, equivalent_box
 from holdfast.view.meshes import Mesh
-from holdfast.view.pieces import piece_of
 
 AROUND = 48  # lines of a circle
 

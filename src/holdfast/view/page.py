@@ -1,4 +1,4 @@
-"""One HTML file that plays a film beside a panel of curves; it opens without network and without this program."""
+"""One HTML file that plays a playback beside a panel of curves; it opens without network and without this program."""
 
 from __future__ import annotations
 
@@ -18,46 +18,48 @@ from holdfast.view.base_travel import base_travel
 from holdfast.view.cameras import cameras
 from holdfast.view.chain_scene import ChainScene, part_colour
 from holdfast.view.figure_style import BLACK, TRUNK_COLOUR
-from holdfast.view.film import RATE, Film
 from holdfast.view.markers import ArrowScale
+from holdfast.view.playback import RATE, Playback
 from holdfast.view.scene_writer import SceneWriter, viewer_server
 
 
-def export_page(film: Film, path: str | PathLike[str]) -> None:
-    """Write a film as one HTML file, whole or not at all.
+def export_page(playback: Playback, path: str | PathLike[str]) -> None:
+    """Write a playback as one HTML file, whole or not at all.
 
-    The player begins at once and repeats; space pauses it. A film of one moment stands still.
+    The player begins at once and repeats; space pauses it. A playback of one moment stands still.
 
     Args:
-        film: what to show.
+        playback: what to show.
         path: the file.
 
     Raises:
         MissingExtra: viser is not installed.
-        ModelError: what is no film.
+        ModelError: what is no playback.
         ResultError: the file cannot be written.
     """
-    if not isinstance(film, Film):
-        raise ModelError(f"film: expected a film, got a {type(film).__name__}; try film_of_run(chain, run)")
+    if not isinstance(playback, Playback):
+        raise ModelError(
+            f"playback: expected a playback, got a {type(playback).__name__}; try playback_of_run(chain, run)"
+        )
     place = file_path(path, "path")
-    write_atomically(place, page(film).encode("utf-8"))
+    write_atomically(place, page(playback).encode("utf-8"))
 
 
-def page(film: Film) -> str:
-    """Return the text of the HTML file; the same film gives the same text.
+def page(playback: Playback) -> str:
+    """Return the text of the HTML file; the same playback gives the same text.
 
     Raises:
         MissingExtra: viser is not installed.
     """
     with viewer_server() as server:
-        scene = ChainScene(SceneWriter(server), film)
+        scene = ChainScene(SceneWriter(server), playback)
         recording = server.get_scene_serializer()
-        for k in range(1, len(film)):
-            recording.insert_sleep(float(film.t[k] - film.t[k - 1]))
+        for k in range(1, len(playback)):
+            recording.insert_sleep(float(playback.t[k] - playback.t[k - 1]))
             scene.show(k)
-        if len(film) > 1:
+        if len(playback) > 1:
             recording.insert_sleep(1 / RATE)  # or the player, at its end, would be at the beginning
-        return with_panel(recording.as_html(), film, scene.scale)
+        return with_panel(recording.as_html(), playback, scene.scale)
 
 
 HERE = Path(__file__).parent
@@ -67,15 +69,15 @@ GONE = 1e-3  # strength at the meter's end
 NOISE = 1e-9  # N m per N: smaller moments are rounding
 
 
-def with_panel(page: str, film: Film, scale: ArrowScale) -> str:
-    """Return viser's page with the panel in it, and with the film's title.
+def with_panel(page: str, playback: Playback, scale: ArrowScale) -> str:
+    """Return viser's page with the panel in it, and with the playback's title.
 
     Args:
         page: what viser's recording returns.
-        film: what was recorded.
+        playback: what was recorded.
         scale: of the arrows.
     """
-    data = json.dumps(panel_data(film, scale), allow_nan=False, separators=(",", ":")).replace("</", "<\\/")
+    data = json.dumps(panel_data(playback, scale), allow_nan=False, separators=(",", ":")).replace("</", "<\\/")
     style, script = ((HERE / f"page_panel.{kind}").read_text(encoding="utf-8") for kind in ("css", "js"))
     head, body = f"<style>{style}</style></head>", page.rindex("</body>")
     panel = (
@@ -83,55 +85,56 @@ def with_panel(page: str, film: Film, scale: ArrowScale) -> str:
         f"<script>{script}</script>"
     )
     page = page[:body] + panel + page[body:]
-    return page.replace("<title>Viser</title>", f"<title>{html.escape(film.title)}</title>", 1).replace(
+    return page.replace("<title>Viser</title>", f"<title>{html.escape(playback.title)}</title>", 1).replace(
         "</head>", head, 1
     )
 
 
-def panel_data(film: Film, scale: ArrowScale) -> dict[str, Any]:
+def panel_data(playback: Playback, scale: ArrowScale) -> dict[str, Any]:
     """Return what the panel shows, as plain data; times count from the first moment [s]."""
     return {
-        "title": film.title,
-        "start": float(film.t[0]),
-        "times": _rounded(film.t - film.t[0], 6),
+        "title": playback.title,
+        "start": float(playback.t[0]),
+        "times": _rounded(playback.t - playback.t[0], 6),
         "cameras": [
             {"name": view.name, "position": view.position.tolist(), "target": view.target.tolist()}
-            for view in cameras(film)
+            for view in cameras(playback)
         ],
-        "notes": [legend(film, scale)],
-        "plots": [plot for plot in plots(film) if plot["curves"]],
-        "meters": [meter(film)],
+        "notes": [legend(playback, scale)],
+        "plots": [plot for plot in plots(playback) if plot["curves"]],
+        "meters": [meter(playback)],
     }
 
 
-def legend(film: Film, scale: ArrowScale) -> str:
+def legend(playback: Playback, scale: ArrowScale) -> str:
     """Return a sentence or two that explain arrows and cones."""
     sentences = [
         f"Arrows in an arm's colour are its force on the object (0.1{GAP}m is {0.1 / scale.force:.3g}{GAP}N), with two"
         f" heads its moment (0.1{GAP}m is {0.1 / scale.moment:.3g}{GAP}N{GAP}m). Purple arrows are the internal force."
     ]
-    if any(grasp.contact is not None for grasp in film.chain.grasps.values()):
+    if any(grasp.contact is not None for grasp in playback.chain.grasps.values()):
         sentences.append("Friction cones turn from green to red as a contact approaches slipping.")
     return " ".join(sentences)
 
 
-def plots(film: Film) -> list[dict[str, Any]]:
+def plots(playback: Playback) -> list[dict[str, Any]]:
     """Return the panel's curves: forces, moments, friction margins, torques, condition."""
-    names = film.chain.names
+    names = playback.chain.names
     force, moment, squeeze = (
-        np.linalg.norm(part, axis=2) for part in (film.wrench[..., 3:], film.wrench[..., :3], film.internal[..., 3:])
+        np.linalg.norm(part, axis=2)
+        for part in (playback.wrench[..., 3:], playback.wrench[..., :3], playback.internal[..., 3:])
     )
     moment[moment < NOISE * force.max(initial=0.0)] = 0.0
-    colours = {name: part_colour(film.chain, name) for name in film.chain.joints_of}
-    held = [(name, names.index(name)) for name in film.holding]
+    colours = {name: part_colour(playback.chain, name) for name in playback.chain.joints_of}
+    held = [(name, names.index(name)) for name in playback.holding]
     forces = [_curve(name, colours[name], force[:, i]) for name, i in held]
     forces += [_curve(f"{name}, internal", colours[name], squeeze[:, i], dashed=True) for name, i in held]
     moments = [_curve(name, colours[name], moment[:, i]) for name, i in held]
-    limited = [(name, i) for name, i in held if np.isfinite(film.margin[:, i]).any()]
-    margins = [_curve(name, colours[name], film.margin[:, i]) for name, i in limited]
-    uses = {name: film.torque_use(name) for name in colours}
+    limited = [(name, i) for name, i in held if np.isfinite(playback.margin[:, i]).any()]
+    margins = [_curve(name, colours[name], playback.margin[:, i]) for name, i in limited]
+    uses = {name: playback.torque_use(name) for name in colours}
     torques = [_curve(name, colours[name], 100 * use) for name, use in uses.items() if use is not None]
-    travel = base_travel(film.trunk_pose)._asdict() if film.chain.floats else {}
+    travel = base_travel(playback.trunk_pose)._asdict() if playback.chain.floats else {}
     away = [
         _curve(name, TRUNK_COLOUR, np.linalg.norm(way, axis=1), dashed=name == "turn") for name, way in travel.items()
     ]
@@ -141,23 +144,23 @@ def plots(film: Film) -> list[dict[str, Any]]:
         _plot("margin of the grasp [N], gives way below 0", margins, lines=[0.0]),
         _plot("largest torque [% of its limit]", torques),
         _plot("floating base from its start [m, rad]", away),
-        _plot("condition of the grasps [1]", [_curve("grasps", BLACK, film.condition)], log=True),
+        _plot("condition of the grasps [1]", [_curve("grasps", BLACK, playback.condition)], log=True),
     ]
 
 
-def meter(film: Film) -> dict[str, Any]:
+def meter(playback: Playback) -> dict[str, Any]:
     """Return the singularity meter: green up to 1/3, orange to 2/3, then red, and who is nearest to a singularity.
 
     It shows the weaker of the grasp constraint and the weakest arm, on the scale of `near_singular`.
     """
-    strengths = np.column_stack([chain_strength(film.condition), film.strength])
+    strengths = np.column_stack([chain_strength(playback.condition), playback.strength])
     nearest = np.argmin(strengths, axis=1)
     weakest = np.maximum(strengths.min(axis=1), GONE)
     values = np.interp(-np.log(weakest), -np.log([1.0, NEARING, NEAR, GONE]), [0.0, 1 / 3, 2 / 3, 1.0])
     return {
         "title": "singularity meter",
         "values": _rounded(values),
-        "names": ["the grasps", *film.chain.names],
+        "names": ["the grasps", *playback.chain.names],
         "nearest": nearest.tolist(),
         "ends": ["regular", "singular"],
     }

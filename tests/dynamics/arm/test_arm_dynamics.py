@@ -7,6 +7,7 @@ import pytest
 
 from holdfast.dynamics.arm.articulated import articulated_filter
 from holdfast.dynamics.arm.bias import bias_torque
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.free_dynamics import (
     articulated,
     composite,
@@ -18,7 +19,6 @@ from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.arm.mass_matrix import mass_matrix
 from holdfast.dynamics.arm.motion import arm_motion
 from holdfast.dynamics.arm.newton_euler import newton_euler
-from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.arm.tip_mobility import tip_mobility
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
 from holdfast.spatial.spatial_vector import rotate
@@ -43,7 +43,7 @@ def test_tip_acceleration(seed):
     given = random_arm(seed)
     qdd = np.random.default_rng(seed).normal(size=len(given.q))
     later = moving(given, qdd, G)
-    at = posture(later.arm, later.q)
+    at = forward_kinematics(later.arm, later.q)
     V0 = tip_twist(later.arm, at, link_twists(later.arm, at, later.qd, later.base_twist), later.base_twist)
     motion = arm_motion(given)
     alpha = jacobian(given.arm, motion.at) @ qdd + motion.bias.tip_acceleration
@@ -56,15 +56,15 @@ def test_lagrange(seed):
     """C = Mdot qd - 1/2 d(qd M qd)/dq + dU/dq - J_k^T w on a fixed base: Lagrange's equations."""
     given = random_arm(seed, moving_base=False)
     arm, qd = given.arm, given.qd
-    C, _ = bias_torque(arm, posture(arm, given.q), arm_motion(given).bias.wrenches)
-    expected = slopes_of(mass_matrix(arm, posture(arm, displaced(given, qd).q))[0]) @ qd
+    C, _ = bias_torque(arm, forward_kinematics(arm, given.q), arm_motion(given).bias.wrenches)
+    expected = slopes_of(mass_matrix(arm, forward_kinematics(arm, displaced(given, qd).q))[0]) @ qd
     for k, direction in enumerate(np.eye(len(qd))):
-        at = posture(arm, displaced(given, direction).q)
+        at = forward_kinematics(arm, displaced(given, direction).q)
         expected[k] -= 0.5 * qd @ slopes_of(mass_matrix(arm, at)[0]) @ qd
         for link, R, reach in zip(arm.links, at.R, at.reach, strict=True):
             expected[k] -= link.mass * G @ slopes_of(at.tip.p - reach + R @ link.com)
         # external wrenches: virtual work on the links' motion for a unit rate of joint k
-        twists = link_twists(arm, posture(arm, given.q), direction, np.zeros(6))
+        twists = link_twists(arm, forward_kinematics(arm, given.q), direction, np.zeros(6))
         for w, R, V in zip(given.link_wrenches, at.R, twists, strict=True):
             expected[k] -= w @ rotate(values_of(R), V)
     assert relative_gap(C, expected) < 1e-12
@@ -76,7 +76,7 @@ def test_gravity_is_an_accelerating_base(seed):
     given = random_arm(seed, moving_base=False)
     at_rest = replace(given, qd=0 * given.qd, link_wrenches=None)
     falling = replace(at_rest, base_acceleration=np.zeros(6))  # the base falls with g
-    weightless = bias_torque(given.arm, posture(given.arm, given.q), arm_motion(falling).bias.wrenches)[0]
+    weightless = bias_torque(given.arm, forward_kinematics(given.arm, given.q), arm_motion(falling).bias.wrenches)[0]
     np.testing.assert_allclose(weightless, 0, atol=1e-12)
     assert np.abs(arm_motion(at_rest).bias.tip_acceleration[3:] + G).max() < 1e-13
 

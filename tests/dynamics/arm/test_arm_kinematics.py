@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.jacobian import jacobian
-from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
 from holdfast.spatial import rotation
 from holdfast.spatial.spatial_vector import rotate, shift_twist
@@ -25,7 +25,7 @@ def test_frames(seed):
     """(2.1b): rotation and origin of every link, revolute or prismatic, and of the tip."""
     case = random_system(seed, arms=1, moving_base=True, gravity=(1.0, -2.0, -9.0))
     given = random_arm(seed)
-    at = posture(given.arm, given.q)
+    at = forward_kinematics(given.arm, given.q)
     for R, reach, frame in zip(at.R, at.reach, link_frames(case["arms"][0], arithmetic(None)), strict=True):
         np.testing.assert_allclose(R, frame.R, atol=1e-14)
         np.testing.assert_allclose(at.tip.p - reach, frame.origin, atol=1e-13)
@@ -36,8 +36,8 @@ def test_frames(seed):
 def test_far_base_costs_no_digits(seed):
     """A base 1e9 m away leaves distances within the arm as they are, to the last bit."""
     given = random_arm(seed)
-    near = posture(given.arm, given.q)
-    far = posture(given.arm.at(type(given.arm.base)(given.arm.base.R, np.full(3, 1e9))), given.q)
+    near = forward_kinematics(given.arm, given.q)
+    far = forward_kinematics(given.arm.at(type(given.arm.base)(given.arm.base.R, np.full(3, 1e9))), given.q)
     np.testing.assert_array_equal(np.array(near.reach), np.array(far.reach))
 
 
@@ -46,8 +46,8 @@ def test_full_turns_do_nothing(turns):
     """A revolute joint is where it was after full turns; angles to 1e5 rad keep ten digits."""
     given = random_arm(2, grasps="ball")
     revolute = np.array([joint.kind == "revolute" for joint in given.arm.joints])
-    turned = posture(given.arm, given.q + 2 * np.pi * turns * revolute).tip
-    tip = posture(given.arm, given.q).tip
+    turned = forward_kinematics(given.arm, given.q + 2 * np.pi * turns * revolute).tip
+    tip = forward_kinematics(given.arm, given.q).tip
     assert relative_gap(turned.p, tip.p) < 1e-15 * (100 + 50 * abs(turns))
     assert np.linalg.norm(rotation.log(turned.R.T @ tip.R)) < 1e-15 * (100 + 50 * abs(turns))
 
@@ -56,10 +56,10 @@ def test_full_turns_do_nothing(turns):
 def test_twists_are_rates(seed):
     """R' = w~ R and O' = v for every link and the tip; V(0) = J qd + phi^T V(base) (2.1c); the base moves too."""
     given = random_arm(seed)
-    at = posture(given.arm, given.q)
+    at = forward_kinematics(given.arm, given.q)
     twists = link_twists(given.arm, at, given.qd, given.base_twist)
     later = moving(given, np.zeros(len(given.q)))
-    there = posture(later.arm, later.q)
+    there = forward_kinematics(later.arm, later.q)
     for R, moved_R, reach, V in zip(at.R, there.R, there.reach, twists, strict=True):
         w, v = rotate(R, V)[:3], rotate(R, V)[3:]
         np.testing.assert_allclose(slopes_of(moved_R), skew(w) @ R, atol=1e-12)
@@ -75,10 +75,10 @@ def test_twists_are_rates(seed):
 def test_jacobian(seed):
     """Column k is the tip's twist per unit qd_k: exact derivatives of position and rotation."""
     given = random_arm(seed)
-    at = posture(given.arm, given.q)
+    at = forward_kinematics(given.arm, given.q)
     J = jacobian(given.arm, at)
     assert J.shape == (6, len(given.q))
     for column, direction in zip(J.T, np.eye(len(given.q)), strict=True):
-        there = posture(given.arm, displaced(given, direction).q).tip
+        there = forward_kinematics(given.arm, displaced(given, direction).q).tip
         np.testing.assert_allclose(slopes_of(there.p), column[3:], atol=1e-13)
         np.testing.assert_allclose(slopes_of(there.R), skew(column[:3]) @ at.tip.R, atol=1e-13)

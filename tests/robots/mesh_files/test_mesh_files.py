@@ -9,14 +9,14 @@ import warnings
 import numpy as np
 import pytest
 
-from holdfast.model.looks import Mesh as MeshFile
-from holdfast.model.looks import Visual
+from holdfast.model.visuals import Mesh as MeshFile
+from holdfast.model.visuals import Visual
 from holdfast.robots.mesh_files import limits
 from holdfast.robots.mesh_files.limits import MeshFault
 from holdfast.robots.mesh_files.read import read_mesh
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
-from holdfast.view.pieces import pieces_of_urdf
+from holdfast.view.link_meshes import meshes_of_urdf
 from tests.robots.mesh_files.written import CORNERS, FILES, dae_text, stl_bytes, stl_text
 
 
@@ -157,10 +157,10 @@ def test_all_meshes_of_an_arm(tmp_path, monkeypatch):
     (tmp_path / "a.obj").write_bytes(FILES["solid.obj"])
     link = [Visual("a", Pose.identity(), MeshFile("a.obj", (1.0, 1.0, 1.0)), None)]
     monkeypatch.setattr(limits, "MOST_TRIANGLES", 3 * len(CORNERS))
-    assert pieces_of_urdf([link] * 3, tmp_path).pieces is not None
-    assert "triangles, got" in pieces_of_urdf([link] * 4, tmp_path).missing[0]
+    assert meshes_of_urdf([link] * 3, tmp_path).link_meshes is not None
+    assert "triangles, got" in meshes_of_urdf([link] * 4, tmp_path).missing[0]
     far = [Visual("a", Pose.identity(), MeshFile("a.obj", (1e300, 1.0, 1.0)), None)]
-    assert "scale: expected vertices within 1e+06 m" in pieces_of_urdf([far], tmp_path).missing[0]
+    assert "scale: expected vertices within 1e+06 m" in meshes_of_urdf([far], tmp_path).missing[0]
 
 
 PLACES = [

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.arm.forward_kinematics import Kinematics
 from holdfast.dynamics.arm.joint_map import column, expand, project
-from holdfast.dynamics.arm.posture import Posture
 from holdfast.model.arm import Arm
 from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import rotate, shift_twist, shift_wrench, unrotate
@@ -33,7 +33,7 @@ class Filter(NamedTuple):
     at_base: Symmetric6
 
 
-def articulated_filter(arm: Arm, at: Posture) -> Filter:
+def articulated_filter(arm: Arm, at: Kinematics) -> Filter:
     """Return D and G. One inward sweep, O(N).
 
     P(k) = phi P_plus phi^T + M(k);  D = H P H^T + armature;  G = P H^T / D;
@@ -54,7 +54,7 @@ def articulated_filter(arm: Arm, at: Posture) -> Filter:
 
 def whiten(
     arm: Arm,
-    at: Posture,
+    at: Kinematics,
     filter: Filter,
     torque: Array | None,
     wrenches: tuple[Array, ...] | None,
@@ -67,7 +67,7 @@ def whiten(
 
     Args:
         arm: the arm.
-        at: its posture.
+        at: its configuration.
         filter: its factorisation.
         torque: (N,) joint torques T, or None for zero.
         wrenches: per link, bias wrenches p in link axes, or None for zero.
@@ -90,7 +90,7 @@ def whiten(
     return array(eps), z
 
 
-def smooth(arm: Arm, at: Posture, filter: Filter, nu: Array, base: Array | None = None) -> tuple[Array, Array]:
+def smooth(arm: Arm, at: Kinematics, filter: Filter, nu: Array, base: Array | None = None) -> tuple[Array, Array]:
     """Return (I - H Psi L)^T nu and the tip acceleration J times it.
 
     lambda(k) = psi^T lambda(k+1) + H^T nu(k);  out(k) = nu(k) - L^T lambda(k+1)
@@ -98,7 +98,7 @@ def smooth(arm: Arm, at: Posture, filter: Filter, nu: Array, base: Array | None 
 
     Args:
         arm: the arm.
-        at: its posture.
+        at: its configuration.
         filter: its factorisation.
         nu: (N,) residuals over D.
         base: (6,) acceleration of the base that lambda begins with, base axes; None for zero.

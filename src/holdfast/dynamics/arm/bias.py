@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.arm.forward_kinematics import Kinematics
 from holdfast.dynamics.arm.joint_map import expand, project
-from holdfast.dynamics.arm.posture import Posture
 from holdfast.model.arm import Arm
 from holdfast.spatial.scalar import Array, array, concatenate
 from holdfast.spatial.spatial_vector import acceleration_gradient, rotate, shift_wrench, unrotate
@@ -40,7 +40,7 @@ class Bias(NamedTuple):
 
 def bias_accelerations(
     arm: Arm,
-    at: Posture,
+    at: Kinematics,
     twists: tuple[Array, ...],
     qd: Array,
     base_twist: Array,
@@ -75,7 +75,7 @@ def base_acceleration_and_gradient(arm: Arm, base_twist: Array, base_acceleratio
 
 def bias(
     arm: Arm,
-    at: Posture,
+    at: Kinematics,
     twists: tuple[Array, ...],
     qd: Array,
     base_twist: Array,
@@ -86,7 +86,7 @@ def bias(
 
     Args:
         arm: the arm.
-        at: its posture.
+        at: its configuration.
         twists: its link twists.
         qd: (N,) joint rates.
         base_twist: (6,) of the base origin, world axes.
@@ -103,14 +103,14 @@ def bias(
 
 
 def acceleration_at_tip(
-    arm: Arm, at: Posture, found: list[tuple[Array, Array]], base_twist: Array, base_acceleration: Array
+    arm: Arm, at: Kinematics, found: list[tuple[Array, Array]], base_twist: Array, base_acceleration: Array
 ) -> Array:
     """Return (6,) of the tip point, world axes, of what `bias_accelerations` yields; an anchor's is its base's."""
     zeta, K = found[-1] if found else base_acceleration_and_gradient(arm, base_twist, base_acceleration)
     return rotate(at.end, concatenate([zeta[:3], zeta[3:] + K @ arm.tip.p]))
 
 
-def bias_torque(arm: Arm, at: Posture, wrenches: tuple[Array, ...]) -> tuple[Array, Array]:
+def bias_torque(arm: Arm, at: Kinematics, wrenches: tuple[Array, ...]) -> tuple[Array, Array]:
     """Return C = H phi p and the wrench at the base. One inward sweep, O(N).
 
     Returns:

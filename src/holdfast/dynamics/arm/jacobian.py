@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast.dynamics.arm.posture import Posture
+from holdfast.dynamics.arm.forward_kinematics import Kinematics
 from holdfast.model.arm import Arm
 from holdfast.spatial.scalar import Array, array, concatenate
 from holdfast.spatial.vector import cross
 
 
-def jacobian(arm: Arm, at: Posture) -> Array:
+def jacobian(arm: Arm, at: Kinematics) -> Array:
     """Return the Jacobian of the tip point, (6, N), world axes. Cost O(N)."""
     columns = []
     for joint, R, reach in zip(arm.joints, at.R, at.reach, strict=True):

@@ -19,9 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.arm.forward_kinematics import Kinematics
 from holdfast.dynamics.arm.jacobian import jacobian
 from holdfast.dynamics.arm.motion import ArmInputs
-from holdfast.dynamics.arm.posture import Posture
 from holdfast.spatial.inertia import RigidInertia
 from holdfast.spatial.scalar import Array, Scalar, array, concatenate
 from holdfast.spatial.spatial_vector import acceleration_gradient, shift_twist, shift_wrench
@@ -82,12 +82,12 @@ class Masses(NamedTuple):
         return RigidInertia(self.m, self.h, np.trace(self.Q) * np.eye(3) - self.Q)
 
 
-def joint_slopes(given: ArmInputs, at: Posture, qdd: Array, f: Array) -> tuple[list[JointSlope], list[JointSlope]]:
+def joint_slopes(given: ArmInputs, at: Kinematics, qdd: Array, f: Array) -> tuple[list[JointSlope], list[JointSlope]]:
     """Return the derivatives by all joints' positions, and by their rates. O(N^2).
 
     Args:
         given: the arm and what it is given.
-        at: its posture.
+        at: its configuration.
         qdd: (N,) joint accelerations.
         f: (6,) of the arm on the object about the tip point, world axes.
     """
@@ -124,7 +124,7 @@ def joint_slopes(given: ArmInputs, at: Posture, qdd: Array, f: Array) -> tuple[l
 Motion = tuple[Array, Array]  # twist and acceleration, (6,) each
 
 
-def motions(given: ArmInputs, at: Posture, S: list[Array], qdd: Array) -> tuple[list[Motion], list[Motion]]:
+def motions(given: ArmInputs, at: Kinematics, S: list[Array], qdd: Array) -> tuple[list[Motion], list[Motion]]:
     """Return twist and acceleration, as spatial vectors about the tip, before every joint and after it.
 
     The linear part of such an acceleration is that of the body's point less w x v.
@@ -146,7 +146,7 @@ def crossed(v: Array, x: Array) -> Array:
     return concatenate([cross(v[:3], x[:3]), cross(v[:3], x[3:]) + cross(v[3:], x[:3])])
 
 
-def moving_link(given: ArmInputs, at: Posture, k: int, v: Array, a: Array) -> Masses:
+def moving_link(given: ArmInputs, at: Kinematics, k: int, v: Array, a: Array) -> Masses:
     """Return what link k has about the tip while it moves at v and accelerates at a."""
     inertia, R, r = given.arm.links[k].spatial_inertia, at.R[k], -at.reach[k]
     turned = R @ inertia.h

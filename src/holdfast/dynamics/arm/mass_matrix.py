@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from holdfast.dynamics.arm.forward_kinematics import Kinematics
 from holdfast.dynamics.arm.joint_map import expand, project
-from holdfast.dynamics.arm.posture import Posture
 from holdfast.model.arm import Arm
 from holdfast.spatial.inertia import NO_INERTIA, RigidInertia
 from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import rotate, shift_wrench
 
 
-def mass_matrix(arm: Arm, at: Posture) -> tuple[Array, Array, RigidInertia]:
+def mass_matrix(arm: Arm, at: Kinematics) -> tuple[Array, Array, RigidInertia]:
     """Return the mass matrix, the wrenches on the first link of unit joint accelerations, and the locked arm's inertia.
 
     Column k is the wrench that accelerates everything beyond joint k by 1, seen at the

@@ -8,7 +8,7 @@ import numpy as np
 
 from holdfast.dynamics.arm import bias as bias_sweep
 from holdfast.dynamics.arm.bias import Bias
-from holdfast.dynamics.arm.posture import Posture, posture
+from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinematics
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
 from holdfast.model.arm import Arm
 from holdfast.spatial.scalar import Array
@@ -46,7 +46,7 @@ class ArmMotion:
 
     Attributes:
         arm: the arm.
-        at: its posture.
+        at: its configuration.
         tip_twist: (6,) V(0) of the tip point, world axes.
         bias: wrenches and tip acceleration at qdd = 0.
         passive: (N,) what dampers and springs take of it: damping qd + stiffness (q - rest).
@@ -56,7 +56,7 @@ class ArmMotion:
     """
 
     arm: Arm
-    at: Posture
+    at: Kinematics
     tip_twist: Array
     bias: Bias
     passive: Array
@@ -88,9 +88,9 @@ class ArmMotion:
 
 
 def arm_motion(given: ArmInputs) -> ArmMotion:
-    """Return posture, twists and bias of one arm. Outward sweeps, O(N)."""
+    """Return configuration, twists and bias of one arm. Outward sweeps, O(N)."""
     arm = given.arm
-    at = posture(arm, given.q)
+    at = forward_kinematics(arm, given.q)
     twists = link_twists(arm, at, given.qd, given.base_twist)
     b = bias_sweep.bias(arm, at, twists, given.qd, given.base_twist, given.base_acceleration, given.link_wrenches)
     passive = arm.damping * given.qd + arm.stiffness * (given.q - arm.rest)
@@ -98,14 +98,14 @@ def arm_motion(given: ArmInputs) -> ArmMotion:
     return ArmMotion(arm, at, at_tip, b, passive, given.tau - passive, given.base_columns)
 
 
-def resting(arm: Arm, at: Posture, base_columns: Array | None = None) -> ArmMotion:
-    """Return an arm in a posture without torque, motion, gravity or external wrenches."""
+def resting(arm: Arm, at: Kinematics, base_columns: Array | None = None) -> ArmMotion:
+    """Return an arm in a configuration without torque, motion, gravity or external wrenches."""
     none, n = np.zeros(6), arm.joint_count
     return ArmMotion(arm, at, none, Bias((none,) * n, none), np.zeros(n), np.zeros(n), base_columns)
 
 
 def driven(motion: ArmMotion, torque: Array, base_acceleration: Array) -> ArmMotion:
-    """Return the same posture at rest, without gravity, with these torques while its base accelerates.
+    """Return the same configuration at rest, without gravity, with these torques while its base accelerates.
 
     Args:
         motion: the arm.
@@ -119,5 +119,5 @@ def driven(motion: ArmMotion, torque: Array, base_acceleration: Array) -> ArmMot
 
 
 def at_rest(motion: ArmMotion) -> ArmMotion:
-    """Return the same posture without torque, motion, gravity or external wrenches."""
+    """Return the same configuration without torque, motion, gravity or external wrenches."""
     return resting(motion.arm, motion.at, motion.base_columns)

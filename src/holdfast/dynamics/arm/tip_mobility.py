@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from holdfast.dynamics.arm.articulated import Filter
+from holdfast.dynamics.arm.forward_kinematics import Kinematics
 from holdfast.dynamics.arm.joint_map import expand
-from holdfast.dynamics.arm.posture import Posture
 from holdfast.model.arm import Arm
 from holdfast.spatial.symmetric import Symmetric6, zero6
 
 
-def tip_mobility(arm: Arm, at: Posture, filter: Filter) -> Symmetric6:
+def tip_mobility(arm: Arm, at: Kinematics, filter: Filter) -> Symmetric6:
     """Return Lambda(0) of the tip point in the axes of the last link. One outward sweep, O(N).
 
     Lambda(k) = psi^T Lambda(k+1) psi + H^T H / D, with psi = phi (I - G H): for

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from holdfast.dynamics.arm.forward_kinematics import Kinematics
 from holdfast.dynamics.arm.joint_map import expand
-from holdfast.dynamics.arm.posture import Posture
 from holdfast.model.arm import Arm
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import rotate, shift_twist, unrotate
 
 
-def link_twists(arm: Arm, at: Posture, qd: Array, base_twist: Array) -> tuple[Array, ...]:
+def link_twists(arm: Arm, at: Kinematics, qd: Array, base_twist: Array) -> tuple[Array, ...]:
     """Return the twist of every link about its origin, link axes, base to tip.
 
     Args:
         arm: the arm.
-        at: its posture.
+        at: its configuration.
         qd: (N,) joint rates [rad/s or m/s].
         base_twist: (6,) of the base origin, world axes.
     """
@@ -26,7 +26,7 @@ def link_twists(arm: Arm, at: Posture, qd: Array, base_twist: Array) -> tuple[Ar
     return tuple(twists)
 
 
-def tip_twist(arm: Arm, at: Posture, twists: tuple[Array, ...], base_twist: Array) -> Array:
+def tip_twist(arm: Arm, at: Kinematics, twists: tuple[Array, ...], base_twist: Array) -> Array:
     """Return V(0) = phi^T(1, 0) V(1): the twist of the tip point, world axes, (6,). An anchor's V(1) is its base's."""
     last = twists[-1] if twists else unrotate(arm.base.R, base_twist)
     return rotate(at.end, shift_twist(arm.tip.p, last))

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.trunk.trunk_motion import standing
@@ -133,6 +133,6 @@ def bushing_energy(chain: ClosedChain, state: State) -> Scalar:
 
 def _of_arm(arm: Arm, q: Array, qd: Array, base_twist: Array, grasp: Grasp, frame: Pose, twist: Array) -> Stretched:
     """Return an arm's bushing; the object's frame and its twist are in world axes."""
-    at = posture(arm, q)
+    at = forward_kinematics(arm, q)
     of_tip = tip_twist(arm, at, link_twists(arm, at, qd, base_twist), base_twist)
     return stretched(contact(grasp, frame, twist, at.tip, of_tip))

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.motion import ArmInputs, ArmMotion, arm_motion, resting
-from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.closed.bushing_wrenches import stretched
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.closed.object_filter import Again
@@ -202,7 +202,7 @@ def arm_at_rest(
 ) -> tuple[ArmMotion, Contact | None]:
     """Return an arm at rest, and its grasp if it has one; see `arm_and_grasp`."""
     none = np.zeros(6)
-    at = posture(arm, q)
+    at = forward_kinematics(arm, q)
     still = resting(arm, at, base_columns)
     return still, None if grasp is None else contact(grasp, frame, none, at.tip, none)
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from holdfast.dynamics.arm.bias import acceleration_at_tip, bias_accelerations
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.joint_slopes import JointSlope, joint_slopes
-from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
 from holdfast.dynamics.closed.virtual_power import ArmCase, TipMotion, Unknowns
 from holdfast.spatial.differentiation import gradient, linearised
@@ -30,7 +30,7 @@ def joint_residuals(case: ArmCase, z: Unknowns) -> dict[str, list[Unknowns]]:
         z: the solution.
     """
     given, arm = case.given, case.given.arm
-    at = posture(arm, given.q)
+    at = forward_kinematics(arm, given.q)
     V = link_twists(arm, at, given.qd, given.base_twist)
     base = given.base_twist, given.base_acceleration
     acceleration = acceleration_at_tip(arm, at, list(bias_accelerations(arm, at, V, given.qd, *base, z.qdd)), *base)

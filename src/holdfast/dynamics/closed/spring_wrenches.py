@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.velocity import link_twists
 from holdfast.dynamics.trunk.trunk_motion import standing
 from holdfast.model.arm import Arm
@@ -137,7 +137,7 @@ def stretches(chain: ClosedChain, state: State, inputs: Inputs) -> list[Stretch]
 
 def ends_on_arm(arm: Arm, q: Array, qd: Array, base_twist: Array, attached: Sequence[SpringEnd]) -> list[End]:
     """Return where the springs on an arm's links end."""
-    at = posture(arm, q)
+    at = forward_kinematics(arm, q)
     twists = link_twists(arm, at, qd, base_twist)
     found = []
     for end in attached:

@@ -67,7 +67,7 @@ class TipResponse(NamedTuple):
         back_substitute: f (6,), beta (c,) or None -> (qdd (N,), base wrench (6,) about the base origin, world axes).
         length: of the arm stretched out, which levers are sums of [m].
         base: how it answers at its base; None unless it stands on a trunk.
-        again: the same posture under other torques and wrenches -> its answer, by the factors at hand.
+        again: the same configuration under other torques and wrenches -> its answer, by the factors at hand.
     """
 
     mobility: Symmetric6

@@ -22,8 +22,8 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.arm.bias import acceleration_at_tip, bias_accelerations
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.motion import ArmInputs
-from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.arm.velocity import link_twists, tip_twist
 from holdfast.dynamics.closed.bushing_wrenches import stretched
 from holdfast.dynamics.closed.contact import contact
@@ -147,7 +147,7 @@ class ArmCase(NamedTuple):
             for name in ("q", "qd", "tau", "base_twist", "base_acceleration", "link_wrenches")
         )
         external = varied.get("link_wrench", external)
-        at = posture(arm, q)
+        at = forward_kinematics(arm, q)
         V, U = link_twists(arm, at, qd, base_twist), link_twists(arm, at, y.qdd, y.base)
         found = list(bias_accelerations(arm, at, V, qd, base_twist, base_acceleration, z.qdd))
         drives = varied.get("armature", arm.armature) * z.qdd + self.passive(q, qd, varied)
@@ -206,7 +206,7 @@ class ArmCase(NamedTuple):
             twist, arm = varied.get("base_twist", given.base_twist), given.arm
             if "base_R" in varied:
                 arm = arm.standing_at(Pose.unchecked(varied["base_R"], varied["base_p"]))
-            at = posture(arm, varied.get("q", given.q))
+            at = forward_kinematics(arm, varied.get("q", given.q))
             tip = tip_twist(arm, at, link_twists(arm, at, given.qd, twist), twist)
             of_object = Pose.unchecked(varied.get("object_R", self.frame.R), varied.get("object_p", self.frame.p))
             return (-contact(grasp, of_object, self.twist, at.tip, tip).velocity_gap,)

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.dynamics.arm.bias import bias_accelerations
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.joint_map import expand
-from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.arm.velocity import link_twists
 from holdfast.model.arm import Arm
 from holdfast.model.closed_chain import TRUNK, ClosedChain
@@ -110,7 +110,7 @@ class TrunkMotion(NamedTuple):
         return len(self.bodies) if self.by_joints else 6
 
     def at_rest(self) -> TrunkMotion:
-        """Return the same posture without torques, motion, gravity or external wrenches."""
+        """Return the same configuration without torques, motion, gravity or external wrenches."""
         none = np.zeros(6)
         still = [b._replace(twist=none, zeta=none, wrench=none, torque=0.0) for b in self.bodies]
         mounts = {name: m._replace(twist=none, acceleration=none) for name, m in self.mounts.items()}
@@ -287,7 +287,7 @@ def _columns(bodies: list[TrunkBody]) -> Array:
 
 def _joints(serial: Arm, q: Array, qd: Array, torque: Array, base_twist: Array, base_zeta: Array) -> list[TrunkBody]:
     """Return the bodies that joints move."""
-    at = posture(serial, q)
+    at = forward_kinematics(serial, q)
     twists = link_twists(serial, at, qd, base_twist)
     zetas = bias_accelerations(serial, at, twists, qd, base_twist, base_zeta)
     before, bodies = serial.base.R, []

@@ -12,7 +12,7 @@ import numpy as np
 from holdfast.errors import ModelError, SceneError
 from holdfast.model import checks
 from holdfast.model.held_object import HeldObject
-from holdfast.model.looks import Mesh as MeshFile
+from holdfast.model.visuals import Mesh as MeshFile
 from holdfast.robots.mesh_files.limits import MeshFault
 from holdfast.robots.mesh_files.mesh import Mesh, distinct
 from holdfast.robots.mesh_files.read import read_mesh

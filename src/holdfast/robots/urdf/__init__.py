@@ -7,13 +7,13 @@ caller chose: base, tip, held joints), `bodies` (what is welded together), `chai
 
 from __future__ import annotations
 
-from holdfast.model.looks import Box as Box
-from holdfast.model.looks import Capsule as Capsule
-from holdfast.model.looks import Cylinder as Cylinder
-from holdfast.model.looks import Mesh as Mesh
-from holdfast.model.looks import Shape as Shape
-from holdfast.model.looks import Sphere as Sphere
-from holdfast.model.looks import Visual as Visual
+from holdfast.model.visuals import Box as Box
+from holdfast.model.visuals import Capsule as Capsule
+from holdfast.model.visuals import Cylinder as Cylinder
+from holdfast.model.visuals import Mesh as Mesh
+from holdfast.model.visuals import Shape as Shape
+from holdfast.model.visuals import Sphere as Sphere
+from holdfast.model.visuals import Visual as Visual
 from holdfast.robots.urdf.chain import UrdfChain as UrdfChain
 from holdfast.robots.urdf.chain import load_urdf as load_urdf
 from holdfast.robots.urdf.chain import load_urdf_arms as load_urdf_arms

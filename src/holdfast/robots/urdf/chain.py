@@ -21,7 +21,7 @@ from holdfast.robots.urdf.reader import read_urdf
 from holdfast.robots.urdf.refusals import hanging, refuse_loose, refuse_unsupported, shared
 from holdfast.robots.urdf.robot import MOVING, UrdfRobot
 from holdfast.robots.urdf.source import Source
-from holdfast.robots.urdf.visuals import looks_of_bodies
+from holdfast.robots.urdf.visuals import visuals_of_bodies
 from holdfast.spatial.pose import Pose
 
 SAME_PLACE = 1e-6  # [m] between the origins of two frames
@@ -112,8 +112,8 @@ def chain_of(locks: Locks, folded: FoldedChain, mount: Pose, options: UrdfOption
             f"expected a joint that moves between base {quoted(base)} and tip {quoted(tip)}, got none"
         )
     bodies = (folded.on_base, *(body.links for body in folded.bodies))
-    looks, unread = looks_of_bodies(robot, bodies)
-    arm = Arm(*joints_and_links(robot, folded, options), _plain(folded.tip), mount, robot.name, looks)
+    visuals, unread = visuals_of_bodies(robot, bodies)
+    arm = Arm(*joints_and_links(robot, folded, options), _plain(folded.tip), mount, robot.name, visuals)
     inside = {name for links in bodies for name in links}
     locked, notes = read_within(locks, folded)
     tip_note = _tip_note(robot, arm, tip, folded)

@@ -17,7 +17,7 @@ from holdfast.robots.urdf.reader import read_urdf
 from holdfast.robots.urdf.refusals import hanging, refuse_loose, refuse_unsupported
 from holdfast.robots.urdf.robot import UrdfRobot
 from holdfast.robots.urdf.source import Source
-from holdfast.robots.urdf.visuals import looks_of_bodies
+from holdfast.robots.urdf.visuals import visuals_of_bodies
 from holdfast.spatial.pose import Pose
 
 Path = list[PassedJoint]
@@ -178,8 +178,8 @@ def _on_trunk(
     robot, floats = locks.robot, common.floats
     free = welded_link(robot, common.on_base, "it floats", options.get("physical", True)) if floats else None
     bodies = (common.on_base, *(body.links for body in common.bodies))
-    looks, unread = looks_of_bodies(robot, bodies)
-    trunk = Trunk(*joints_and_links(robot, common, options), mount_of(options), free, looks)
+    visuals, unread = visuals_of_bodies(robot, bodies)
+    trunk = Trunk(*joints_and_links(robot, common, options), mount_of(options), free, visuals)
     locked, notes = read_within(locks, common)
     notes += unread
     chains, mounts = {}, {}
@@ -192,8 +192,10 @@ def _on_trunk(
         else:
             at = trunk.base
         chain = chain_of(locks, folded, at, options)
-        looks = chain.arm.looks  # what the arm stands on is the trunk's
-        own = replace(chain.arm, looks=None if looks is None else replace(looks, bodies=((), *looks.bodies[1:])))
+        visuals = chain.arm.visuals  # what the arm stands on is the trunk's
+        own = replace(
+            chain.arm, visuals=None if visuals is None else replace(visuals, bodies=((), *visuals.bodies[1:]))
+        )
         chains[name] = replace(chain, arm=own, bodies=({}, *chain.bodies[1:]))
         locked |= chain.locked
         notes += chain.notes

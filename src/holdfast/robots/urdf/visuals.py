@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from holdfast.errors import SceneError
-from holdfast.model.looks import Box, Capsule, Cylinder, Looks, Mesh, Rgba, Shape, Sphere, Visual
+from holdfast.model.visuals import Box, Capsule, Cylinder, Mesh, Rgba, Shape, Sphere, Visual, Visuals
 from holdfast.robots.urdf import attributes
 from holdfast.robots.urdf.document import Element
 from holdfast.robots.urdf.robot import UrdfRobot
@@ -41,7 +41,7 @@ def urdf_visuals(chain: Chain) -> tuple[tuple[Visual, ...], ...]:
     return _visuals(chain.robot, chain.bodies)
 
 
-def looks_of_bodies(robot: UrdfRobot, bodies: Bodies) -> tuple[Looks | None, list[str]]:
+def visuals_of_bodies(robot: UrdfRobot, bodies: Bodies) -> tuple[Visuals | None, list[str]]:
     """Return what bodies look like, None without visuals, and notes on what cannot be read of it.
 
     Args:
@@ -52,7 +52,7 @@ def looks_of_bodies(robot: UrdfRobot, bodies: Bodies) -> tuple[Looks | None, lis
         visuals = _visuals(robot, bodies)
     except SceneError as cause:  # no reason to refuse an arm
         return None, [f"{cause}; drawn with simple solids"]
-    return Looks(visuals, robot.folder) if any(visuals) else None, []
+    return Visuals(visuals, robot.folder) if any(visuals) else None, []
 
 
 def _visuals(robot: UrdfRobot, bodies: Bodies) -> tuple[tuple[Visual, ...], ...]:

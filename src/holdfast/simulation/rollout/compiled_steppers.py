@@ -29,7 +29,7 @@ from holdfast.simulation.linearly_implicit import Implicit
 from holdfast.simulation.margins import Signals
 from holdfast.simulation.rollout.fused_stepper import FusedStepper, by_name, hold_rows
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
-from holdfast.simulation.rollout.rows import Moment, gaps_of, instant_of, refuse, state_of, state_rows
+from holdfast.simulation.rollout.rows import StageInputs, gaps_of, instant_of, refuse, state_of, state_rows
 from holdfast.simulation.runge_kutta import EULER, Tableau, rotation_vector_rate
 from holdfast.simulation.step import Closing, Gaps, Question, Stage, answered_together, course_of, rows_held_near
 from holdfast.simulation.stepper import NO_GAPS, Advance, ReferenceStepper, Stepper
@@ -124,7 +124,7 @@ class StagewiseStepper:
 
     def _closed(self, times: list[float], states: list[State], rows: Array | None) -> list[tuple[State, Gaps]]:
         """Return the states projected onto the grasps, and the gaps."""
-        moments = [self._moment(t, state) for t, state in zip(times, states, strict=True)]
+        moments = [self._stage_inputs(t, state) for t, state in zip(times, states, strict=True)]
         systems = self._run(states, moments, None, rows, held=False)
         return [(state_of(systems, row), gaps_of(systems, row)) for row in range(len(states))]
 
@@ -135,12 +135,14 @@ class StagewiseStepper:
         memory: Any,
         rows: Array | None,
         implicit: Sequence[Implicit] = (),
-    ) -> tuple[Systems, list[Moment]]:
+    ) -> tuple[Systems, list[StageInputs]]:
         """Return what follows from the states under the controller's torques."""
-        moments = [self._driven(self._moment(t, state), state, memory) for t, state in zip(times, states, strict=True)]
+        moments = [
+            self._driven(self._stage_inputs(t, state), state, memory) for t, state in zip(times, states, strict=True)
+        ]
         return self._run(states, moments, memory, rows, held=True, implicit=implicit), moments
 
-    def _moment(self, t: float, state: State) -> Moment:
+    def _stage_inputs(self, t: float, state: State) -> StageInputs:
         """Return what the machine code is given at a time and in a state, without torques.
 
         Raises:
@@ -148,11 +150,11 @@ class StagewiseStepper:
         """
         tau = None if self.controller is None else np.zeros(self.environment.chain.joint_count)
         if self._still is not None:
-            return Moment(t, self.environment.chain, self._still, tau, None)
+            return StageInputs(t, self.environment.chain, self._still, tau, None)
         chain, inputs = self.environment.at(t, state)
         shaped = inputs.shaped(chain)
         self._require_places(t, shaped)
-        return Moment(t, chain, shaped, tau, None)
+        return StageInputs(t, chain, shaped, tau, None)
 
     @cached_property
     def _still(self) -> Inputs | None:
@@ -179,7 +181,7 @@ class StagewiseStepper:
                     " them from t = 0 on, zeros at first, is taken by the reference"
                 )
 
-    def _driven(self, at: Moment, state: State, memory: Any) -> Moment:
+    def _driven(self, at: StageInputs, state: State, memory: Any) -> StageInputs:
         """Return what the machine code is given, with the controller's torques and what it carries on."""
         if self.controller is None:
             return replace(at, memory=memory)
@@ -190,7 +192,7 @@ class StagewiseStepper:
     def _run(
         self,
         states: list[State],
-        moments: list[Moment],
+        moments: list[StageInputs],
         memory: Any,
         rows: Array | None,
         held: bool,
@@ -249,7 +251,7 @@ def _on_links(chain: ClosedChain, acting: Sequence[Inputs]) -> dict[str, Array]:
     return found if bodies else {"link_wrench": found["link_wrench"]}
 
 
-def _late(found: Systems, row: int, at: Moment) -> Instant:
+def _late(found: Systems, row: int, at: StageInputs) -> Instant:
     """Return one system as an instant that is put together when need be."""
     tau = found["drive"][row] if at.tau is None else at.tau
     return late_instant(at.t, (found["q"][row], found["qd"][row], tau), lambda: instant_of(found, row, at))

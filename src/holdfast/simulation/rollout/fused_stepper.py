@@ -14,7 +14,7 @@ from holdfast.simulation.environment import Environment
 from holdfast.simulation.increment import no_turns
 from holdfast.simulation.instant import Instant, late_instant
 from holdfast.simulation.rollout.kernel import StepKernel, Systems
-from holdfast.simulation.rollout.rows import Moment, failure, gaps_of, instant_of, refuse, state_of, state_rows
+from holdfast.simulation.rollout.rows import StageInputs, failure, gaps_of, instant_of, refuse, state_of, state_rows
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import Gaps, rows_held_near
 from holdfast.simulation.stepper import NO_GAPS, Advance
@@ -105,7 +105,7 @@ class FusedStepper:
         if self.environment.base_motion:
             chain, moving = self.environment.at(t, state_of(systems, row))
             inputs = moving.shaped(chain)
-        return instant_of(systems, row, Moment(t, chain, inputs, None, memory))
+        return instant_of(systems, row, StageInputs(t, chain, inputs, None, memory))
 
     @cached_property
     def _acting(self) -> Inputs:

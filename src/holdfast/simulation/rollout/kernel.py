@@ -206,7 +206,7 @@ class StepKernel:
         Args:
             systems: as `systems` returns them (see `require_own`); their slopes must be found under the same inputs.
             inputs: of the inputs' shapes, shared by all systems, or with a leading axis; no margin stops a system
-                unless one is given. What passes a singular posture is stopped unless "search" is 0.
+                unless one is given. What passes a singular configuration is stopped unless "search" is 0.
             parameters: likewise, where they differ from the chain's own.
             repeats: steps.
             threads: how many share the systems.

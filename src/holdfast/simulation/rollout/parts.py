@@ -91,7 +91,7 @@ def contradicted(
             m = np.where(fallen, _margins(systems, kind), 0.0)
             found |= shown & (~systems.running | ~(np.abs(m - m1) <= allowed).all(axis=1))
     ends = np.array([chain_strength(systems.arrays["condition"]) for systems in (begin, shorter[-1])])
-    beside = ends.min(axis=0) < BESIDE * ends.sum(axis=0)  # of a singular posture: shorter steps do not pass it
+    beside = ends.min(axis=0) < BESIDE * ends.sum(axis=0)  # of a singular configuration: shorter steps do not pass it
     return found | ((code == SINGULAR) & ~beside & np.all([systems.running for systems in shorter], axis=0))
 
 

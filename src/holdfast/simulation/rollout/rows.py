@@ -26,7 +26,7 @@ from holdfast.state import Inputs, State, found_state
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
+class StageInputs:
     """What a system is given from outside at one time.
 
     Attributes:
@@ -56,7 +56,7 @@ def state_of(systems: Systems, row: int) -> State:
     return found_state({field: systems[name][row].copy() for name, field in fields.items() if name in systems})
 
 
-def instant_of(systems: Systems, row: int, at: Moment) -> Instant:
+def instant_of(systems: Systems, row: int, at: StageInputs) -> Instant:
     """Return one system as an instant.
 
     Args:
@@ -119,7 +119,7 @@ def failure(code: float) -> HoldfastError | None:
     if code == SINGULAR:
         return SingularChainError(
             "the grasp constraint is singular, or nearly so: its rank drops or its condition passes"
-            f" {WORST_CONDITION:g}; try another posture or another grasp"
+            f" {WORST_CONDITION:g}; try another configuration or another grasp"
         )
     if code == OPEN:
         return ClosureError(

@@ -1,4 +1,4 @@
-"""Whether a step of a rollout passes a singular posture; machine code of many systems has no singular vectors."""
+"""Whether a step of a rollout passes a singular configuration; machine code of many systems has no singular vectors."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ LEAPING = 1e-3  # of how far the joints move
 
 
 def passes_singular(system: TracedSystem, tableau: Tableau, end: State, drift: Gap) -> Scalar:
-    """Return whether a step seems to pass a singular posture, 1 or 0.
+    """Return whether a step seems to pass a singular configuration, 1 or 0.
 
     The strength s = condition^-1/2 of the constraint is the size of what changes sign there. So its values at the
     step's start, middle and end lie on a straight line, but for the step's curvature, if the last, or the last two, are
     taken with the other sign; and together they are no more than what the joints' motion may have changed. A step that
-    begins or ends within a twentieth of its length from the posture counts too, and one near it that leaves the grasps
-    open by so much before projection that it may have leapt over it.
+    begins or ends within a twentieth of its length from the configuration counts too, and one near it that leaves the
+    grasps open by so much before projection that it may have leapt over it.
 
     Args:
         system: after its evaluations.

@@ -300,7 +300,7 @@ def stop_code(
         worst: (2,) condition and status.
         drift: gaps that projection found,
         gaps: and left.
-        passed: whether the step passes a singular posture, 1 or 0.
+        passed: whether the step passes a singular configuration, 1 or 0.
     """
     given, margins = system.given, list(kept["margin"])
     # x - x, which would do as well, is folded to zero

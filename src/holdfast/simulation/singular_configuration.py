@@ -1,8 +1,8 @@
-"""Singular postures that a motion passes: found inside a step, or ahead of where no step leads on.
+"""Singular configurations that a motion passes: found inside a step, or ahead of where no step leads on.
 
-A step knows the constraint's rank at its stages and its end only. One that is longer than a singular posture is wide
-would pass it without a word, from a motion that could have branched there. So the way from each accepted instant to
-the next is searched (`rank_drop`), where the constraint is so weak that it might have vanished in between. Positions
+A step knows the constraint's rank at its stages and its end only. One that is longer than a singular configuration
+is wide would pass it without notice, from a motion that could have branched there. So the way from each accepted
+instant to the next is searched (`rank_drop`), where the constraint is so weak that it might have vanished in between. Positions
 follow the quintic through both; the time is then made exact by steps that end ever nearer to it.
 """
 
@@ -25,23 +25,23 @@ from holdfast.simulation.segment import Segment
 from holdfast.simulation.trajectory import Knot, Occurrence, interpolant
 from holdfast.state import State
 
-NEARER = 0.75  # of the way to a posture that a step goes at once
+NEARER = 0.75  # of the way to a configuration that a step goes at once
 APPROACHES = 6
 CLOSED = 1e-8  # m or rad: what a way through is open by at most; one that leaps from a branch to another is more
-CLOSE = 1e-4  # [s]: from here the posture's time follows from velocities and accelerations
+CLOSE = 1e-4  # [s]: from here the configuration's time follows from velocities and accelerations
 # Parts of the strength: steps that change it by less are as good as any.
 RESOLVED, RESOLVED_ELSEWHERE = 0.02, 0.033
-NEARBY = 0.25  # strength below which a posture is looked upon as near a singular one
+NEARBY = 0.25  # strength below which a configuration is looked upon as near a singular one
 FARTHEST_TURN = 1.0  # rad, or part of the reach: a longer step is too long whatever the constraint
 MOST_IN_A_STEP = 8
-PAST = 1e-3  # of what is left of a step after a posture: there the search for another one begins
-ALMOST = 0.55  # of a step before a posture: near enough to its half
+PAST = 1e-3  # of what is left of a step after a configuration: there the search for another one begins
+ALMOST = 0.55  # of a step before a configuration: near enough to its half
 HORIZONS = 2.0 ** np.arange(-20, 1)  # of the time in which a joint turns by a radian
 
 
 @dataclass(frozen=True)
-class SingularPosture:
-    """A posture on the way of a motion where the constraint loses rank.
+class SingularConfiguration:
+    """A configuration on the way of a motion where the constraint loses rank.
 
     Attributes:
         t: when [s].
@@ -67,7 +67,7 @@ class SingularPosture:
         return "; ".join([rank, *self.lost])
 
     def occurrence(self, what: str) -> Occurrence:
-        """Return the log's line: `what` the run does, in words, and the posture."""
+        """Return the log's line: `what` the run does, in words, and the configuration."""
         text = f"{what}: {self.text}"
         return Occurrence(
             self.t, "singular", "grasps", text, rank=self.rank, generic_rank=self.generic_rank, lost=self.lost
@@ -77,8 +77,8 @@ class SingularPosture:
 Way = Callable[[float], State]
 
 
-def postures_passed(segment: Segment, now: Instant, later: Instant) -> Iterator[SingularPosture]:
-    """Yield the singular postures between two accepted instants, in order.
+def configurations_passed(segment: Segment, now: Instant, later: Instant) -> Iterator[SingularConfiguration]:
+    """Yield the singular configurations between two accepted instants, in order.
 
     Args:
         segment: the chain and what moves it.
@@ -105,7 +105,7 @@ def may_have_lost_rank(now: Instant, later: Instant) -> bool:
 
 
 def may_be_unresolved(previous: Instant | None, now: Instant, later: Instant) -> bool:
-    """Return whether a step near a singular posture, or the one before, changes the constraint's strength by much."""
+    """Return whether a step near a singular configuration, or its predecessor, changes the strength by much."""
     before, at, after = (_strength(one) for one in (previous or now, now, later))
     change = abs(after - at) + abs(at - before)
     if change < (RESOLVED if min(at, after) < NEARBY else RESOLVED_ELSEWHERE) * (at + after):
@@ -124,7 +124,7 @@ def _strength(at: Instant) -> float:
 
 
 def time_left(segment: Segment, now: Instant, step: float) -> float | None:
-    """Return in how many seconds a singular posture is reached, if within two steps; by accelerations that stay.
+    """Return in how many seconds a singular configuration is reached, if within two steps; by accelerations that stay.
 
     Args:
         segment: the chain and what moves it.
@@ -137,27 +137,27 @@ def time_left(segment: Segment, now: Instant, step: float) -> float | None:
 
 
 def goes_through(left: float, step: float) -> bool:
-    """Return whether the next step goes through a singular posture, `left` away [s]; others end half a step before."""
+    """Return whether the next step crosses a singular configuration `left` away [s]; others end before it."""
     return left <= ALMOST * step
 
 
 def length_before(left: float, step: float) -> float:
-    """Return the length of a step that ends half a step before a singular posture, or sooner [s].
+    """Return the length of a step that ends half a step before a singular configuration, or sooner [s].
 
     Args:
-        left: how long it takes to get to the posture [s].
+        left: how long it takes to get to the configuration [s].
         step: a step as long as it may be [s].
     """
     return min(step, left - 0.5 * step)
 
 
 def length_through(left: float, step: float) -> float:
-    """Return the length of a collocation step that has the posture far from its stages, if it may in its middle [s]."""
+    """Return the length of a collocation step that has the configuration far from its stages [s]."""
     return 2.0 * left if left > 0.1 * step else 10.0 * left if left > 0.02 * step else step
 
 
-def posture_ahead(segment: Segment, now: Instant, until: float) -> SingularPosture | None:
-    """Return the singular posture that an instant is heading for, if it is reached about when steps begin to fail.
+def configuration_ahead(segment: Segment, now: Instant, until: float) -> SingularConfiguration | None:
+    """Return the singular configuration that a motion is heading for, if it is reached about when steps begin to fail.
 
     Args:
         segment: the chain and what moves it.
@@ -208,8 +208,8 @@ def _drop(segment: Segment, way: Way, begin: float, end: float) -> RankDrop | No
         return None
 
 
-def _located(segment: Segment, now: Instant, found: RankDrop, way: Way) -> SingularPosture:
-    """Return the posture, its time made exact by steps from `now` that come nearer and nearer."""
+def _located(segment: Segment, now: Instant, found: RankDrop, way: Way) -> SingularConfiguration:
+    """Return the configuration, its time made exact by steps from `now` that come nearer and nearer."""
     at, t, through, nearby = now, float(found.at), found.through, way(found.at)
     for _ in range(APPROACHES if through else 0):
         if t - at.t < CLOSE:
@@ -229,4 +229,4 @@ def _located(segment: Segment, now: Instant, found: RankDrop, way: Way) -> Singu
     lost = lost_at(chain_at_rest(chain, nearby), found.rank, generic - freedoms)
     gap = float(largest_gaps(chain, there, inputs.shaped(chain)).position)
     unique = through and gap <= CLOSED
-    return SingularPosture(t, found.rank + freedoms, generic, tuple(lost), unique, gap)
+    return SingularConfiguration(t, found.rank + freedoms, generic, tuple(lost), unique, gap)

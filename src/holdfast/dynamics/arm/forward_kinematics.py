@@ -10,7 +10,7 @@ from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, cos, sin
 
 
-class Posture(NamedTuple):
+class Kinematics(NamedTuple):
     """Geometry of an arm at joint positions q.
 
     Attributes:
@@ -42,8 +42,8 @@ def joint_placement(joint: Joint, q: Scalar) -> tuple[Array, Array]:
     return E, l if s is None else l + q * joint.parent_shift
 
 
-def posture(arm: Arm, q: Array) -> Posture:
-    """Return the posture of an arm at joint positions q, base to tip [rad or m].
+def forward_kinematics(arm: Arm, q: Array) -> Kinematics:
+    """Return the configuration of an arm at joint positions q, base to tip [rad or m].
 
     Positions are measured back from the tip, so that a far-off base costs no digits.
     Cost O(N).
@@ -60,4 +60,4 @@ def posture(arm: Arm, q: Array) -> Posture:
         reach.insert(0, r)
         r = before @ lk + r
     tip = Pose.unchecked(axes[-1] @ arm.tip.R, arm.base.p + r)
-    return Posture(tuple(E), tuple(l), tuple(axes[1:]), tuple(reach), tip, axes[-1], r)
+    return Kinematics(tuple(E), tuple(l), tuple(axes[1:]), tuple(reach), tip, axes[-1], r)

@@ -93,7 +93,7 @@ class Visual(Frozen):
 
 
 @dataclass(frozen=True, eq=False)
-class Looks(Frozen):
+class Visuals(Frozen):
     """What an arm, or a trunk, looks like; nothing that is computed depends on it.
 
     Attributes:

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from holdfast import Arm, Joint, Link, ModelError, Pose
-from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.robots import HOME, ROBOTS, stewart_platform, three_finger_hand
-from holdfast.robots.looks import looks_of
 from holdfast.robots.primitive import COLOURS, Primitive, rod, sphere
+from holdfast.robots.visuals import visuals_of
 
 
 def frames(arm, q):
     """Return the poses of base and links in the world."""
-    at = posture(arm, q)
+    at = forward_kinematics(arm, q)
     found, p = [arm.base], arm.base.p
     for k, R in enumerate(at.R):
         p = p + found[-1].R @ at.l[k]
@@ -24,16 +24,16 @@ def frames(arm, q):
 def test_built_in_robots(name):
     """A list for the base and for each link; every joint and the flange lie in or near a solid."""
     arm = ROBOTS[name]()
-    looks = looks_of(arm)
-    assert len(looks) == arm.joint_count + 1
-    assert all(solids for solids in looks)
+    visuals = visuals_of(arm)
+    assert len(visuals) == arm.joint_count + 1
+    assert all(solids for solids in visuals)
     at = frames(arm, HOME[name])
     points = []
-    for frame, solids in zip(at, looks, strict=True):
+    for frame, solids in zip(at, visuals, strict=True):
         for solid in solids:
             half = 0.5 * solid.size[1] if solid.kind in ("capsule", "cylinder") else 0.0
             points += [frame @ solid.pose @ Pose.translation(0.0, 0.0, s) for s in (-half, 0.0, half)]
-    for target in (*(frame.p for frame in at[1:]), posture(arm, HOME[name]).tip.p):
+    for target in (*(frame.p for frame in at[1:]), forward_kinematics(arm, HOME[name]).tip.p):
         assert min(np.linalg.norm(point.p - target) for point in points) < 0.2
     lowest = min(float(point.p[2]) for point in points)
     assert lowest > -0.1
@@ -45,7 +45,7 @@ def test_drawn_from_kinematics():
     turning = Joint(axis=axis, placement=Pose.translation(0.0, 0.0, 0.3))
     sliding = Joint("prismatic", placement=Pose.translation(0.5, 0.0, 0.0))
     arm = Arm([turning, sliding], [Link(1.0, inertia=np.eye(3))] * 2, Pose.translation(0.0, 0.2, 0.0))
-    base, first, second = looks_of(arm)
+    base, first, second = visuals_of(arm)
     assert [solid.kind for solid in base] == ["capsule", "box"]
     (link, drum), (last, bar, hand) = first, second
     assert link.pose.p == pytest.approx([0.25, 0.0, 0.0])
@@ -56,15 +56,15 @@ def test_drawn_from_kinematics():
     assert last.pose.p == pytest.approx([0.0, 0.1, 0.0])
     assert hand.pose.p == pytest.approx([0.0, 0.2, 0.0])
     longer = Arm([Joint(), Joint(placement=Pose.translation(2.0, 0, 0))], arm.links, Pose.translation(2.0, 0, 0))
-    assert looks_of(longer)[1][0].size[0] > 2 * link.size[0]
+    assert visuals_of(longer)[1][0].size[0] > 2 * link.size[0]
 
 
 def test_any_arm_can_be_drawn():
     """Legs, fingers, and an arm without any length."""
     for parts in (stewart_platform(), three_finger_hand()):
         for arm in parts.arms.values():
-            assert len(looks_of(arm)) == arm.joint_count + 1
-    assert len(looks_of(Arm([Joint()], [Link(1.0, inertia=np.eye(3))]))) == 2
+            assert len(visuals_of(arm)) == arm.joint_count + 1
+    assert len(visuals_of(Arm([Joint()], [Link(1.0, inertia=np.eye(3))]))) == 2
 
 
 def test_rod_stands_between_its_ends():

@@ -1,4 +1,4 @@
-"""A film holds the run's own numbers, at moments that are samples."""
+"""A playback holds the run's own numbers, at moments that are samples."""
 
 from dataclasses import replace
 
@@ -9,8 +9,8 @@ from holdfast import ModelError, Pose
 from holdfast.control.gravity_compensation import GravityCompensation
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
-from holdfast.view import film as film_module
-from holdfast.view.film import film_of_instant, film_of_run, samples_at
+from holdfast.view import playback as film_module
+from holdfast.view.playback import playback_of_instant, playback_of_run, samples_at
 from tests.control.two_pandas import two_pandas
 from tests.view.runs import lifted
 
@@ -33,20 +33,20 @@ def test_samples_at(t, rate, expected):
 def test_film_of_run():
     """What is shown is what the run says; tips touch the object where the grasps are."""
     chain, run = lifted()
-    film = film_of_run(chain, run, "lifted", rate=2.6)
+    playback = playback_of_run(chain, run, "lifted", rate=2.6)
     k = samples_at(run.t, 2.6)
-    assert film.t == pytest.approx(run.t[k])
-    assert film.internal == pytest.approx(run.internal_wrench[k])
-    for moment in range(len(film)):
-        frame = Pose.from_wxyz_xyz(film.object_pose[moment])
+    assert playback.t == pytest.approx(run.t[k])
+    assert playback.internal == pytest.approx(run.internal_wrench[k])
+    for moment in range(len(playback)):
+        frame = Pose.from_wxyz_xyz(playback.object_pose[moment])
         for i, grasp in enumerate(chain.grasps.values()):
-            assert film.tip[moment, i] == pytest.approx((frame @ grasp.frame).p, abs=1e-9)
+            assert playback.tip[moment, i] == pytest.approx((frame @ grasp.frame).p, abs=1e-9)
     limits = np.array([joint.effort_limit for joint in chain.arms["left"].joints])
-    assert film.torque_use("left") == pytest.approx(np.abs(run.tau[k][:, :7] / limits).max(axis=1))
+    assert playback.torque_use("left") == pytest.approx(np.abs(run.tau[k][:, :7] / limits).max(axis=1))
     # mu f_n - |f_t| over mu f_n, in contact axes: the squeeze is along x, half of the weight is across
-    squeeze = 40.0 - 30.0 * film.t
+    squeeze = 40.0 - 30.0 * playback.t
     expected = np.clip(1.0 - 0.5 * 3.0 * 9.81 / (0.8 * squeeze), 0.0, 1.0)
-    assert film.reserve("right") == pytest.approx(expected, abs=1e-6)
+    assert playback.reserve("right") == pytest.approx(expected, abs=1e-6)
 
 
 def test_arms_that_hold_only_for_a_while():
@@ -54,9 +54,9 @@ def test_arms_that_hold_only_for_a_while():
     chain, run = lifted()
     wrench = run.grasp_wrench.copy()
     wrench[3:, 1] = 0.0
-    film = film_of_run(chain.without_grasp("left"), replace(run, grasp_wrench=wrench), "released")
-    assert film.reserve("right")[3:] == pytest.approx(1.0)
-    assert film.holding == ["left", "right"]
+    playback = playback_of_run(chain.without_grasp("left"), replace(run, grasp_wrench=wrench), "released")
+    assert playback.reserve("right")[3:] == pytest.approx(1.0)
+    assert playback.holding == ["left", "right"]
 
 
 def test_moving_bases():
@@ -66,26 +66,31 @@ def test_moving_bases():
     def rising(t):
         return Pose(np.eye(3), np.array([-0.55, 0.0, 0.2 * t])), np.zeros(6), np.zeros(6)
 
-    film, still = film_of_run(chain, run, "rising", base_motion={"left": rising}), film_of_run(chain, run, "still")
-    assert film.base_pose[:, 0, 6] == pytest.approx(0.2 * film.t)
-    assert (film.tip - still.tip)[:, 0, 2] == pytest.approx(0.2 * film.t)
-    assert film.tip[:, 1] == pytest.approx(still.tip[:, 1])
+    playback, still = (
+        playback_of_run(chain, run, "rising", base_motion={"left": rising}),
+        playback_of_run(chain, run, "still"),
+    )
+    assert playback.base_pose[:, 0, 6] == pytest.approx(0.2 * playback.t)
+    assert (playback.tip - still.tip)[:, 0, 2] == pytest.approx(0.2 * playback.t)
+    assert playback.tip[:, 1] == pytest.approx(still.tip[:, 1])
 
 
 def test_film_of_instant():
     """One moment, with margins of one-sided grasps only."""
     chain, state = two_pandas("hinge", "ball")
-    film = film_of_instant(evaluate(Environment(chain), GravityCompensation(chain, 20.0), 0.0, state, None), "start")
-    assert len(film) == 1
-    assert np.isinf(film.margin).all()
-    assert np.linalg.norm(film.internal[0, :, 3:], axis=1) == pytest.approx([20.0, 20.0])
+    playback = playback_of_instant(
+        evaluate(Environment(chain), GravityCompensation(chain, 20.0), 0.0, state, None), "start"
+    )
+    assert len(playback) == 1
+    assert np.isinf(playback.margin).all()
+    assert np.linalg.norm(playback.internal[0, :, 3:], axis=1) == pytest.approx([20.0, 20.0])
 
 
 def test_refused(monkeypatch):
     """A rate that is none, and one that would take for ever."""
     chain, run = lifted()
     with pytest.raises(ModelError, match="rate: expected > 0"):
-        film_of_run(chain, run, "none", 0.0)
+        playback_of_run(chain, run, "none", 0.0)
     monkeypatch.setattr(film_module, "MOST_MOMENTS", 5)
     with pytest.raises(ModelError, match="expected at most 5 moments, got 6; try a lower rate"):
-        film_of_run(chain, run, "long", 1e3)
+        playback_of_run(chain, run, "long", 1e3)

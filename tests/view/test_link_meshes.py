@@ -3,13 +3,13 @@
 import numpy as np
 
 from holdfast import Pose
-from holdfast.model.looks import Box, Sphere, Visual
-from holdfast.model.looks import Mesh as MeshFile
+from holdfast.model.visuals import Box, Sphere, Visual
+from holdfast.model.visuals import Mesh as MeshFile
 from holdfast.robots import panda
-from holdfast.robots.looks import looks_of
 from holdfast.robots.primitive import COLOURS
 from holdfast.robots.urdf import urdf_chain, urdf_visuals
-from holdfast.view.pieces import SHRINK, pieces_of, pieces_of_urdf
+from holdfast.robots.visuals import visuals_of
+from holdfast.view.link_meshes import SHRINK, meshes_of, meshes_of_urdf
 from tests.robots.two_armed import TWO_ARMED
 
 CORNER = """solid corner
@@ -28,8 +28,8 @@ AT = Pose.translation(0.1, 0.0, 0.3)
 def test_pieces_of_an_arm():
     """A piece for each solid, where it is, in its colour, at most 2 % smaller than it is."""
     arm = panda()
-    for pieces, solids in zip(pieces_of(looks_of(arm)), looks_of(arm), strict=True):
-        for piece, solid in zip(pieces, solids, strict=True):
+    for link_meshes, solids in zip(meshes_of(visuals_of(arm)), visuals_of(arm), strict=True):
+        for piece, solid in zip(link_meshes, solids, strict=True):
             assert piece.colour == COLOURS[solid.colour]
             local = np.abs((piece.mesh.vertices - solid.pose.p) @ solid.pose.R).max(axis=0)
             radius, length = solid.size
@@ -45,9 +45,9 @@ def test_mesh_files(tmp_path):
     here = tmp_path / "arm" / "urdf"
     here.mkdir()
     mirrored = MeshFile("package://arm/meshes/corner.stl", (0.1, -0.1, 0.1))
-    found = pieces_of_urdf([[Visual("link", AT, mirrored, (1.0, 0.5, 0.0, 1.0))]], here)
+    found = meshes_of_urdf([[Visual("link", AT, mirrored, (1.0, 0.5, 0.0, 1.0))]], here)
     assert found.missing == ()
-    ((piece,),) = found.pieces
+    ((piece,),) = found.link_meshes
     assert piece.colour == (255, 128, 0)
     a, b, c = piece.mesh.vertices[piece.mesh.faces[0]]
     corners = sorted(map(tuple, (piece.mesh.vertices - AT.p).round(9).tolist()))
@@ -58,15 +58,15 @@ def test_mesh_files(tmp_path):
 def test_all_or_nothing(tmp_path):
     """An arm of which one surface is missing is better drawn with simple solids."""
     whole = [[Visual("a", AT, Box((1.0, 2.0, 3.0)), None)], [Visual("b", AT, Sphere(0.1), None)]]
-    found = pieces_of_urdf(whole, tmp_path).pieces
+    found = meshes_of_urdf(whole, tmp_path).link_meshes
     assert found is not None
     assert [len(link) for link in found] == [1, 1]
     missing = [*whole, [Visual("c", AT, MeshFile("nowhere.stl", (1.0, 1.0, 1.0)), None)]]
-    assert pieces_of_urdf(missing, tmp_path) == (None, ("nowhere.stl: no such file",))
-    assert pieces_of_urdf([[], []], tmp_path) == (None, ())
+    assert meshes_of_urdf(missing, tmp_path) == (None, ("nowhere.stl: no such file",))
+    assert meshes_of_urdf([[], []], tmp_path) == (None, ())
     (tmp_path / "torn.stl").write_text("solid")
-    torn = pieces_of_urdf([[Visual("c", AT, MeshFile("torn.stl", (1.0, 1.0, 1.0)), None)]], tmp_path)
-    assert torn.pieces is None
+    torn = meshes_of_urdf([[Visual("c", AT, MeshFile("torn.stl", (1.0, 1.0, 1.0)), None)]], tmp_path)
+    assert torn.link_meshes is None
     assert torn.missing[0].startswith(f"{tmp_path}/torn.stl: ")
     arm = urdf_chain(TWO_ARMED, base="torso", tip="left_grasp", lock_others=True)
-    assert pieces_of_urdf(urdf_visuals(arm), tmp_path).pieces is None  # its finger is in a file
+    assert meshes_of_urdf(urdf_visuals(arm), tmp_path).link_meshes is None  # its finger is in a file

@@ -21,7 +21,7 @@ DRUM = 1.25  # a drum's radius over its rod's
 SMALLEST_EDGE = 1e-3  # of a body's equal box [m]
 
 
-def looks_of(arm: Arm) -> list[list[Primitive]]:
+def visuals_of(arm: Arm) -> list[list[Primitive]]:
     """Return the solids that show an arm: N + 1 lists, the base's first, then the links' base to tip.
 
     An arm with the joints of a built-in robot looks like it, whatever it is called and
@@ -30,7 +30,7 @@ def looks_of(arm: Arm) -> list[list[Primitive]]:
     that is elsewhere. Poses are in base or link axes.
     """
     robot = builtin_of(arm)
-    return _of_kinematics(arm) if robot is None else [list(solids) for solids in robot.looks]
+    return _of_kinematics(arm) if robot is None else [list(solids) for solids in robot.visuals]
 
 
 def arm_length(arm: Arm) -> float:
@@ -44,7 +44,7 @@ def chain_length(chain: ClosedChain) -> float:
     return max(lengths) if lengths else max(equal_box(chain.held_object, "grey").size)
 
 
-def looks_of_trunk(chain: ClosedChain) -> list[list[Primitive]]:
+def visuals_of_trunk(chain: ClosedChain) -> list[list[Primitive]]:
     """Return the solids that show a chain's trunk: its base's first, then its links' base outward; none without one.
 
     Drawn as an arm is, with a rod on each link to every arm that stands there; a body that floats is a box of its
@@ -59,7 +59,7 @@ def looks_of_trunk(chain: ClosedChain) -> list[list[Primitive]]:
     starts = [[joint.placement.p] for joint in trunk.joints]
     length = _length([*starts, [arm.base.p for arms in carried for arm in arms]])
     robot = None if trunk.serial is None else builtin_of(trunk.serial)
-    bodies = _of_ends([*starts, []], trunk.joints, length) if robot is None else [list(one) for one in robot.looks]
+    bodies = _of_ends([*starts, []], trunk.joints, length) if robot is None else [list(one) for one in robot.visuals]
     for body, arms in zip(bodies, carried, strict=True):
         body += [rod for arm in arms for rod in _link(arm.base.p, THICKNESS * TAPER * min(length, 2 * arm_length(arm)))]
     if trunk.floating is not None and trunk.floating.mass > 0:

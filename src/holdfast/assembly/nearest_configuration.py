@@ -1,4 +1,4 @@
-"""The closed posture nearest to a preferred one: Newton's method along the self-motions.
+"""The closed configuration nearest to a preferred one: Newton's method along the self-motions.
 
     min 1/2 |D (q - q*)|^2   over closed states,   D = 1 / (1 rad, or the longest reach)
 
@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.arm.jacobian import jacobian
-from holdfast.dynamics.arm.posture import posture
 from holdfast.dynamics.closed.chain_motion import chain_at_rest
 from holdfast.dynamics.closing import close
 from holdfast.dynamics.constraint import coordinate_sizes
@@ -56,7 +56,7 @@ class _Newton(NamedTuple):
         return self.unstopped + self.to_limits
 
 
-def nearest_posture(chain: ClosedChain, state: State, preferred: Array, *, hold_object: bool = False) -> State:
+def nearest_configuration(chain: ClosedChain, state: State, preferred: Array, *, hold_object: bool = False) -> State:
     """Return the closed state whose joints are nearest to preferred ones, at rest.
 
     A local minimum: the one that self-motion from the given state leads to. Joints keep
@@ -101,7 +101,7 @@ def position_rows(chain: ClosedChain, state: State) -> Array:
         kept = list(kind.position_rows)
         K = np.array([rotate(R, row) for row in kind.directions[kept]])
         rows = np.zeros((len(kept), chain.joint_count + 6))
-        rows[:, part] = K @ jacobian(arm, posture(arm, state.q[part]))
+        rows[:, part] = K @ jacobian(arm, forward_kinematics(arm, state.q[part]))
         rows[:, chain.joint_count :] = -K @ twist_shift(offset)
         blocks.append(rows)
     return np.concatenate(blocks) if blocks else np.zeros((0, chain.joint_count + 6))

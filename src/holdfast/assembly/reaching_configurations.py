@@ -1,4 +1,4 @@
-"""Postures in which an arm reaches its contact: a search from many starts at once, as arrays over the starts.
+"""Configurations in which an arm reaches its contact: a search from many starts at once, as arrays over the starts.
 
 Damped Newton steps of least length within the joint limits (Levenberg and Marquardt's damping, one for
 each start). This only finds where to begin: `dynamics.closing.close` brings what is found to rounding.
@@ -18,14 +18,16 @@ from holdfast.spatial.scalar import Array
 ROUNDS = 80
 REACHED = 1e-6  # rad, or part of the arm's length
 LONGEST_STEP = 0.5  # rad, or part of the arm's length, in one round
-SAME = 1e-3  # rad or m: postures nearer to one another are one
+SAME = 1e-3  # rad or m: configurations nearer to one another are one
 LEAST_DAMPING, MOST_DAMPING = 1e-8, 1e4
 
 
-def reaching_postures(arm: Arm, grasp: Grasp, object_pose: Pose, starts: Iterable[Array], preferred: Array) -> Array:
-    """Return the postures that the starts lead to and in which the grasp closes, nearest to the preferred one first.
+def reaching_configurations(
+    arm: Arm, grasp: Grasp, object_pose: Pose, starts: Iterable[Array], preferred: Array
+) -> Array:
+    """Return configurations in which the grasp closes, found from the starts; the nearest to the preferred first.
 
-    Joints that turn are brought as near to the preferred posture as whole turns within their limits allow.
+    Joints that turn are brought as near to the preferred configuration as whole turns within their limits allow.
 
     Args:
         arm: the arm.
@@ -35,7 +37,7 @@ def reaching_postures(arm: Arm, grasp: Grasp, object_pose: Pose, starts: Iterabl
         preferred: (N,) joint positions.
 
     Returns:
-        (found, N); the one posture of an anchor as it is, without trying.
+        (found, N); the one configuration of an anchor as it is, without trying.
     """
     if not arm.joints:
         return np.zeros((1, 0))
@@ -118,7 +120,7 @@ def _step(J: Array, gap: Array, damping: Array, lowest: Array, highest: Array) -
 
 
 def _unwound(arm: Arm, q: Array, preferred: Array) -> Array:
-    """Return the same postures, whole turns taken off towards the preferred one where the limits let them."""
+    """Return the same configurations, whole turns taken off towards the preferred one where the limits let them."""
     turns = 2 * np.pi * np.round((q - preferred) / (2 * np.pi))
     turns[:, [bool(joint.type.travel) for joint in arm.joints]] = 0.0
     low, high = arm.position_limits.T
@@ -127,7 +129,7 @@ def _unwound(arm: Arm, q: Array, preferred: Array) -> Array:
 
 
 def _distinct(q: Array) -> Array:
-    """Return the postures without those that an earlier one is nearly the same as."""
+    """Return the configurations without those that an earlier one is nearly the same as."""
     kept: list[Array] = []
     for one in q:
         if all(np.abs(one - other).max() > SAME for other in kept):

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.model.closed_chain import TRUNK, ClosedChain
-from holdfast.model.looks import Box, Capsule, Cylinder, Sphere, Visual
-from holdfast.model.looks import Mesh as MeshFile
+from holdfast.model.visuals import Box, Capsule, Cylinder, Sphere, Visual
+from holdfast.model.visuals import Mesh as MeshFile
 from holdfast.robots.mesh_files.limits import FARTHEST, MeshFault, require_triangles
 from holdfast.robots.mesh_files.read import read_mesh
 from holdfast.robots.primitive import COLOURS, Primitive
@@ -22,7 +22,7 @@ UNCOLOURED = (0.78, 0.78, 0.8, 1.0)
 SHRINK = 0.003
 
 
-class Piece(NamedTuple):
+class LinkMesh(NamedTuple):
     """Something rigid to draw.
 
     Attributes:
@@ -34,7 +34,7 @@ class Piece(NamedTuple):
     colour: tuple[int, int, int] | None
 
 
-class UrdfPieces(NamedTuple):
+class UrdfMeshes(NamedTuple):
     """What a URDF says its base and links look like.
 
     Attributes:
@@ -42,20 +42,20 @@ class UrdfPieces(NamedTuple):
         missing: what of the meshes, and why.
     """
 
-    pieces: list[list[Piece]] | None
+    link_meshes: list[list[LinkMesh]] | None
     missing: tuple[str, ...]
 
 
-def pieces_of(looks: Sequence[Sequence[Primitive]]) -> list[list[Piece]]:
+def meshes_of(visuals: Sequence[Sequence[Primitive]]) -> list[list[LinkMesh]]:
     """Return what to draw on a base and on each link, as many lists as there are of solids."""
     return [
         # solids of one and of neighbouring links share surfaces, which would flicker: no two of these are of one size
         [_of_primitive(solid, 1.0 - SHRINK * ((2 * k + 3 * j) % 7)) for j, solid in enumerate(solids)]
-        for k, solids in enumerate(looks)
+        for k, solids in enumerate(visuals)
     ]
 
 
-def pieces_of_urdf(visuals: Sequence[Sequence[Visual]], folder: Path | None) -> UrdfPieces:
+def meshes_of_urdf(visuals: Sequence[Sequence[Visual]], folder: Path | None) -> UrdfMeshes:
     """Return what a URDF says its base and links look like; nothing if a mesh file is not to be had.
 
     Args:
@@ -70,7 +70,7 @@ def pieces_of_urdf(visuals: Sequence[Sequence[Visual]], folder: Path | None) -> 
             raise MeshFault(f"{filename}: the robot came without a file whose folder it could be in")
         return read_mesh(filename, folder)
 
-    found: list[list[Piece]] = []
+    found: list[list[LinkMesh]] = []
     missing: list[str] = []
     triangles = 0
     for link in visuals:
@@ -83,33 +83,33 @@ def pieces_of_urdf(visuals: Sequence[Sequence[Visual]], folder: Path | None) -> 
                 found[-1].append(piece)
             except MeshFault as cause:
                 missing.append(str(cause))
-    return UrdfPieces(None if missing or not any(found) else found, tuple(missing))
+    return UrdfMeshes(None if missing or not any(found) else found, tuple(missing))
 
 
-def pieces_in_files(chain: ClosedChain) -> tuple[dict[str, list[list[Piece]]], dict[str, tuple[str, ...]]]:
+def meshes_in_files(chain: ClosedChain) -> tuple[dict[str, list[list[LinkMesh]]], dict[str, tuple[str, ...]]]:
     """Return what files say that arms, and "trunk", look like, and whose meshes are not to be had, and why; by name.
 
-    Those that are in neither have no looks: they are drawn with simple solids, as those whose meshes are missing.
+    Those that are in neither have no visuals: they are drawn with simple solids, as those whose meshes are missing.
     """
-    pieces, missing = {}, {}
+    link_meshes, missing = {}, {}
     for name, of in {**({} if chain.trunk is None else {TRUNK: chain.trunk}), **chain.arms}.items():
-        if of.looks is None:
+        if of.visuals is None:
             continue
-        found = pieces_of_urdf(of.looks.bodies, Path(of.looks.folder) if of.looks.folder else None)
-        if found.pieces is not None:
-            pieces[name] = found.pieces
+        found = meshes_of_urdf(of.visuals.bodies, Path(of.visuals.folder) if of.visuals.folder else None)
+        if found.link_meshes is not None:
+            link_meshes[name] = found.link_meshes
         elif found.missing:
             missing[name] = found.missing
-    return pieces, missing
+    return link_meshes, missing
 
 
-def _of_primitive(solid: Primitive, scale: float) -> Piece:
+def _of_primitive(solid: Primitive, scale: float) -> LinkMesh:
     make = {"box": _box, "cylinder": meshes.cylinder, "capsule": meshes.capsule, "sphere": meshes.sphere}[solid.kind]
     mesh = make(*(scale * length for length in solid.size)).at(solid.pose)
-    return Piece(mesh, None if solid.colour == "accent" else COLOURS[solid.colour])
+    return LinkMesh(mesh, None if solid.colour == "accent" else COLOURS[solid.colour])
 
 
-def piece_of(visual: Visual, read: Callable[[str], Mesh]) -> Piece:
+def piece_of(visual: Visual, read: Callable[[str], Mesh]) -> LinkMesh:
     """Return the surface and colour of a visual; `read` returns the surface in a file of a given name."""
     shape = visual.shape
     match shape:
@@ -124,7 +124,7 @@ def piece_of(visual: Visual, read: Callable[[str], Mesh]) -> Piece:
         case MeshFile():
             mesh = _from_file(shape, read)
     red, green, blue, _ = (round(255 * min(max(channel, 0.0), 1.0)) for channel in visual.rgba or UNCOLOURED)
-    return Piece(mesh.at(visual.pose), (red, green, blue))
+    return LinkMesh(mesh.at(visual.pose), (red, green, blue))
 
 
 def _from_file(shape: MeshFile, read: Callable[[str], Mesh]) -> Mesh:

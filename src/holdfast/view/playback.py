@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.dynamics.arm.posture import posture
+from holdfast.dynamics.arm.forward_kinematics import forward_kinematics
 from holdfast.dynamics.near_singular import arm_strength
 from holdfast.dynamics.trunk.trunk_motion import standing
 from holdfast.errors import ModelError
@@ -22,16 +22,16 @@ from holdfast.simulation.trajectory import Trajectory, require_run_of
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
 from holdfast.state import Inputs, State
-from holdfast.view.pieces import Piece, pieces_in_files
+from holdfast.view.link_meshes import LinkMesh, meshes_in_files
 
-Looks = Mapping[str, Sequence[Sequence[Piece]]]
+Visuals = Mapping[str, Sequence[Sequence[LinkMesh]]]
 RATE = 30.0  # moments a second
 SMALLEST_HOLD = 1e-9  # N
 MOST_MOMENTS = 20_000  # more take minutes to draw, and as long to load
 
 
 @dataclass(frozen=True, eq=False)
-class Film:
+class Playback:
     """The moments that are shown; the first axis of every array is the moment.
 
     Attributes:
@@ -47,9 +47,9 @@ class Film:
         internal: (moments, arms, 6) the part of it that moves nothing.
         margin: (moments, arms) how far each grasp is from giving way [N]; infinite where nothing limits.
         condition: (moments,) of the grasp constraint.
-        strength: (moments, arms) of each arm's weakest tip direction, 0 at a singular posture; 1 without a grasp.
+        strength: (moments, arms) of each arm's weakest tip direction, 0 at a singular configuration; 1 without a grasp.
         tau: (moments, n) [N m or N].
-        looks: what an arm, or "trunk", is drawn with, if not with simple solids, by its name; see `pieces`.
+        visuals: what an arm, or "trunk", is drawn with, if not with simple solids, by its name; see `link_meshes`.
     """
 
     chain: ClosedChain
@@ -66,7 +66,7 @@ class Film:
     condition: Array
     strength: Array
     tau: Array
-    looks: Looks = field(default_factory=dict)
+    visuals: Visuals = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -92,14 +92,14 @@ class Film:
         return np.abs(self.tau[:, self.chain.joints[name]] / limits).max(axis=1) if np.isfinite(limits).any() else None
 
 
-def film_of_run(
+def playback_of_run(
     chain: ClosedChain,
     run: Trajectory,
     title: str = "run",
     rate: float = RATE,
     base_motion: Mapping[str, BaseMotion] | None = None,
-    looks: Looks | None = None,
-) -> Film:
+    visuals: Visuals | None = None,
+) -> Playback:
     """Return the samples of a run nearest to `rate` moments a second; nothing is interpolated.
 
     Args:
@@ -108,7 +108,7 @@ def film_of_run(
         title: what it is called.
         rate: moments a second of the run's time.
         base_motion: as for `simulate`.
-        looks: as for `Film`; None: what the files of arms and trunk say, where their meshes can be read.
+        visuals: as for `Playback`; None: what the files of arms and trunk say, where their meshes can be read.
 
     Raises:
         StateError: what is no run, or not of this chain.
@@ -124,17 +124,17 @@ def film_of_run(
         state = run.state(j)
         places.append(_placed(*world.at(t, state), state))
     strength = np.array([at.strength for at in places])
-    surfaces = pieces_in_files(chain)[0] if looks is None else looks
+    surfaces = meshes_in_files(chain)[0] if visuals is None else visuals
     strength[~run.holding[k]] = 1.0
     bases, below, tips = (np.array([getattr(at, part) for at in places]) for part in ("bases", "below", "tips"))
-    return Film(
+    return Playback(
         chain, title, run.t[k], run.q[k], bases, below, run.object_pose[k], tips, run.grasp_wrench[k],
         run.internal_wrench[k], run.margin[k], run.condition[k], strength, run.tau[k], surfaces,
     )  # fmt: skip
 
 
-def film_of_instant(at: Instant, title: str, looks: Looks | None = None) -> Film:
-    """Return a film of one moment: a state, its torques, and what forward dynamics found."""
+def playback_of_instant(at: Instant, title: str, visuals: Visuals | None = None) -> Playback:
+    """Return a playback of one moment: a state, its torques, and what forward dynamics found."""
     chain, state, found = at.chain, at.state, at.result
     margin = np.full(len(chain.arms), np.inf)
     margin[[chain.names.index(name) for name in chain.grasps]] = grasp_margins(chain, state, found.grasp_wrench)
@@ -144,8 +144,8 @@ def film_of_instant(at: Instant, title: str, looks: Looks | None = None) -> Film
         at.t, state.q, place.bases, place.below, state.object_pose, place.tips, found.grasp_wrench, internal, margin,
         found.condition, place.strength, at.tau,
     )  # fmt: skip
-    surfaces = pieces_in_files(chain)[0] if looks is None else looks
-    return Film(chain, title, *(np.array([part]) for part in moment), looks=surfaces)
+    surfaces = meshes_in_files(chain)[0] if visuals is None else visuals
+    return Playback(chain, title, *(np.array([part]) for part in moment), visuals=surfaces)
 
 
 class _Place(NamedTuple):
@@ -167,16 +167,18 @@ class _Place(NamedTuple):
 def _placed(chain: ClosedChain, inputs: Inputs, state: State) -> _Place:
     """Return where a chain, its bases where they are then, is in a state."""
     arms = standing(chain, state, inputs.shaped(chain)).arms
-    postures = [posture(arm, state.q[chain.joints[name]]) for name, arm in zip(chain.names, arms, strict=True)]
+    configurations = [
+        forward_kinematics(arm, state.q[chain.joints[name]]) for name, arm in zip(chain.names, arms, strict=True)
+    ]
     R = rotation.from_quaternion(state.object_pose[:4])
     strength = [
         arm_strength(arm, at, chain.grasps[name], R) if name in chain.grasps else 1.0
-        for name, arm, at in zip(chain.names, arms, postures, strict=True)
+        for name, arm, at in zip(chain.names, arms, configurations, strict=True)
     ]
     below = np.zeros(0) if chain.trunk is None else chain.trunk.base.wxyz_xyz
     if state.base_pose is not None:
         below = state.base_pose
-    return _Place([arm.base.wxyz_xyz for arm in arms], below, [at.tip.p for at in postures], strength)
+    return _Place([arm.base.wxyz_xyz for arm in arms], below, [at.tip.p for at in configurations], strength)
 
 
 def samples_at(t: Array, rate: float) -> Array:

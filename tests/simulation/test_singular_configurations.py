@@ -1,4 +1,4 @@
-"""Singular postures between steps: found, named, and passed where only one motion leads on."""
+"""Singular configurations between steps: found, named, and passed where only one motion leads on."""
 
 import itertools
 from dataclasses import replace
@@ -42,7 +42,7 @@ def energy_error(run) -> float:
 
 
 @pytest.mark.parametrize(("options", "controller"), mostly_long(itertools.product(SCHEMES, [free, FREE]), SOON))
-def test_a_run_stops_before_a_singular_posture(options, controller):
+def test_a_run_stops_before_a_singular_configuration(options, controller):
     """To a millionth of a second of the instant on paper, whatever the scheme, with ranks and what is lost."""
     chain, state = n_four_bar()
     (expected,) = passing_times(3, 1)
@@ -51,19 +51,19 @@ def test_a_run_stops_before_a_singular_posture(options, controller):
     assert event.kind == "singular" and event.t == pytest.approx(expected, abs=1e-7)
     assert (event.rank, event.generic_rank) == (10, 11)
     assert "at 'crank0' (hinge) against force" in event.lost[0] and "is felt by no joint" in event.lost[0]
-    assert run.stopped is not None and f"before a singular posture at t = {event.t:.9g} s" in run.stopped
+    assert run.stopped is not None and f"before a singular configuration at t = {event.t:.9g} s" in run.stopped
     assert expected - 1e-2 < run.t[-1] < expected
 
 
 @pytest.mark.parametrize("options", mostly_long(SCHEMES, SCHEMES[::2]))
-def test_continuing_through_singular_postures(options):
-    """A parallelogram stays one: every posture within a millionth of a second, energy as on the way to them."""
+def test_continuing_through_singular_configurations(options):
+    """A parallelogram stays one: every configuration within a millionth of a second, energy as on the way to them."""
     chain, state = n_four_bar(2)
     expected = passing_times(2, 2)
     run = hf.simulate(chain, state, free, 1.3, 1e-2, on_singular="continue", **options)
     assert run.stopped is None and run.t[-1] == pytest.approx(1.3)
     assert [one.t for one in run.occurrences] == pytest.approx(expected, abs=1e-7)
-    assert all("passes a singular posture" in one.text for one in run.occurrences)
+    assert all("passes a singular configuration" in one.text for one in run.occurrences)
     assert np.abs(run.q[:, 0] - run.q[:, 1]).max() < 1e-10
     before = run.t < expected[0] - 0.02
     energy = run.kinetic + run.potential
@@ -72,7 +72,7 @@ def test_continuing_through_singular_postures(options):
 
 @pytest.mark.slow
 def test_what_no_step_sees():
-    """The posture lies where a grid time is, as near as a step can hardly end: it is found all the same."""
+    """The configuration lies where a grid time is, as near as a step can hardly end: it is found all the same."""
     chain, state = n_four_bar(2)
     (expected,) = passing_times(2, 1)
     step = (expected - 1e-6) / 20
@@ -110,7 +110,7 @@ def test_nearly_singular(longer):
 
 
 @pytest.mark.slow
-def test_implicit_steps_near_a_singular_posture_are_taken_in_parts():
+def test_implicit_steps_near_a_singular_configuration_are_taken_in_parts():
     """Whole steps of 10 ms end 0.7 rad elsewhere, or cannot be closed; so they are halved as far as need be."""
     unlike, start = with_longer_crank(*n_four_bar(2), 1e-4)
     run = hf.simulate(unlike, start, free, 0.8, 1e-2, scheme="imex")
@@ -121,7 +121,7 @@ def test_implicit_steps_near_a_singular_posture_are_taken_in_parts():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("scheme", "same"), [(RK4, 1e-7), (IMEX, 1e-5)], ids=["rk4", "imex"])
-def test_parts_of_a_step_near_a_singular_posture(scheme, same):
+def test_parts_of_a_step_near_a_singular_configuration(scheme, same):
     """As many as bring twice as many to the same; further ones end within what two such differences come to."""
     cranks = parallel_cranks(2, 1.15e-3)
     generic = hf.forward_dynamics(cranks.chain, cranks.state, np.zeros(2)).rank
@@ -139,7 +139,7 @@ def test_parts_of_a_step_near_a_singular_posture(scheme, same):
 
 
 @pytest.mark.slow
-def test_ordinary_steps_far_from_singular_postures_need_no_adaptive_parts(monkeypatch):
+def test_ordinary_steps_far_from_singular_configurations_need_no_adaptive_parts(monkeypatch):
     """Two Pandas lifting a box in steps of 20 ms once spent ten times as long in such parts as in all steps else."""
     monkeypatch.setattr(AdaptivePartsStepper, "advance", lambda *_: pytest.fail("a step was taken adaptively"))
     chain, state = two_pandas()
@@ -156,7 +156,7 @@ def test_ordinary_steps_far_from_singular_postures_need_no_adaptive_parts(monkey
         [("rk4", 7e-3), ("midpoint", 1e-3), ("imex", 7e-3)],
     ),
 )
-def test_rollouts_stand_still_before_a_singular_posture(scheme, step):
+def test_rollouts_stand_still_before_a_singular_configuration(scheme, step):
     chain, state = n_four_bar(2)
     (expected,) = passing_times(2, 1)
     rollout = hf.compile_rollout(chain, FREE, scheme=scheme)
@@ -169,7 +169,7 @@ def test_rollouts_stand_still_before_a_singular_posture(scheme, step):
 
 
 def test_collocation_is_of_order_twelve_and_closed():
-    """Away from singular postures it is a scheme like any other."""
+    """Away from singular configurations it is a scheme like any other."""
     chain, state = n_four_bar(2)
     environment = Environment(chain)
     exact = hf.simulate(chain, state, free, 0.4, 1e-2, scheme="dop853", rtol=1e-13)
