@@ -2,8 +2,8 @@
 
 A step knows the constraint's rank at its stages and its end only. One that is longer than a singular configuration
 is wide would pass it without notice, from a motion that could have branched there. So the way from each accepted
-instant to the next is searched (`rank_drop`), where the constraint is so weak that it might have vanished in between. Positions
-follow the quintic through both; the time is then made exact by steps that end ever nearer to it.
+instant to the next is searched (`rank_drop`), where the constraint is so weak that it might have vanished in between.
+Positions follow the quintic through both; the time is then made exact by steps that end ever nearer to it.
 """
 
 from __future__ import annotations
