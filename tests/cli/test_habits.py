@@ -2,6 +2,7 @@
 
 import io
 import json
+import shutil
 import sys
 
 import pytest
@@ -84,9 +85,37 @@ def test_several_folders(result, tmp_path, capsys):
     assert document(capsys, "summary", result)[0]["summary"] == written
 
 
+def test_figures_of_several(result, tmp_path, monkeypatch, capsys):
+    """One set that compares them, in a place of its own; each run is called by what tells its folder apart."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(result, "one/run")
+    shutil.copytree(result, "two/run")
+    seen = []
+    monkeypatch.setattr("holdfast.cli.results.compare_runs", lambda runs: seen.append(list(runs)) or {})
+    for out, place in (((), "results/comparison"), (("--out", "here"), "here")):
+        found = document(capsys, "plot", "one/run", "two/run", *out)
+        assert found == {"results": ["one/run", "two/run"], "files": []}
+        assert (tmp_path / place).is_dir()
+    assert seen == [["one/run", "two/run"]] * 2
+
+
+@pytest.mark.parametrize("command", ["plot", "view"])
+def test_several_that_cannot_be_told_apart(result, tmp_path, monkeypatch, capsys, command):
+    """None, and the same one by two names, are refused before anything is drawn."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "link").symlink_to(result)
+    assert main([command]) == 2
+    assert "expected one or more" in capsys.readouterr().err
+    assert main([command, str(result), "link"]) == 2
+    assert "expected different ones, got link twice; try each once" in capsys.readouterr().err
+    assert main([command, *map(str, range(21))]) == 2
+    assert "together, got 21; try some of them" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["link"]
+
+
 def test_documents_of_the_others(result, capsys, monkeypatch):
     """Their keys are names that a reader knows."""
     monkeypatch.setattr("holdfast.cli.results.save_plots", lambda chain, run, folder: ["a.png"])
-    assert document(capsys, "plot", result) == [{"result": str(result), "files": [str(result / "a.png")]}]
+    assert document(capsys, "plot", result) == {"results": [str(result)], "files": [str(result / "a.png")]}
     assert {one["name"] for one in document(capsys, "methods")} == set(holdfast.dynamics.METHODS)
     assert document(capsys, "doctor")["holdfast"] == holdfast.__version__

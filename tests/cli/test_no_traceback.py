@@ -95,8 +95,9 @@ def cases():
         yield Try([command, "short.toml" if command == "simulate" else "result", "--out", "-"]), "single files only"
     for command in ("plot", "export", "summary"):
         yield Try([command, "result", "none"]), "none"
-    for command in ("plot", "export"):
-        yield Try([command, "result", "result", "--out", "x"]), "expected one result folder, got 2"
+    yield Try(["export", "result", "result", "--out", "x"]), "expected one result folder, got 2"
+    for command, option in (("plot", "--out"), ("view", "--export")):
+        yield Try([command, "result", "result", option, "x"]), "expected different ones, got result twice"
     yield Try(["export", "result", "--out", "-", "--json"]), "one of them"
     yield Try(["view", "result", "--export", "-", "--json"]), "one of them"
     yield Try(["view", "result", "--set", "name=1"]), "expected a scene"

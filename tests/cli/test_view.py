@@ -54,6 +54,17 @@ def test_page_of_a_scene(tmp_path, capsys):
     assert '"label":"left, internal","colour":"#0072B2","dashed":true,"values":[20.0]' in page.read_text()
 
 
+def test_a_page_of_several(result, tmp_path, capsys):
+    """A run and a scene in one page, each under its own name."""
+    page, scene = tmp_path / "page.html", tmp_path / "start.toml"
+    shutil.copy(EXAMPLE, scene)
+    assert main(["view", str(result), str(scene), "--export", str(page)]) == 0
+    assert capsys.readouterr().out.endswith(" MiB, 2 runs, 3 moments\n")
+    text = page.read_text()
+    assert "<title>result, start.toml</title>" in text
+    assert '"titles":["result","start.toml"]' in text
+
+
 def test_another_scene(result, tmp_path, capsys):
     """A folder whose scene was exchanged is refused before anything is drawn."""
     shutil.copytree(result, tmp_path / "copy")

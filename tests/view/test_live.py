@@ -1,10 +1,13 @@
 """The live viewer's clock and numbers, on a server that nobody looks at."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from holdfast.view import live
 from holdfast.view.live import Controls, readout, watch
-from holdfast.view.markers import ArrowScale
+from holdfast.view.markers import ArrowScale, arrow_scale
 from holdfast.view.playback import playback_of_run
 from holdfast.view.scene_writer import viewer_server
 from tests.view.runs import lifted
@@ -74,3 +77,28 @@ def test_watch_ends_with_ctrl_c(playback):
         watch(playback, opened)
     with pytest.raises(ConnectionRefusedError), socket.create_connection(("127.0.0.1", found[0]), timeout=5):
         pass
+
+
+def test_of_several_one_is_chosen(playback, monkeypatch):
+    """The first is shown first; a choice puts up the other's scene and controls, at the time that was shown."""
+    later, seen = replace(playback, title="later", wrench=3.0 * playback.wrench), []
+
+    class Watched(Controls):
+        def moment(self, now):
+            found = super().moment(now)
+            seen.append((self.chosen, found, self.scale))
+            if len(seen) == 1:
+                self._slider.value = 0.6
+            elif len(seen) == 2:
+                self._choice.value = "later"
+            elif self.chosen == "later":
+                raise KeyboardInterrupt
+            return found
+
+    monkeypatch.setattr(live, "Controls", Watched)
+    addresses = []
+    with pytest.raises(KeyboardInterrupt):
+        watch([playback, later], addresses.append)
+    assert len(addresses) == 1
+    assert [one[:2] for one in seen] == [("lifted", 0), ("lifted", 3), ("later", 3)]
+    assert seen[0][2] == seen[2][2] == arrow_scale(later), "one scale for both, that of the larger forces"

@@ -2,10 +2,12 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from holdfast.errors import ModelError
 from holdfast.view.markers import arrow_scale
 from holdfast.view.page import HERE, export_page, page, panel_data, with_panel
 from holdfast.view.playback import playback_of_run
@@ -63,3 +65,17 @@ def test_no_plots_of_nothing():
     titles = [plot["title"] for plot in panel_data(playback, arrow_scale(playback))["plots"]]
     assert not [title for title in titles if "margin" in title]
     assert "Friction" not in panel_data(playback, arrow_scale(playback))["notes"][0]
+
+
+def test_a_page_of_several(playback, tmp_path):
+    """Each playback's own page is in it, with arrows of one scale; titles tell them apart."""
+    stronger = replace(playback, title="stronger", wrench=7.0 * playback.wrench)
+    export_page([playback, stronger], tmp_path / "page.html")
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    data = json.loads(re.search(r'id="pages">(.*?)</script>', text, re.DOTALL)[1])
+    assert data["titles"] == [playback.title, "stronger"]
+    assert data["pages"] == [page(one, arrow_scale(stronger)) for one in (playback, stronger)]
+    for wrong, said in (([], "got 0"), ([playback] * 2, "twice"), ([playback, 3], "got a int")):
+        with pytest.raises(ModelError, match=said):
+            export_page(wrong, tmp_path / "none.html")
+    assert not (tmp_path / "none.html").exists()

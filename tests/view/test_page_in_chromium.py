@@ -197,3 +197,37 @@ def test_a_narrow_picture_and_equal_curves(tmp_path):
     assert np.all(np.diff(widths) < 0.0)
     force = np.linalg.norm(playback.wrench[..., 3:], axis=2)
     assert float(ticks[1]) <= force.min() and force.max() <= float(ticks[0]) < 1.5 * force.max()
+
+
+def test_a_page_of_several(tmp_path):
+    """Whoever chooses another run, by mouse or by its number, sees it at the same time from the same camera."""
+    chain, run = lifted()
+    first = playback_of_run(chain, run, "first")
+    export_page([first, replace(first, title="second", object_pose=first.object_pose[::-1])], tmp_path / "page.html")
+    with browser(480, 300) as chromium:
+        chromium.page.goto((tmp_path / "page.html").resolve().as_uri())
+
+        def shown():
+            frame = chromium.page.query_selector("iframe.shown").content_frame()
+            frame.wait_for_selector("#root [role=slider]", state="attached", timeout=60_000)
+            return frame
+
+        def seen(frame):
+            return frame.evaluate("() => document.getElementById('holdfast').seen()")
+
+        frame = shown()
+        frame.wait_for_function("() => document.getElementById('holdfast').see({time: 0.6})")
+        frame.click("#holdfast button:has-text('top')")
+        chromium.page.wait_for_timeout(1000)
+        before = seen(frame)
+        for choose, title in ((lambda: chromium.page.click("nav button:has-text('second')"), "second"),
+                              (lambda: chromium.page.keyboard.press("1"), "first")):  # fmt: skip
+            choose()
+            frame = shown()
+            same = "t => Math.abs(document.getElementById('holdfast').seen().time - t) < 5e-3"
+            frame.wait_for_function(same, arg=before["time"])
+            chromium.page.wait_for_timeout(300)
+            assert title in frame.inner_text("#holdfast h1")
+            assert seen(frame)["eye"] == pytest.approx(before["eye"], abs=1e-6)
+            assert seen(frame)["target"] == pytest.approx(before["target"], abs=1e-6)
+    assert not chromium.errors

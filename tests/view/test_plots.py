@@ -145,7 +145,7 @@ def test_largest_gap_is_never_hidden():
     """However many samples, the worst one is on the curve."""
     gaps = np.zeros(5000)
     gaps[3137] = 1e-6
-    _, shown = plots._worst(np.linspace(0, 1, 5000), gaps)
+    _, shown = plots.worst_gaps(np.linspace(0, 1, 5000), gaps)
     assert shown.max() == 1e-6
     assert len(shown) <= plots.POINTS
 
@@ -165,3 +165,15 @@ def test_summary_table():
     out = io.StringIO()
     Console(file=out, width=100).print(summary_table(summary))
     assert "closure error" in out.getvalue()
+
+
+def test_plots_are_not_cut_off():
+    """The last row of the wrenches, and the torques, reach to the largest of all arms, whichever comes first."""
+    chain, run = lifted("rigid", "rigid")
+    run = replace(run, internal_wrench=run.internal_wrench * np.array([1.0, 4.0])[:, None], tau=9.0 * run.tau)
+    run = replace(run, tau=np.where(np.arange(14) < 7, run.tau, 0.1 * run.tau))
+    for figure in (plots.grasp_wrench_figure(chain, run), plots.joint_torque_figure(chain, run)):
+        for panel in figure.axes:
+            low, high = panel.get_ylim()
+            for line in panel.lines:
+                assert low - 1e-9 <= np.min(line.get_ydata()) and np.max(line.get_ydata()) <= high

@@ -24,7 +24,7 @@ Name = Annotated[str, tyro.conf.arg(metavar="NAME")]
 ResultFolders = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RESULT ...")]
 Changes = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(name="set", metavar="KEY=VALUE")]
 Swept = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE|FOLDER")]
-Target = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RESULT|SCENE")]
+Targets = Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RESULT|SCENE ...")]
 OutFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 Seconds = Annotated[float | None, tyro.conf.arg(metavar="SECONDS")]
 OptionalName = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
@@ -214,11 +214,11 @@ def summary(results: ResultFolders = (), json: Switch = False, trust_xacro: Swit
 
 
 def plot(results: ResultFolders = (), out: Folder = None, json: Switch = False, trust_xacro: Switch = False) -> int:
-    """Draw the figures of runs: wrenches, margins, torques, load share, closure and energy.
+    """Draw the figures of a run: wrenches, margins, torques, load share, closure and energy; or compare several runs.
 
     Args:
-        results: the result folders.
-        out: the folder for the figures of one run; its result folder without it.
+        results: the result folder; of several, the runs are drawn over each other.
+        out: the folder for the figures; without it the result folder, or results/comparison for several.
         json: print one JSON document instead of lines.
         trust_xacro: for a result of holdfast 0.1, which kept no robots: expand its xacro files where they are now.
     """
@@ -228,7 +228,7 @@ def plot(results: ResultFolders = (), out: Folder = None, json: Switch = False, 
 
 
 def view(
-    target: Target,
+    targets: Targets = (),
     export: OutFile = None,
     port: int = 0,
     rate: float = 30.0,
@@ -240,7 +240,7 @@ def view(
     """Show a run, or a scene as it begins, in the browser; Ctrl-C ends it.
 
     Args:
-        target: a result folder, or a scene file; - for a scene on stdin.
+        targets: a result folder, or a scene file, - for a scene on stdin; of several, one is chosen in the page.
         export: write one HTML file that opens from disk, instead; - for stdout.
         port: to serve at, on this machine only; 0 for any that is free.
         rate: moments a second of the run that are shown.
@@ -251,7 +251,7 @@ def view(
     """
     from holdfast.cli import view as command
 
-    return command.view(target, export, port, rate, overwrite, trust_xacro, changes, json)
+    return command.view(targets, export, port, rate, overwrite, trust_xacro, changes, json)
 
 
 def bench(json: Switch = False, quick: Switch = False) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from holdfast.cli import complain
 from holdfast.cli.console import print_document, stdout
+from holdfast.cli.folders import labels, require_one_place
 from holdfast.cli.standard import is_standard, read_input, refuse_standard, write_stdout
 from holdfast.cli.streams import say
 from holdfast.errors import ResultError, SceneError
@@ -34,8 +35,11 @@ from holdfast.scenario.robots import RobotFiles
 from holdfast.simulation.setting import Setting
 from holdfast.simulation.summary import summarise
 from holdfast.spatial.pose import Pose
-from holdfast.view.plots import save_plots
+from holdfast.view.comparison import MOST_RUNS, compare_runs
+from holdfast.view.plots import save_plots, write_figures
 from holdfast.view.summary_table import summary_table
+
+COMPARISON = Path("results") / "comparison"  # of figures of several runs, where no other place is named
 
 
 def opened_scene(path: Path, trust_xacro: bool, changes: Sequence[str] = (), given: bytes | None = None) -> Scenario:
@@ -167,36 +171,39 @@ def _named(meta: ResultMeta) -> ClosedChain:
 
 
 def plot(folders: Sequence[Path], out: Path | None, trust_xacro: bool, as_json: bool = False) -> int:
-    """Draw every figure of runs; say on stderr what is missing of an incomplete run.
+    """Draw every figure of a run, or figures that compare several; say on stderr what is missing of incomplete runs.
 
     Args:
         folders: the result folders.
-        out: folder for the figures of one run; its result folder if None.
+        out: folder for the figures; if None the result folder of one run, `results/comparison` of several.
         trust_xacro: expand xacro files of a result that keeps no robots.
-        as_json: print a JSON list instead of lines.
+        as_json: print a JSON document instead of lines.
 
     Returns:
         0.
 
     Raises:
-        ResultError: no result, or a folder that cannot be written.
+        ResultError: no result, one folder twice, too many, or a folder that cannot be written.
         MissingExtra: matplotlib is not installed.
     """
     refuse_standard(out, "--out")
-    _require_one_place(folders, out)
-    documents = []
-    for folder, (chain, result) in [(folder, chain_for_figures(folder, trust_xacro)) for folder in folders]:
-        place = folder if out is None else out
-        try:
-            place.mkdir(parents=True, exist_ok=True)
-        except OSError as cause:
-            raise ResultError(f"{place}: cannot be written: {cause.strerror or cause}") from cause
-        files = [str(place / name) for name in save_plots(chain, result.trajectory, place)]
-        documents.append({"result": str(folder), "files": files})
-        for file in () if as_json else files:
-            stdout().print(f"look at {file}", soft_wrap=True)
+    names = labels(folders, MOST_RUNS)
+    runs = [chain_for_figures(folder, trust_xacro) for folder in folders]
+    place = out or (folders[0] if len(runs) == 1 else COMPARISON)
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+    except OSError as cause:
+        raise ResultError(f"{place}: cannot be written: {cause.strerror or cause}") from cause
+    if len(runs) == 1:
+        written = save_plots(runs[0][0], runs[0][1].trajectory, place)
+    else:
+        known = [replace(result.trajectory, setting=Setting(chain)) for chain, result in runs]
+        written = write_figures(compare_runs(dict(zip(names, known, strict=True))), place)
+    files = [str(place / name) for name in written]
     if as_json:
-        print_document(documents)
+        print_document({"results": [str(folder) for folder in folders], "files": files})
+    for file in () if as_json else files:
+        stdout().print(f"look at {file}", soft_wrap=True)
     return 0
 
 
@@ -220,7 +227,7 @@ def export(
         ResultError: no result, or a file in the way.
         MissingExtra: Parquet without pyarrow, MCAP without mcap-ros2-support.
     """
-    _require_one_place(folders, out)
+    require_one_place(folders, out)
     if is_standard(out):
         return _export_to_stdout(folders[0], format, trust_xacro, as_json)
     results = [(load_result(folder), folder / f"trajectory.{format}" if out is None else out) for folder in folders]
@@ -281,7 +288,7 @@ def summary(folders: Sequence[Path], trust_xacro: bool, as_json: bool) -> int:
     Raises:
         ResultError, SceneError, ClosureError: as for `setting_of`.
     """
-    _require_one_place(folders, None)
+    require_one_place(folders, None)
     runs = [(folder, *recorded(folder, trust_xacro)) for folder in folders]
     found = [(f, result.complete, summarise(setting.chain, result.trajectory)) for f, setting, result in runs]
     if as_json:
@@ -291,15 +298,3 @@ def summary(folders: Sequence[Path], trust_xacro: bool, as_json: bool) -> int:
         stdout().print(str(folder), soft_wrap=True)
         stdout().print(summary_table(one))
     return 0
-
-
-def _require_one_place(folders: Sequence[Path], out: Path | None) -> None:
-    """Refuse no run, and several runs for one place.
-
-    Raises:
-        ResultError: saying which.
-    """
-    if not folders:
-        raise ResultError("Missing: RESULT; expected one result folder or more")
-    if out is not None and len(folders) > 1:
-        raise ResultError(f"--out: expected one result folder, got {len(folders)}; try without it, or one by one")

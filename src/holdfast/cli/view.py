@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from holdfast.cli.console import print_document, stdout
+from holdfast.cli.folders import labels
 from holdfast.cli.results import opened_scene, recorded
 from holdfast.cli.standard import is_standard, write_stdout
 from holdfast.cli.streams import say
@@ -18,6 +20,7 @@ from holdfast.scenario.build import Scenario
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.instant import evaluate
 from holdfast.state import Inputs
+from holdfast.view.chooser import MOST_PAGES
 from holdfast.view.link_meshes import meshes_in_files
 from holdfast.view.live import watch
 from holdfast.view.page import export_page
@@ -27,7 +30,7 @@ LAST_PORT = 65535
 
 
 def view(
-    target: Path,
+    targets: Sequence[Path],
     page: Path | None,
     port: int,
     rate: float,
@@ -36,10 +39,10 @@ def view(
     changes: Sequence[str] = (),
     as_json: bool = False,
 ) -> int:
-    """Show a run, or a scene's closed initial state, until the user has seen enough; or write it as a page.
+    """Show runs, or closed initial states of scenes, until the user has seen enough; or write them as a page.
 
     Args:
-        target: a result folder, or a scene file, `-` for a scene on stdin.
+        targets: result folders or scene files, `-` for a scene on stdin; of several, one is chosen in the page.
         page: the HTML file to write, `-` for stdout; None to serve the viewer instead.
         port: to serve at; 0 for any that is free.
         rate: moments a second that are shown.
@@ -60,20 +63,24 @@ def view(
         raise ResultError("--export -: stdout takes the page or, with --json, a report; try one of them")
     if page is not None and not is_standard(page) and os.path.lexists(page) and not overwrite:
         raise ResultError(f"{page}: exists already; try --overwrite, or another --export")
-    playback = _film(target, rate, trust_xacro, changes)
+    titles = labels(targets, MOST_PAGES, "RESULT|SCENE")
+    playbacks = [_film(target, rate, trust_xacro, changes) for target in targets]
+    if len(playbacks) > 1:
+        playbacks = [replace(one, title=title) for one, title in zip(playbacks, titles, strict=True)]
     if page is not None and is_standard(page):
-        write_stdout(lambda path: export_page(playback, path), "page.html")
+        write_stdout(lambda path: export_page(playbacks, path), "page.html")
         return 0
     if page is not None:
-        export_page(playback, page)
+        export_page(playbacks, page)
+        moments, runs = sum(map(len, playbacks)), f"{len(playbacks)} runs, " if len(playbacks) > 1 else ""
         if as_json:
-            print_document({"file": str(page), "bytes": page.stat().st_size, "moments": len(playback)})
+            print_document({"file": str(page), "bytes": page.stat().st_size, "moments": moments})
             return 0
-        moments = "1 moment" if len(playback) == 1 else f"{len(playback)} moments"
-        stdout().print(f"{page}: {page.stat().st_size / 2**20:.1f} MiB, {moments}", soft_wrap=True)
+        size, plural = page.stat().st_size / 2**20, "" if moments == 1 else "s"
+        stdout().print(f"{page}: {size:.1f} MiB, {runs}{moments} moment{plural}", soft_wrap=True)
         return 0
     try:
-        watch(playback, _announce_json if as_json else _announce, port)
+        watch(playbacks, _announce_json if as_json else _announce, port)
     except KeyboardInterrupt:
         if not as_json:
             stdout().print("closed")

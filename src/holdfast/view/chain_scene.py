@@ -23,6 +23,7 @@ from holdfast.view import figure_style, meshes
 from holdfast.view.cameras import cameras, upward
 from holdfast.view.link_meshes import LinkMesh, meshes_of
 from holdfast.view.markers import (
+    ArrowScale,
     arrow_scale,
     coil,
     cone_colour,
@@ -53,9 +54,9 @@ class ChainScene:
         scale: of the arrows; may be changed between two moments.
     """
 
-    def __init__(self, writer: SceneWriter, playback: Playback) -> None:
-        """Draw everything that does not change; `show` does the rest."""
-        self.playback, self.scale = playback, arrow_scale(playback)
+    def __init__(self, writer: SceneWriter, playback: Playback, scale: ArrowScale | None = None) -> None:
+        """Draw everything that does not change, at the playback's own scale of arrows or another; `show` the rest."""
+        self.playback, self.scale = playback, scale or arrow_scale(playback)
         self._writer = writer
         chain = playback.chain
         self._size = self._widest = chain_length(chain)

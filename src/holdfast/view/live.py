@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import html
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from holdfast.view.cameras import cameras, upward
 from holdfast.view.chain_scene import ChainScene
+from holdfast.view.chooser import different_playbacks
 from holdfast.view.figure_style import DANGER, GREEN, ORANGE, arm_look
-from holdfast.view.markers import ArrowScale
+from holdfast.view.markers import ArrowScale, common_scale
 from holdfast.view.page import legend, meter, plots
 from holdfast.view.playback import Playback
 from holdfast.view.scene_writer import Camera, SceneWriter, viewer_server
@@ -21,54 +22,78 @@ SPEEDS = ("0.1x", "0.25x", "0.5x", "1x", "2x", "4x")
 TICK = 1 / 60  # s
 
 
-def watch(playback: Playback, announce: Callable[[str], None], port: int = 0) -> None:
-    """Show a playback in the browser until KeyboardInterrupt; only this machine can see it.
+def watch(playbacks: Playback | Sequence[Playback], announce: Callable[[str], None], port: int = 0) -> None:
+    """Show playbacks in the browser, one at a time, until KeyboardInterrupt; only this machine can see them.
 
     Args:
-        playback: what to show.
+        playbacks: what to show, one or several, each with a title of its own.
         announce: called with the address once it can be opened.
         port: to listen at; 0 for any that is free.
 
     Raises:
         MissingExtra: viser is not installed.
+        ModelError: as for `export_page`.
         HoldfastError: the port is not free.
         KeyboardInterrupt: the end; the server has been stopped.
     """
+    shown = different_playbacks(playbacks)
+    titles, scale = [playback.title for playback in shown], common_scale(shown)
     with viewer_server(port) as server:
-        scene = ChainScene(SceneWriter(server), playback)
-        controls = Controls(server, playback, scene.scale)
-        announce(f"http://127.0.0.1:{server.get_port()}")
-        shown = None
+        controls, announced = None, False
         while True:
-            moment, scale = controls.moment(time.monotonic()), controls.scale
-            if (moment, scale) != shown:
-                shown = moment, scale
-                scene.scale = scale
-                scene.show(moment)
-                controls.show_numbers(moment)
-            time.sleep(TICK)
+            playback = shown[0 if controls is None else titles.index(controls.chosen)]
+            with server.atomic():
+                server.scene.reset()
+                server.gui.reset()
+                scene = ChainScene(SceneWriter(server), playback, scale)
+                controls = Controls(server, playback, scene.scale, titles, controls)
+            if not announced:
+                announce(f"http://127.0.0.1:{server.get_port()}")
+                announced = True
+            before = None
+            while controls.chosen == playback.title:
+                now = controls.moment(time.monotonic()), controls.scale
+                if now != before:
+                    before = now
+                    moment, scene.scale = now
+                    scene.show(moment)
+                    controls.show_numbers(moment)
+                time.sleep(TICK)
 
 
 class Controls:
     """The controls beside the picture, and the clock that they govern."""
 
-    def __init__(self, server: Any, playback: Playback, scale: ArrowScale) -> None:
+    def __init__(
+        self,
+        server: Any,
+        playback: Playback,
+        scale: ArrowScale,
+        titles: Sequence[str] = (),
+        earlier: Controls | None = None,
+    ) -> None:
         """Put the controls up.
 
         Args:
             server: of `viewer_server`.
             playback: what is shown.
             scale: of the arrows at their usual length.
+            titles: of all that can be shown, its own among them; none are offered where there is no other.
+            earlier: the controls of another playback, whose time goes on.
         """
-        self._film, self._usual = playback, scale
-        self._playing, self._time, self._before = False, float(playback.t[0]), time.monotonic()
+        self._film, self._usual, self._choice = playback, scale, None
+        first, last = float(playback.t[0]), float(playback.t[-1])
+        self._playing, self._before = False, time.monotonic()
+        self._time = first if earlier is None else min(max(earlier._time, first), last)
         gui = server.gui
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
         key = " ".join(chip(i, name) for i, name in enumerate(playback.chain.names))
         gui.add_html(f"<div style='padding:0 1em'><b>{html.escape(playback.title)}</b><br>{key}</div>")
+        if len(titles) > 1:
+            self._choice = gui.add_dropdown("run", titles, initial_value=playback.title)
         if len(playback) > 1:
-            self._slider = gui.add_slider("time [s]", self._time, float(playback.t[-1]), 1e-3, self._time)
+            self._slider = gui.add_slider("time [s]", first, last, 1e-3, self._time)
             self._button = gui.add_button("Play")
             self._speed = gui.add_dropdown("speed", SPEEDS, initial_value="1x")
             self._button.on_click(lambda _: self._play(not self._playing))
@@ -81,6 +106,11 @@ class Controls:
         for plot in plots(playback) if len(playback) > 1 else []:
             if plot["curves"]:
                 _add_curves(gui, playback, plot)
+
+    @property
+    def chosen(self) -> str:
+        """The title of the playback that is asked for."""
+        return self._film.title if self._choice is None else str(self._choice.value)
 
     @property
     def scale(self) -> ArrowScale:

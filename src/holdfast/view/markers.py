@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -116,6 +117,12 @@ class ArrowScale(NamedTuple):
 
     force: float
     moment: float
+
+
+def common_scale(playbacks: Sequence[Playback]) -> ArrowScale:
+    """Return the smallest of the scales of playbacks that are compared."""
+    scales = [arrow_scale(playback) for playback in playbacks]
+    return ArrowScale(min(scale.force for scale in scales), min(scale.moment for scale in scales))
 
 
 def arrow_scale(playback: Playback) -> ArrowScale:

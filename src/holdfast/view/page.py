@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -11,48 +12,53 @@ from typing import Any
 import numpy as np
 
 from holdfast.dynamics.near_singular import NEAR, NEARING, chain_strength
-from holdfast.errors import ModelError
 from holdfast.io.files import file_path, write_atomically
 from holdfast.spatial.scalar import Array
 from holdfast.view.base_travel import base_travel
 from holdfast.view.cameras import cameras
 from holdfast.view.chain_scene import ChainScene, part_colour
+from holdfast.view.chooser import different_playbacks, with_chooser
 from holdfast.view.figure_style import BLACK, TRUNK_COLOUR
-from holdfast.view.markers import ArrowScale
+from holdfast.view.markers import ArrowScale, common_scale
 from holdfast.view.playback import RATE, Playback
 from holdfast.view.scene_writer import SceneWriter, viewer_server
 
 
-def export_page(playback: Playback, path: str | PathLike[str]) -> None:
-    """Write a playback as one HTML file, whole or not at all.
+def export_page(playback: Playback | Sequence[Playback], path: str | PathLike[str]) -> None:
+    """Write a playback as one HTML file, whole or not at all; of several, one is chosen in the page.
 
-    The player begins at once and repeats; space pauses it. A playback of one moment stands still.
+    The player begins at once and repeats; space pauses it. A playback of one moment stands still. Whoever changes
+    from one playback to another sees the same time from the same camera, paused.
 
     Args:
-        playback: what to show.
+        playback: what to show; or at most 12, each with a title of its own.
         path: the file.
 
     Raises:
         MissingExtra: viser is not installed.
-        ModelError: what is no playback.
+        ModelError: what is no playback, too many of them, or two of one title.
         ResultError: the file cannot be written.
     """
-    if not isinstance(playback, Playback):
-        raise ModelError(
-            f"playback: expected a playback, got a {type(playback).__name__}; try playback_of_run(chain, run)"
-        )
+    several = different_playbacks(playback)
     place = file_path(path, "path")
-    write_atomically(place, page(playback).encode("utf-8"))
+    scale = common_scale(several)
+    pages = [page(one, scale) for one in several]
+    text = pages[0] if len(pages) == 1 else with_chooser(pages, [one.title for one in several])
+    write_atomically(place, text.encode("utf-8"))
 
 
-def page(playback: Playback) -> str:
-    """Return the text of the HTML file; the same playback gives the same text.
+def page(playback: Playback, scale: ArrowScale | None = None) -> str:
+    """Return the text of the HTML file of one playback; the same playback gives the same text.
+
+    Args:
+        playback: what to show.
+        scale: of the arrows; None for the playback's own.
 
     Raises:
         MissingExtra: viser is not installed.
     """
     with viewer_server() as server:
-        scene = ChainScene(SceneWriter(server), playback)
+        scene = ChainScene(SceneWriter(server), playback, scale)
         recording = server.get_scene_serializer()
         for k in range(1, len(playback)):
             recording.insert_sleep(float(playback.t[k] - playback.t[k - 1]))

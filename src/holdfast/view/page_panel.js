@@ -177,5 +177,20 @@
     requestAnimationFrame(follow);
   }
   follow();
-  panel.goTo = goTo; // for those who script the page: seconds from its beginning; pauses the player
+  // for those who script the page, and for a page of several: seconds from its beginning (pauses the player), camera
+  panel.goTo = goTo;
+  panel.seen = () => {
+    const camera = window.__viserMutable?.camera?.position?.toArray(), control = window.__viserMutable?.cameraControl;
+    return { time: playerTime(), eye: camera, target: control?.getTarget?.(control._target.clone()).toArray(), chosen };
+  };
+  panel.see = ({ time, eye, target, chosen: before }) => {
+    const wanted = Math.min(time, end);
+    if (!looking || Math.abs(playerTime() - wanted) > 2e-3) { // not ready, or not there yet
+      goTo(wanted);
+      return false;
+    }
+    chosen = before;
+    if (eye && target) window.__viserMutable.cameraControl.setLookAt(...eye, ...target, false);
+    return true;
+  };
 })();

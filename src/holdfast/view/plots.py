@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from os import PathLike
 from typing import Any
@@ -77,8 +77,17 @@ def save_plots(chain: ClosedChain, run: Trajectory, folder: str | PathLike[str])
         ResultError: a file cannot be written.
     """
     require_run_of(chain, run)
+    return write_figures(figures(chain, run), folder)
+
+
+def write_figures(drawn: Mapping[str, Any], folder: str | PathLike[str]) -> list[str]:
+    """Write figures by name into a folder as PNG and return the files' names.
+
+    Raises:
+        ResultError: a file cannot be written.
+    """
     names, place = [], file_path(folder, "folder")
-    for name, figure in figures(chain, run).items():
+    for name, figure in drawn.items():
         names.append(f"{name}.png")
 
         def draw(file: Any, figure: Any = figure) -> None:
@@ -108,7 +117,7 @@ def grasp_wrench_figure(chain: ClosedChain, run: Trajectory) -> Any:
     internal = run.internal_wrench[..., 3:]
     norms = (np.linalg.norm(part, axis=2) for part in (run.grasp_wrench[..., 3:] - internal, internal))
     parts = list(zip(("motion part", "internal part"), norms, ("-", "--"), (BLACK, INTERNAL), strict=True))
-    with _columns(len(held), 4.2, 0.3, ("force [N]", "moment [N m]", "|force| [N]")) as (figure, columns):
+    with columns_of_panels(len(held), 4.2, 0.3, ("force [N]", "moment [N m]", "|force| [N]")) as (figure, columns):
         for i, (force, moment, split) in zip(held, columns, strict=True):
             force.set_title(_title(chain, i))
             for panel, first in ((force, 3), (moment, 0)):
@@ -116,6 +125,7 @@ def grasp_wrench_figure(chain: ClosedChain, run: Trajectory) -> Any:
                     panel.plot(run.t, run.grasp_wrench[:, i, first + axis], line, color=colour, label=label)
             for label, norm, line, colour in parts:
                 split.plot(run.t, norm[:, i], line, color=colour, label=label)
+        for _, _, split in columns:  # once all are drawn: those of a row have one axis
             split.set_ylim(bottom=0)
         if held:
             handles = [*columns[0][0].lines, *columns[0][2].lines]
@@ -124,7 +134,9 @@ def grasp_wrench_figure(chain: ClosedChain, run: Trajectory) -> Any:
 
 
 @contextmanager
-def _columns(count: int, height: float, spare: float, labels: Sequence[str]) -> Iterator[tuple[Any, list[Any]]]:
+def columns_of_panels(
+    count: int, height: float, spare: float, labels: Sequence[str]
+) -> Iterator[tuple[Any, list[Any]]]:
     """Yield a figure and, for each of several arms, a column of panels over time; columns stand four abreast.
 
     Args:
@@ -173,10 +185,12 @@ def joint_torque_figure(chain: ClosedChain, run: Trajectory) -> Any:
         MissingExtra: matplotlib is not installed.
     """
     driven = [name for name, joints in chain.joints_of.items() if joints]
-    with _columns(len(driven), 3.2, 0.5, (_label(chain), "share of limit [%]")) as (figure, columns):
+    with columns_of_panels(len(driven), 3.2, 0.5, (_label(chain), "share of limit [%]")) as (figure, columns):
         for name, (torque, share) in zip(driven, columns, strict=True):
             torque.set_title(name)
             _draw(chain, run, name, torque, share)
+        for _, share in columns:  # once all are drawn: those of a row have one axis
+            share.set_ylim(0, max(105.0, share.get_ylim()[1]))
         handles = {line.get_label(): line for panel in figure.axes for line in panel.lines}
         named = [handles[label] for label in sorted(handles) if not label.startswith("_")]
         figure.legend(handles=named[:28], loc="outside upper center", ncols=4, columnspacing=1.0)
@@ -199,7 +213,6 @@ def _draw(chain: ClosedChain, run: Trajectory, name: str, torque: Any, share: An
             share.plot(run.t, use[:, k], linestyle=line, color=colour, label=label)
     if limited.any():
         share.axhline(100.0, color=DANGER, linewidth=0.8)
-        share.set_ylim(0, max(105.0, 1.05 * use.max()))
 
 
 def _label(chain: ClosedChain) -> str:
@@ -301,8 +314,8 @@ def closure_and_energy_figure(run: Trajectory) -> Any:
             (position, run.position_gap, "position gap\n[m or rad]"),
             (velocity, run.velocity_gap, "velocity gap\n[m/s or rad/s]"),
         ):
-            panel.semilogy(*_worst(run.t, gaps[:, 0]), "--", color=VERMILLION, label="after the step")
-            panel.semilogy(*_worst(run.t, gaps[:, 1]), "-", color=BLUE, label="after projection")
+            panel.semilogy(*worst_gaps(run.t, gaps[:, 0]), "--", color=VERMILLION, label="after the step")
+            panel.semilogy(*worst_gaps(run.t, gaps[:, 1]), "-", color=BLUE, label="after projection")
             panel.set_ylabel(label)
         for values, line, colour, label in _energies(run):
             energy.plot(run.t, values, line, color=colour, label=label)
@@ -316,7 +329,7 @@ def closure_and_energy_figure(run: Trajectory) -> Any:
     return figure
 
 
-def _worst(t: Array, gaps: Array) -> tuple[Array, Array]:
+def worst_gaps(t: Array, gaps: Array) -> tuple[Array, Array]:
     """Return the largest gap of every short stretch of time, and the stretch's end."""
     if len(t) < 2:
         return t, np.maximum(gaps, SMALLEST_GAP)

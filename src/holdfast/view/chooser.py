@@ -1,0 +1,55 @@
+"""One HTML file of several playbacks, one of which is shown: a bar of their names above the page of each."""
+
+from __future__ import annotations
+
+import html
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from holdfast.errors import ModelError
+from holdfast.view.playback import Playback
+
+MOST_PAGES = 12  # browsers draw at most 16 players at once
+HERE = Path(__file__).parent
+
+
+def different_playbacks(given: Any) -> list[Playback]:
+    """Return a playback, or several of them, as a list that a chooser can offer.
+
+    Raises:
+        ModelError: what is no playback, none, too many, or two of one title.
+    """
+    playbacks = list(given) if isinstance(given, list | tuple) else [given]
+    for one in playbacks:
+        if not isinstance(one, Playback):
+            raise ModelError(
+                f"playback: expected a playback, got a {type(one).__name__}; try playback_of_run(chain, run)"
+            )
+    if not 1 <= len(playbacks) <= MOST_PAGES:
+        raise ModelError(f"playbacks: expected 1 to {MOST_PAGES}, got {len(playbacks)}; try several files")
+    titles = [one.title for one in playbacks]
+    for k, title in enumerate(titles):
+        if title in titles[:k]:
+            raise ModelError(
+                f"playbacks: expected a title of its own for each, got '{title}' twice; try"
+                " dataclasses.replace(playback, title=...)"
+            )
+    return playbacks
+
+
+def with_chooser(pages: Sequence[str], titles: Sequence[str]) -> str:
+    """Return the page that shows one of several, at the time and from the camera of the one shown before.
+
+    Args:
+        pages: what `page` returns for each.
+        titles: what they are called, each in its own way.
+    """
+    data = json.dumps({"titles": list(titles), "pages": list(pages)}, separators=(",", ":")).replace("</", "<\\/")
+    style, script = ((HERE / f"chooser.{kind}").read_text(encoding="utf-8") for kind in ("css", "js"))
+    return (
+        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{html.escape(", ".join(titles))}</title>'
+        f"<style>{style}</style></head><body><nav></nav><main></main>"
+        f'<script type="application/json" id="pages">{data}</script><script>{script}</script></body></html>\n'
+    )

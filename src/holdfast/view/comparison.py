@@ -1,0 +1,167 @@
+"""Figures of several runs over each other: forces at the hands, the object's path, energies and closure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from holdfast.errors import StateError
+from holdfast.simulation.trajectory import Trajectory, require_run_of
+from holdfast.spatial.scalar import Array
+from holdfast.view.base_travel import base_travel
+from holdfast.view.figure_style import ARM_COLOURS, ARM_LINES, COLUMN, DANGER, arm_look, new_figure
+from holdfast.view.plots import columns_of_panels, worst_gaps
+
+MOST_RUNS = len(ARM_COLOURS) * len(ARM_LINES)  # that no two look alike
+
+HAND_ROWS = FORCE, MOMENT, INTERNAL, MARGIN, TORQUE = (
+    "force [N]", "moment [N m]", "internal [N]", "margin [N]", "torque [%]",
+)  # fmt: skip
+LIMITS = {MARGIN: 0.0, TORQUE: 100.0}
+
+Runs = Mapping[str, Trajectory]
+Values = Callable[[Trajectory], Array | None]  # (samples,) of one run; None where it has none
+
+
+def compare_runs(runs: Runs) -> dict[str, Any]:
+    """Return figures that show several runs over each other, each with its name in the legend.
+
+    - `hands`: for every arm that holds in one of the runs the norms of its force and moment on the object about the
+      contact and of the force's internal part, the margin of its grasp, and the largest torque as a share of its limit.
+    - `object`: the object's position and how far it has turned from where the run begins, world axes.
+    - `balance`: kinetic energy, energy not accounted for by work, and the gap at the grasps in position.
+
+    The runs may be of different chains; arms of one name stand in one column.
+
+    Args:
+        runs: at least two and at most 20 runs that know their chain, by the name that is shown.
+
+    Returns:
+        Matplotlib figures by name; a notebook shows them all.
+
+    Raises:
+        MissingExtra: matplotlib is not installed.
+        StateError: too few or too many runs, or what is no run with samples that knows its chain.
+    """
+    from holdfast.view.inline import Figures
+
+    if not isinstance(runs, Mapping) or not 2 <= len(runs) <= MOST_RUNS:
+        got = f"{len(runs)}" if isinstance(runs, Mapping) else f"a {type(runs).__name__}"
+        raise StateError(
+            f"runs: expected 2 to {MOST_RUNS} runs by name, got {got}; try compare_runs({{'first': a, 'second': b}})"
+        )
+    whole: dict[str, Trajectory] = {}
+    for name, run in runs.items():
+        if not hasattr(run, "whole_run"):
+            raise StateError(f"runs: '{name}': expected a run, got a {type(run).__name__}; try what simulate returns")
+        whole[str(name)] = found = run.whole_run()
+        require_run_of(_chain(found), found)
+    hands = {"hands": _hands_figure(whole)} if _holding(whole) else {}
+    return Figures({**hands, "object": _object_figure(whole), "balance": _balance_figure(whole)})
+
+
+def _holding(runs: Runs) -> list[str]:
+    """Return the arms that hold in one of the runs at least, in the order in which runs name them."""
+    held = {
+        name: None
+        for run in runs.values()
+        for i, name in enumerate(_chain(run).names)
+        if run.holding[:, i].any()
+    }  # fmt: skip
+    return list(held)
+
+
+def _hands_figure(runs: Runs) -> Any:
+    """Return a column of panels for every arm that holds; a row that no run fills is left out."""
+    arms = _holding(runs)
+    rows = [
+        row for row in HAND_ROWS if any(_of_hand(run, name)[row] is not None for run in runs.values() for name in arms)
+    ]
+    with columns_of_panels(len(arms), 1.25 * len(rows), 0.4, rows) as (figure, columns):
+        for name, column in zip(arms, columns, strict=True):
+            column[0].set_title(name)
+            for panel, row in zip(column, rows, strict=True):
+                _draw(panel, runs, lambda run, name=name, row=row: _of_hand(run, name)[row])
+                if row in LIMITS:
+                    panel.axhline(LIMITS[row], color=DANGER, linewidth=0.8)
+        for column in columns:  # once all are drawn: those of a row have one axis
+            for panel, row in zip(column, rows, strict=True):
+                panel.set_ylim(bottom=None if row == MARGIN else 0.0)
+        _name_runs(figure, runs)
+    return figure
+
+
+def _of_hand(run: Trajectory, name: str) -> dict[str, Array | None]:
+    """Return by row what is drawn of an arm; None of a run that has no such arm, and where nothing limits it."""
+    chain = _chain(run)
+    if name not in chain.names:
+        return dict.fromkeys(HAND_ROWS)
+    i = chain.names.index(name)
+    margin, limits = run.margin[:, i], np.array([joint.effort_limit for joint in chain.joints_of[name]])
+    return {
+        FORCE: np.linalg.norm(run.grasp_wrench[:, i, 3:], axis=1),
+        MOMENT: np.linalg.norm(run.grasp_wrench[:, i, :3], axis=1),
+        INTERNAL: np.linalg.norm(run.internal_wrench[:, i, 3:], axis=1),
+        MARGIN: np.where(np.isfinite(margin), margin, np.nan) if np.isfinite(margin).any() else None,
+        TORQUE: 100 * np.abs(run.tau[:, chain.joints[name]] / limits).max(axis=1)
+        if np.isfinite(limits).any()
+        else None,
+    }
+
+
+def _object_figure(runs: Runs) -> Any:
+    """Return where the object is, and how far it has turned."""
+    labels = ("x [m]", "y [m]", "z [m]", "turn [rad]")
+    parts: list[Values] = [lambda run, axis=axis: run.object_pose[:, 4 + axis] for axis in range(3)]
+    parts.append(lambda run: np.linalg.norm(base_travel(run.object_pose).turn, axis=1))
+    return _over_each_other(runs, labels, parts, 5.2)
+
+
+def _balance_figure(runs: Runs) -> Any:
+    """Return what shows that runs are mechanics: energies, and gaps after projection on a logarithmic axis."""
+    parts: list[Values] = [lambda run: run.kinetic, lambda run: run.imbalance]
+    figure = _over_each_other(runs, ("kinetic energy [J]", "imbalance [J]", "position gap\n[m or rad]"), parts, 4.6)
+    gap = figure.axes[-1]
+    for i, run in enumerate(runs.values()):
+        colour, line = arm_look(i)
+        gap.semilogy(*worst_gaps(run.t, run.position_gap[:, 1]), linestyle=line, color=colour)
+    return figure
+
+
+def _over_each_other(runs: Runs, labels: tuple[str, ...], parts: list[Values], height: float) -> Any:
+    """Return panels below each other, a curve of every run in each of the first."""
+    with new_figure(COLUMN, height) as figure:
+        panels = figure.subplots(len(labels), 1, sharex=True)
+        for panel, label in zip(panels, labels, strict=True):
+            panel.set_ylabel(label)
+        for panel, values in zip(panels, parts, strict=False):
+            _draw(panel, runs, values)
+        panels[-1].set_xlabel("time [s]")
+        _name_runs(figure, runs)
+        figure.align_ylabels()
+    return figure
+
+
+def _draw(panel: Any, runs: Runs, values: Values) -> None:
+    """Draw a curve of every run that has one, each narrower than those below, so that of equal ones all are seen."""
+    for i, (name, run) in enumerate(runs.items()):
+        found = values(run)
+        if found is not None:
+            colour, line = arm_look(i)
+            panel.plot(
+                run.t, found, linestyle=line, color=colour, label=name, linewidth=2.0 - 0.9 * i / (len(runs) - 1)
+            )
+
+
+def _name_runs(figure: Any, runs: Runs) -> None:
+    """Say once for all panels which curve is which run."""
+    found = {line.get_label(): line for panel in figure.axes for line in panel.lines}
+    handles = [found[name] for name in runs if name in found]
+    longest = max(len(name) for name in runs)
+    figure.legend(handles=handles, loc="outside upper center", ncols=max(1, min(4, 48 // (longest + 6))))
+
+
+def _chain(run: Trajectory) -> Any:
+    return run.require_setting().chain
