@@ -1,17 +1,23 @@
-"""A newcomer's first hour: the README's example as printed, then two robots of their own, a plot and a page."""
+"""A newcomer's first hour: the README's example as printed, then programs of at most ten lines for robots of their own.
+
+A program uses public names only, as `PROGRAMS` has it, and runs in a folder with two URDF files and their mesh.
+"""
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import holdfast as hf
+from tests.surface import PUBLIC
 
 README = Path(__file__).parents[1] / "README.md"
 
@@ -37,12 +43,68 @@ def urdf(name: str, heavier: float) -> str:
     <origin xyz="{xyz}" rpy="{rpy}"/> <axis xyz="0 0 1"/>
     <limit lower="{low}" upper="{high}" velocity="2.2" effort="{effort}"/> </joint>
   <link name="link{k}"> <inertial> <origin xyz="{com}"/> <mass value="{m}"/>
-    <inertia ixx="{0.004 * m}" iyy="{0.004 * m}" izz="{0.003 * m}" ixy="0" ixz="0" iyz="0"/> </inertial> </link>""")
+    <inertia ixx="{0.004 * m}" iyy="{0.004 * m}" izz="{0.003 * m}" ixy="0" ixz="0" iyz="0"/> </inertial>
+    <visual> <geometry> <mesh filename="wedge.stl" scale="0.1 0.1 0.1"/> </geometry> </visual> </link>""")
     parts.append("""
   <joint name="flange_joint" type="fixed"> <parent link="link7"/> <child link="flange"/> <origin xyz="0 0 0.107"/>
   </joint> <link name="flange"/>
 </robot>""")
     return "".join(parts)
+
+
+CORNERS = ("0 0 0", "1 0 0", "0 1 0", "0 0 1")
+FACES = (0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)
+CORNERS_OF_FACES = ["\n".join(f"vertex {CORNERS[k]}" for k in face) for face in FACES]
+FACETS = [f"facet normal 0 0 0\nouter loop\n{corners}\nendloop\nendfacet" for corners in CORNERS_OF_FACES]
+WEDGE = "\n".join(["solid wedge", *FACETS, "endsolid wedge"])
+
+IMPORTS = """
+import matplotlib.pyplot as plt
+import numpy as np
+import holdfast as hf
+"""
+ASSEMBLED = """
+left = hf.load_urdf("left.urdf", mount=[1, 0, 0, 0, -0.55, 0, 0])
+right = hf.load_urdf("right.urdf", mount=[0, 0, 0, 1, 0.55, 0, 0])
+box = hf.HeldObject.box(mass=3.0, x=0.3, y=0.2, z=0.2)
+grasps = {"left": hf.Grasp("rigid", hf.contact_frame([-0.15, 0, 0], into=[1, 0, 0]))}
+grasps["right"] = hf.Grasp("rigid", hf.contact_frame([0.15, 0, 0], into=[-1, 0, 0]))
+chain, state = hf.assemble({"left": left, "right": right}, box, grasps, object_pose=hf.Pose.translation(0, 0, 0.72))
+"""
+PROGRAMS = {
+    "two URDFs to CSV, Parquet, MCAP, a folder and a page with meshes": ASSEMBLED
+    + """
+run = hf.simulate(chain, state, hf.control.GravityCompensation(chain, squeeze=20.0), duration=0.02, step=0.01)
+files = run.to_csv("run.csv"), run.to_parquet("run.parquet"), run.to_mcap("run.mcap")
+run.save("run")
+run.page("run.html")
+""",
+    "a sampled controller that saturates": """
+gravity = hf.control.GravityCompensation(chain, squeeze=20.0)
+most = np.array([0.2 * joint.effort_limit for joint in chain.all_joints])
+def saturated(t, state, memory):
+    tau, memory = gravity(t, state, memory)
+    return np.clip(tau, -most, most), memory
+run = hf.simulate(chain, state, saturated, duration=0.04, step=0.002, sample_time=0.01, delay=0.003)
+""",
+    "a thousand randomised rollouts to a histogram": """
+tau = hf.holding_torques(chain, state, internal=20.0)
+masses = np.random.default_rng(0).uniform(2.0, 4.0, 1000)
+rollout = hf.compile_rollout(chain)
+each = {"tau": tau, "object_mass": masses, "object_inertia": "scale"}
+start = rollout.start(np.tile(state.q, (1000, 1)), state.qd, state.object_pose, state.object_twist, **each)
+record = rollout.run(start, 0.02, 0.001)
+risen = record["object_pose"][-1, :, 6] - state.object_pose[6]
+counts, *_ = plt.hist(1e3 * risen, bins=40)
+plt.savefig("risen.png")
+""",
+    "a look at number 17 of them": """
+run = record.trajectory(17)
+run.page("number_17.html")
+hf.plot.save_plots(chain, run, "plots")
+""",
+}
+NEEDED = {"matplotlib": "plot", "pyarrow": "parquet", "mcap_ros2": "ros", "viser": "view"}
 
 
 def test_the_readme_as_printed(tmp_path: Path):
@@ -65,28 +127,66 @@ def test_the_readme_as_printed(tmp_path: Path):
 
 
 @pytest.fixture(scope="module")
-def lifted(tmp_path_factory) -> tuple[hf.ClosedChain, hf.State, np.ndarray]:
-    """Return two robots of their own that hold a box, and the torques that hold it and squeeze."""
+def place(tmp_path_factory) -> Path:
+    """Return a folder with two robots, the right one heavier."""
     folder = tmp_path_factory.mktemp("mine")
     (folder / "left.urdf").write_text(urdf("left", 1.0))
     (folder / "right.urdf").write_text(urdf("right", 1.2))
-    arms = {
-        "left": hf.load_urdf(folder / "left.urdf", mount=[1, 0, 0, 0, -0.55, 0, 0]),
-        "right": hf.load_urdf(folder / "right.urdf", mount=[0, 0, 0, 1, 0.55, 0, 0]),
-    }
-    box = hf.HeldObject.box(mass=3.0, x=0.3, y=0.2, z=0.2)
-    grasps = {
-        "left": hf.Grasp("rigid", hf.Pose.from_wxyz_xyz([0.5, -0.5, 0.5, -0.5, -0.15, 0, 0])),
-        "right": hf.Grasp("rigid", hf.Pose.from_wxyz_xyz([0.5, -0.5, -0.5, 0.5, 0.15, 0, 0])),
-    }
-    chain, state = hf.assemble(arms, box, grasps, object_pose=[1, 0, 0, 0, 0, 0, 0.72])
-    return chain, state, hf.holding_torques(chain, state, internal=20.0)
+    (folder / "wedge.stl").write_text(WEDGE)
+    return folder
 
 
-def test_forces_at_each_hand_of_ones_own(lifted):
+@pytest.fixture(scope="module")
+def names(place) -> dict[str, Any]:
+    """Return every name that the programs leave, one after the other."""
+    for needed, extra in NEEDED.items():
+        pytest.importorskip(needed, reason=f"needs {needed}: pip install 'holdfast[{extra}]'")
+    found: dict[str, Any] = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(place)
+        patch.setenv("MPLBACKEND", "Agg")
+        (place / "plots").mkdir()
+        for title, program in {"imports": IMPORTS, **PROGRAMS}.items():
+            exec(compile(program, title, "exec"), found)
+            found |= {f"{title}: run": found.get("run")}
+    return found
+
+
+@pytest.mark.parametrize("title", PROGRAMS)
+def test_ten_lines_of_public_names(title):
+    """What is taken from `hf` is public, of what comes of it nothing is private, and a line is as long as elsewhere."""
+    program = PROGRAMS[title]
+    lines = [line for line in program.splitlines() if line.strip()]
+    assert len(lines) <= 10 and max(map(len, lines)) <= 120
+    for node in ast.walk(ast.parse(program)):
+        if isinstance(node, ast.Attribute):
+            assert not node.attr.startswith("_")
+            path = ast.unparse(node)
+            if re.fullmatch(r"hf\.[\w.]+", path):
+                name = path.removeprefix("hf.")
+                assert any(name in (one, one.split(".")[0]) or name.startswith(f"{one}.") for one in PUBLIC), path
+
+
+@pytest.mark.slow
+def test_two_robots_go_everywhere(place, names):
+    """Tables of every sample, messages, a folder that is read again, and a page on which the meshes are drawn."""
+    run, state = names["two URDFs to CSV, Parquet, MCAP, a folder and a page with meshes: run"], names["state"]
+    assert len(run) == len((place / "run.csv").read_text().splitlines()) - 1 == 3
+    assert (place / "run.parquet").read_bytes()[:4] == b"PAR1"
+    assert (place / "run.mcap").read_bytes()[1:5] == b"MCAP"
+    assert np.array_equal(hf.load_result(place / "run").trajectory.q, run.q)
+    assert run.q[0] == pytest.approx(state.q)
+    text = (place / "run.html").read_text(encoding="utf-8")
+    assert "<title>run</title>" in text and text.rstrip().endswith("</html>")
+    for name in ("left", "right"):
+        for (piece,) in run.playback().visuals[name][1:]:
+            assert np.ptp(piece.mesh.vertices, axis=0) == pytest.approx(0.1) and len(piece.mesh.faces) == 4
+
+
+@pytest.mark.slow
+def test_forces_at_each_hand(names):
     """Each hand has half the weight and all of the squeeze; each base has its own arm and half the box."""
-    chain, state, tau = lifted
-    result = hf.forward_dynamics(chain, state, tau)
+    result = hf.forward_dynamics(names["chain"], names["state"], names["tau"])
     for name, side, heavier in (("left", 1, 1.0), ("right", -1, 1.2)):
         assert result[name].grasp_wrench[3:] == pytest.approx([20.0 * side, 0, 3.0 * 9.81 / 2], abs=1e-9)
         arm = heavier * sum(joint[4] for joint in JOINTS)
@@ -94,63 +194,56 @@ def test_forces_at_each_hand_of_ones_own(lifted):
     assert np.abs(result.qdd).max() < 1e-9
 
 
-@pytest.fixture(scope="module")
-def run(lifted) -> hf.simulation.Trajectory:
-    """Return a short run under those torques."""
-    chain, state, tau = lifted
-    return hf.simulate(chain, state, lambda t, state, memory: (tau, memory), duration=0.04, step=0.01)
+@pytest.mark.slow
+def test_the_sampled_controller(names):
+    """Torques change three milliseconds after each sample and at no other time, and none is beyond its bound."""
+    run, most = names["a sampled controller that saturates: run"], names["most"]
+    changed = run.t[1:][np.abs(np.diff(run.tau, axis=0)).max(axis=1) > 0.0]
+    assert set(np.round(changed, 6)) <= {0.003, 0.004, 0.013, 0.014, 0.023, 0.024, 0.033, 0.034}
+    assert len(changed) >= 3
+    assert (np.abs(run.tau) <= most).all()
+    assert (np.abs(run.tau) == most).any(axis=0).sum() >= 2
+    assert np.abs(run.imbalance).max() < 1e-6
 
 
-def test_plots_of_ones_own(lifted, run, tmp_path):
-    """Every figure of a run, as files to open."""
-    from holdfast.view.plots import save_plots
-
-    names = save_plots(lifted[0], run, tmp_path)
-    assert {"grasp_wrenches.png", "load_share.png"} <= set(names)
-    for name in names:
-        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
-
-
-def test_a_page_of_ones_own(lifted, run, tmp_path):
-    """One HTML file that opens from disk."""
-    pytest.importorskip("viser", reason="needs viser: pip install 'holdfast[view]'")
-    from holdfast.view.page import export_page
-    from holdfast.view.playback import playback_of_run
-
-    export_page(playback_of_run(lifted[0], run, "my own robots"), tmp_path / "page.html")
-    text = (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert "<title>my own robots</title>" in text
-    assert text.rstrip().endswith("</html>")
+@pytest.mark.slow
+def test_a_thousand_rollouts(place, names):
+    """Torques that hold 3 kg let heavier boxes sink and raise lighter ones; the histogram counts them all."""
+    masses, risen = names["masses"], names["risen"]
+    assert names["record"].systems.running.all()
+    assert ((risen < 0) == (masses > 3.0)).all()
+    assert names["counts"].sum() == 1000
+    assert (place / "risen.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_run_of_ones_own_goes_everywhere(lifted, tmp_path):
-    """CSV, Parquet, MCAP, a folder and a page, by methods of the run."""
-    for needed in ("pyarrow", "mcap_ros2", "viser"):
-        pytest.importorskip(needed, reason=f"needs {needed}: pip install 'holdfast[parquet,ros,view]'")
-    chain, state, _ = lifted
-    run = hf.simulate(chain, state, hf.control.GravityCompensation(chain, squeeze=20.0), duration=0.02, step=0.01)
-    run.to_csv(tmp_path / "run.csv")
-    run.to_parquet(tmp_path / "run.parquet")
-    run.to_mcap(tmp_path / "run.mcap")
-    run.save(tmp_path / "run")
-    run.page(tmp_path / "run.html")
-    assert hf.load_result(tmp_path / "run").samples == len((tmp_path / "run.csv").read_text().splitlines()) - 1 == 3
-    assert (tmp_path / "run.parquet").read_bytes()[:4] == b"PAR1"
-    assert (tmp_path / "run.mcap").read_bytes()[1:5] == b"MCAP"
-    assert "</html>" in (tmp_path / "run.html").read_text()
-
-
-def test_a_thousand_randomised_rollouts(lifted, tmp_path):
-    """A histogram of a thousand payloads; number 17 comes back from the folder as a run of its own payload."""
-    chain, state, tau = lifted
-    rollout, masses = hf.compile_rollout(chain), np.random.default_rng(0).uniform(2.0, 4.0, 1000)
-    payload = {"object_mass": masses, "object_inertia": "scale", "tau": tau}
-    start = [np.tile(x, (1000, 1)) for x in (state.q, state.qd, state.object_pose, state.object_twist)]
-    record = rollout.run(rollout.start(*start, **payload), 0.002, 0.001)
-    counts, _ = np.histogram(record["object_pose"][-1, :, 6], bins=20)
-    run = hf.io.load_record(record.save(tmp_path / "many"), rollout).trajectory(17)
-    assert counts.sum() == 1000
+@pytest.mark.slow
+def test_number_17(place, names):
+    """It is a run of its own payload, which forward dynamics confirms; it has a page and figures, and can be kept."""
+    run, record = names["run"], names["record"]
     assert np.array_equal(run.q, record["q"][:, 17])
-    heavier = masses > 3.0  # the torques hold 3 kg
-    sinks = record["object_twist"][-1, :, 5] < 0
-    assert (sinks == heavier).all()
+    assert run.require_setting().chain.held_object.mass == names["masses"][17]
+    assert "</html>" in (place / "number_17.html").read_text(encoding="utf-8")
+    assert {"grasp_wrenches.png", "load_share.png"} <= {path.name for path in (place / "plots").iterdir()}
+    again = hf.io.load_record(record.save(place / "many"), names["rollout"]).trajectory(17)
+    assert np.array_equal(again.q, run.q)
+
+
+@pytest.mark.slow
+def test_in_a_notebook(place, monkeypatch):
+    """The same programs as cells, executed by a kernel: it shows the histogram and the page, and prints nothing."""
+    client = pytest.importorskip("nbclient", reason="needs nbclient: pip install nbclient ipykernel")
+    import nbformat
+
+    for needed, extra in NEEDED.items():
+        pytest.importorskip(needed, reason=f"needs {needed}: pip install 'holdfast[{extra}]'")
+    monkeypatch.chdir(place)
+    (place / "plots").mkdir(exist_ok=True)
+    cells = [IMPORTS, *(program for program in PROGRAMS.values()), "run", "run.show()"]
+    cells = [cell.replace('run.save("run")', 'run.save("run", overwrite=True)') for cell in cells]
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell.strip()) for cell in cells])
+    client.NotebookClient(notebook, timeout=300).execute()
+    shown = [output for cell in notebook.cells for output in cell.outputs]
+    assert {output.output_type for output in shown} <= {"execute_result", "display_data"}
+    assert sum("image/png" in output.data for output in shown) == 1
+    *_, summary, page = (output.data.get("text/html", "") for output in shown)
+    assert "<table>" in summary and page.startswith("<iframe")

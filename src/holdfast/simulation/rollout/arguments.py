@@ -116,7 +116,9 @@ def kernel_arguments(kernel: StepKernel, given: Mapping[str, Array]) -> tuple[di
             )
     for name, shape in kernel.law.parameters.items():
         if f"control.{name}" not in inputs:
-            raise StateError(f"the control law's parameter '{name}' is missing: expected shape {shape}")
+            raise StateError(
+                f"the control law's parameter '{name}' is missing: expected shape {shape}; try start(..., {name}=...)"
+            )
     return inputs, parameters
 
 
