@@ -43,8 +43,7 @@ def urdf(name: str, heavier: float) -> str:
     <origin xyz="{xyz}" rpy="{rpy}"/> <axis xyz="0 0 1"/>
     <limit lower="{low}" upper="{high}" velocity="2.2" effort="{effort}"/> </joint>
   <link name="link{k}"> <inertial> <origin xyz="{com}"/> <mass value="{m}"/>
-    <inertia ixx="{0.004 * m}" iyy="{0.004 * m}" izz="{0.003 * m}" ixy="0" ixz="0" iyz="0"/> </inertial>
-    <visual> <geometry> <mesh filename="wedge.stl" scale="0.1 0.1 0.1"/> </geometry> </visual> </link>""")
+    <inertia ixx="{0.004 * m}" iyy="{0.004 * m}" izz="{0.003 * m}" ixy="0" ixz="0" iyz="0"/> </inertial> </link>""")
     parts.append("""
   <joint name="flange_joint" type="fixed"> <parent link="link7"/> <child link="flange"/> <origin xyz="0 0 0.107"/>
   </joint> <link name="flange"/>
@@ -52,12 +51,7 @@ def urdf(name: str, heavier: float) -> str:
     return "".join(parts)
 
 
-CORNERS = ("0 0 0", "1 0 0", "0 1 0", "0 0 1")
-FACES = (0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)
-CORNERS_OF_FACES = ["\n".join(f"vertex {CORNERS[k]}" for k in face) for face in FACES]
-FACETS = [f"facet normal 0 0 0\nouter loop\n{corners}\nendloop\nendfacet" for corners in CORNERS_OF_FACES]
-WEDGE = "\n".join(["solid wedge", *FACETS, "endsolid wedge"])
-
+VISUAL = '<visual> <geometry> <mesh filename="wedge.stl" scale="0.1 0.1 0.1"/> </geometry> </visual>'
 IMPORTS = """
 import matplotlib.pyplot as plt
 import numpy as np
@@ -129,10 +123,12 @@ def test_the_readme_as_printed(tmp_path: Path):
 @pytest.fixture(scope="module")
 def place(tmp_path_factory) -> Path:
     """Return a folder with two robots, the right one heavier."""
+    from tests.simulation.test_run_outputs import CORNERS, stl  # which has the robots of this file
+
     folder = tmp_path_factory.mktemp("mine")
-    (folder / "left.urdf").write_text(urdf("left", 1.0))
-    (folder / "right.urdf").write_text(urdf("right", 1.2))
-    (folder / "wedge.stl").write_text(WEDGE)
+    for name, heavier in (("left", 1.0), ("right", 1.2)):
+        (folder / f"{name}.urdf").write_text(urdf(name, heavier).replace("<inertial>", f"{VISUAL} <inertial>"))
+    (folder / "wedge.stl").write_text(stl(CORNERS))
     return folder
 
 

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import math
-import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -18,6 +15,7 @@ from holdfast.cli.streams import say
 from holdfast.errors import MissingExtra, ResultError, SingularChainError, StateError
 from holdfast.io.result_folder import ResultWriter, run_meta
 from holdfast.io.result_reader import load_result
+from holdfast.progress import of_time, progress_bar
 from holdfast.scenario.build import Scenario
 from holdfast.simulation.simulate import simulate as run_simulation
 from holdfast.simulation.summary import Summary, summarise
@@ -25,8 +23,6 @@ from holdfast.simulation.trajectory import Trajectory
 from holdfast.view.figure_style import matplotlib
 from holdfast.view.plots import save_plots
 from holdfast.view.summary_table import summary_table
-
-SILENCE = 10.0  # seconds after which a line says how far a run is, where no bar can be drawn
 
 
 def simulate(
@@ -113,7 +109,8 @@ def simulate(
 
 def _run(scenario: Scenario, writer: ResultWriter) -> Trajectory | None:
     """Return the run, None if the user interrupted it; samples go to the writer either way."""
-    with _progress(scenario) as progress:
+    whole, steps = scenario.duration, math.ceil(scenario.duration / scenario.step)
+    with progress_bar(f"simulating {scenario.name}", f"{whole:g} s in {steps} steps", say) as show:
         try:
             return run_simulation(
                 scenario.chain,
@@ -123,43 +120,12 @@ def _run(scenario: Scenario, writer: ResultWriter) -> Trajectory | None:
                 scenario.step,
                 **scenario.options,
                 start=writer.start,
-                progress=progress,
+                progress=lambda t: show(*of_time(whole)(t)),
                 on_sample=writer.add,
                 on_checkpoint=writer.mark,
             )
         except KeyboardInterrupt:
             return None
-
-
-@contextmanager
-def _progress(scenario: Scenario) -> Iterator[Callable[[float], None]]:
-    """Yield what shows a time of the run: a bar on a terminal, a line now and then elsewhere."""
-    doing, whole = f"simulating {scenario.name}", scenario.duration
-    if not sys.stderr.isatty():
-        steps = math.ceil(whole / scenario.step)
-        say(f"{doing}: {whole:g} s in {steps} steps")
-        said = time.monotonic()
-
-        def report(t: float) -> None:
-            nonlocal said
-            if time.monotonic() - said >= SILENCE:
-                said = time.monotonic()
-                say(f"{doing}: {t:.3f} of {whole:g} s")
-
-        yield report
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TextColumn("{task.completed:.3f} of {task.total:g} s", markup=False),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task(doing, total=whole)
-        yield lambda t: bar.update(task, completed=t)
 
 
 def _document(folder: Path, summary: Summary, stopped: str | None, files: list[str]) -> dict[str, object]:

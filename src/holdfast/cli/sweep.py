@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import os
-import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.table import Table
@@ -17,11 +14,10 @@ from holdfast.cli.results import opened_scene, scene_name
 from holdfast.cli.standard import is_standard, refuse_standard
 from holdfast.cli.streams import say
 from holdfast.errors import SceneError, StateError
-from holdfast.scenario.build import Scenario
-from holdfast.sweeps import Progress, Sweep, load_sweep, sweep_scene
+from holdfast.progress import progress_bar
+from holdfast.sweeps import Sweep, load_sweep, sweep_scene
 from holdfast.sweeps.of_scene import kept_scene
 
-SILENCE = 10.0  # seconds after which a line says how far a sweep is, where no bar can be drawn
 LEVELS = {"least": 0.0, "5 %": 0.05, "median": 0.5, "95 %": 0.95, "largest": 1.0}
 
 
@@ -69,8 +65,9 @@ def sweep(
         return _again(load_sweep(folder), run, workers, cluster, as_json)
     scenario = kept_scene(target) if is_folder else opened_scene(target, trust_xacro, changes)
     try:
-        with _progress(scenario) as progress:
-            found = sweep_scene(scenario, folder, workers=workers, cluster=cluster, progress=progress)
+        with progress_bar(f"sweeping {scenario.name}", say=say, time_left=False) as show:
+            report = lambda at: show(at.done / at.count, str(at))  # noqa: E731
+            found = sweep_scene(scenario, folder, workers=workers, cluster=cluster, progress=report)
     except KeyboardInterrupt:
         complain(f"interrupted; what was finished is in {folder}, and the same command continues from there")
         return INTERRUPTED
@@ -109,29 +106,3 @@ def _report(found: Sweep, as_json: bool) -> None:
             table.add_row(title, *(f"{value:.6g}" for value in x))
         console.print(table)
     console.print(f"{len(found)} runs in {found.folder}; --run NUMBER repeats one", soft_wrap=True)
-
-
-@contextmanager
-def _progress(scenario: Scenario) -> Iterator[Callable[[Progress], None]]:
-    """Yield what shows how far a sweep is: one line that changes on a terminal, a line now and then elsewhere."""
-    doing = f"sweeping {scenario.name}"
-    if not sys.stderr.isatty():
-        said = -SILENCE
-
-        def report(progress: Progress) -> None:
-            nonlocal said
-            if time.monotonic() - said >= SILENCE or progress.done == progress.count:
-                said = time.monotonic()
-                say(f"{doing}: {progress}")
-
-        yield report
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, TextColumn
-    from rich.progress import Progress as Bar
-
-    what, rate = (TextColumn(text, markup=False) for text in ("{task.description}", "{task.fields[said]}"))
-    with Bar(what, BarColumn(), rate, console=Console(stderr=True)) as bar:
-        count = 1 if scenario.sweep is None else scenario.sweep.count
-        task = bar.add_task(doing, total=count, said="")
-        yield lambda progress: bar.update(task, completed=progress.done, said=str(progress))

@@ -29,6 +29,7 @@ from holdfast.dynamics.methods import method_named
 from holdfast.errors import MethodNotApplicable, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.progress import busy
 from holdfast.spatial.scalar import Array
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ def compile(
     method: str = "auto",
     parameters: Sequence[str] = (),
     generic_rank: int | None = None,
+    progress: bool = False,
 ) -> CompiledChain:
     """Compile the dynamics of a chain to machine code.
 
@@ -61,6 +63,8 @@ def compile(
             `link_wrench` (external wrenches on the links).
         generic_rank: the rank of the grasp constraint away from singular configurations. If it is None, it is
             determined when it first matters.
+        progress: whether to show, in a notebook or on a terminal, that machine code is made and how long it took. That
+            of derivatives and of other functions is made when they are first asked for.
 
     Returns:
         The chain's dynamics as functions of arrays, for one system or a batch.
@@ -87,7 +91,9 @@ def compile(
             " method='auto', 'recursive' or 'mass_matrix'"
         )
     route: Route = "auto" if method == "sequential" else method  # type: ignore[assignment]
-    return CompiledChain(chain, optional_parameters(parameters, "compile", route), generic_rank)
+    options = optional_parameters(parameters, "compile", route)
+    with busy(progress, f"compiling the dynamics of {', '.join(chain.names)}"):
+        return CompiledChain(chain, options, generic_rank)
 
 
 class CompiledChain(ChainFunctions, ChainDerivatives):

@@ -18,6 +18,7 @@ from holdfast.errors import HoldfastError, StateError
 from holdfast.forces.margins import joint_limits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.progress import of_time, reporting
 from holdfast.simulation.accounts import WORTH_COMPILING
 from holdfast.simulation.adaptive import RTOL, Tolerance
 from holdfast.simulation.checkpoint import Checkpoint
@@ -63,7 +64,7 @@ def simulate(
     atol: float | None = None,
     largest_drift: float | None = None,
     start: Checkpoint | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: bool | Callable[[float], object] | None = None,
     on_sample: Callable[[Trajectory], None] | None = None,
     on_checkpoint: Callable[[Checkpoint], None] | None = None,
     make_stepper: MakeStepper | None = None,
@@ -108,7 +109,8 @@ def simulate(
             too long for the motion and taken in equal parts [m or rad]; None: every step is taken whole.
         start: where to go on instead of at the beginning; `state` is not used then, and the samples returned
             are those after it.
-        progress: called with the time after every step.
+        progress: True: a bar shows how far the run is, in a notebook or on a terminal. Or what is called with the
+            time after every step.
         on_sample: called with every sample as it is made.
         on_checkpoint: called after that with what the run can go on from.
         make_stepper: what takes the steps; without it machine code does, unless there are too few to compile for.
@@ -145,8 +147,9 @@ def simulate(
     settings = RunSettings(environment, acting, hold, make, named, tolerance, limit, policy, ordered, ends)
 
     calls = len(ends.times) * (1 if hold else len(named.c) * (LOOKS if joint_limits(chain).limited.any() else 1))
+    doing, begin = f"simulating {name}", f"{duration:g} s in {len(grid) - 1} steps"
     samples, recorder = list[Trajectory](), Recorder(0 if environment.base_motion else len(ends.times))
-    with laws_by_machine_code(chain, calls):
+    with laws_by_machine_code(chain, calls), reporting(progress, doing, begin, of_time(duration)) as tell:
         at = start_of_run(settings, state) if start is None else resumed_run(settings, start)
         first = reported = 0 if start is None else len(start.occurrences)
 
@@ -176,8 +179,7 @@ def simulate(
                 break
             if later.now.t > at.now.t:
                 keep(later)
-                if progress is not None:
-                    progress(later.now.t)
+                tell(later.now.t)
             at = later
     if not samples:  # a run that went on from its end
         none = stacked([recorder.sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins)], later)

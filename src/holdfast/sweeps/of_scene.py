@@ -43,7 +43,7 @@ def sweep_scene(
     workers: int | Executor = 1,
     cluster: str | None = None,
     ahead: int = 16,
-    progress: Callable[[Progress], object] | None = None,
+    progress: bool | Callable[[Progress], object] | None = None,
 ) -> Sweep:
     """Compute what a folder has not of the sweep that a scene's `[sweep]` describes; the folder keeps the scene.
 

@@ -26,6 +26,8 @@ class Progress(Frozen):
 
     def __str__(self) -> str:
         """Return how many of how many, how fast, how much longer, and what became of them."""
-        left = f", {(self.count - self.done) / self.rate:.0f} s left" if self.rate > 0 else ""
+        left = (
+            f", {(self.count - self.done) / self.rate:.0f} s left" if self.rate > 0 and self.done < self.count else ""
+        )
         fates = ", ".join(f"{count} {name.lower()}" for name, count in sorted(self.fates.items()))
         return f"{self.done} of {self.count} runs, {self.rate:.0f}/s{left}{f'; {fates}' if fates else ''}"

@@ -14,6 +14,7 @@ from holdfast.control.controller import ControlLaw
 from holdfast.errors import StateError
 from holdfast.io.files import file_path
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.progress import reporting
 from holdfast.state import State
 from holdfast.sweeps.chunk import Computed, Task, pyarrow
 from holdfast.sweeps.cluster import LOCAL, computed_by_cluster, require_dask
@@ -42,7 +43,7 @@ def sweep(
     workers: int | Executor = 1,
     cluster: str | None = None,
     ahead: int = 16,
-    progress: Callable[[Progress], object] | None = None,
+    progress: bool | Callable[[Progress], object] | None = None,
     scheme: str = "rk4",
     least_margin: float = -float("inf"),
     stop_at_limits: bool = False,
@@ -72,7 +73,7 @@ def sweep(
         cluster: of Dask: the address of its scheduler, such as "tcp://10.0.0.1:8786", or "local" for one of `workers`
             processes of this computer. A scheduler that died is waited for.
         ahead: chunks that an executor or a cluster is given at a time.
-        progress: called after every chunk; `print` shows a line.
+        progress: True: a bar, as for `simulate`. Or what is called after every chunk; `print` shows a line.
         scheme: `rk4` or `midpoint`.
         least_margin: as for `Rollout.step`; 0 stops slipping runs.
         stop_at_limits: as for `Rollout.step`.
@@ -113,7 +114,7 @@ def carry_out(
     workers: int | Executor = 1,
     cluster: str | None = None,
     ahead: int = 16,
-    progress: Callable[[Progress], object] | None = None,
+    progress: bool | Callable[[Progress], object] | None = None,
     kept: Mapping[str, bytes] | None = None,
 ) -> Sweep:
     """Compute what a folder has not of a plan; see `sweep`.
@@ -174,18 +175,19 @@ def _compute_missing(
     workers: Any,
     cluster: str | None,
     ahead: int,
-    progress: Callable[[Progress], object] | None,
+    progress: bool | Callable[[Progress], object] | None,
 ) -> None:
     sizes = {k: end - begin for k in range(plan.chunk_count) for begin, end in [plan.bounds(k)]}
     missing = [k for k, rows in sizes.items() if not place.holds(k, rows)]
     begun, fates = time.perf_counter(), Counter[str]()
     there = plan.count - sum(sizes[k] for k in missing)
-    for computed in _computed(_tasks(plan, place.digest, missing), workers, cluster, ahead, len(missing)):
-        place.keep(computed)
-        fates += computed.fates
-        if progress is not None:
+    size = f"{plan.count - there} runs"
+    with reporting(progress, "sweeping", size, lambda at: (at.done / at.count, str(at)), time_left=False) as tell:
+        for computed in _computed(_tasks(plan, place.digest, missing), workers, cluster, ahead, len(missing)):
+            place.keep(computed)
+            fates += computed.fates
             rate = fates.total() / (time.perf_counter() - begun)
-            progress(Progress(there + fates.total(), plan.count, dict(fates), rate))
+            tell(Progress(there + fates.total(), plan.count, dict(fates), rate))
 
 
 def _computed(tasks: Iterator[Task], workers: Any, cluster: str | None, ahead: int, count: int) -> Iterator[Computed]:

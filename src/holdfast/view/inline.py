@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import html
 import io
-import sys
 import tempfile
 import webbrowser
 from collections.abc import Mapping
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from holdfast.errors import HoldfastError, MissingExtra, ResultError
+from holdfast.progress import in_notebook
 from holdfast.simulation.summary import summarise
 from holdfast.simulation.trajectory import require_run_of, text_of
 from holdfast.view import summary_table
@@ -69,12 +69,6 @@ def shown(page: str, title: str) -> InlinePage | Path:
     if not webbrowser.open(path.as_uri()):
         raise ResultError(f"show: no browser opens here; the page is {path}. Try run.page(path) and open it elsewhere")
     return path
-
-
-def in_notebook() -> bool:
-    """Return whether a notebook's kernel runs this."""
-    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
-    return getattr(shell, "kernel", None) is not None
 
 
 def png(figure: Any) -> bytes:

@@ -14,10 +14,11 @@ from holdfast.dynamics.near_singular import chain_strength
 from holdfast.simulation.confirmation import PARTS, ROUNDING, SHARE
 from holdfast.simulation.rollout.singular_passing import BESIDE
 from holdfast.simulation.rollout.systems import RolloutSystems
-from holdfast.simulation.rollout.traced_step import LIMITED, OPEN, SINGULAR
+from holdfast.simulation.rollout.traced_step import LIMITED, OPEN, SINGULAR, SLIPPED
 from holdfast.simulation.stepper import MOST_PARTS, parts_needed
 from holdfast.spatial.scalar import Array
 
+HALVINGS = 50  # of a step, when the instant of a slip or limit is sought
 # (systems, step) -> None: one step in place
 TakeStep = Callable[[RolloutSystems, Array], None]
 
@@ -98,3 +99,26 @@ def contradicted(
 def _margins(systems: RolloutSystems, kind: int) -> Array:
     """Return the margins that a kind of stop looks at, (systems, ...)."""
     return systems.joint_margin.reshape(len(systems), -1) if kind == LIMITED else systems.margin
+
+
+def refined(at: RolloutSystems, rows: Array, step: float, advance: TakeStep) -> Array:
+    """Return when systems slip or pass a limit, by halving the step that would go too far.
+
+    Which of both a system does first becomes its status.
+
+    Args:
+        at: the systems.
+        rows: (systems,) which of them.
+        step: h [s].
+        advance: takes a step of a length (systems,) in place, and stops those that slip or pass a limit.
+    """
+    begin = at.freed(rows)
+    low, high, code = np.zeros(len(begin)), np.full(len(begin), step), at.arrays["code"][rows]
+    for _ in range(HALVINGS):
+        middle, trial = 0.5 * (low + high), begin.copy()
+        advance(trial, middle)
+        shown = np.isin(trial.arrays["code"], (SLIPPED, LIMITED))
+        code = np.where(shown, trial.arrays["code"], code)
+        low, high = np.where(trial.running, middle, low), np.where(trial.running, high, middle)
+    at.arrays["code"][rows] = code
+    return begin.t + low

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -16,6 +16,7 @@ from holdfast.dynamics.rank import constraint_rank, generic_rank_near
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
+from holdfast.progress import busy, of_time, reporting
 from holdfast.simulation.external_inputs import GivenInputs
 from holdfast.simulation.rollout.arguments import (
     StopMargins,
@@ -31,7 +32,7 @@ from holdfast.simulation.rollout.arguments import (
     whole_steps,
 )
 from holdfast.simulation.rollout.kernel import StepKernel
-from holdfast.simulation.rollout.parts import contradicted, subdivided
+from holdfast.simulation.rollout.parts import contradicted, refined, subdivided
 from holdfast.simulation.rollout.starting import closed_systems, hold_rows, located, systems_at
 from holdfast.simulation.rollout.stiff import stiff_systems
 from holdfast.simulation.rollout.systems import Begun, RolloutRecord, RolloutSystems
@@ -42,7 +43,7 @@ from holdfast.simulation.runge_kutta import IMEX, Tableau
 from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.spatial.scalar import Array
 
-HALVINGS = 50  # of a step, when the instant of a slip or limit is sought
+LOOKS = 100  # at most so many reports of how far a run is
 NO_STOPS: StopMargins = {SLIPPED: -np.inf, LIMITED: -np.inf}
 RECORDED = ("q", "qd", "object_pose", "object_twist", "grasp_wrench")
 
@@ -113,6 +114,7 @@ class Rollout:
         memory: Any = None,
         t: float = 0.0,
         threads: int = 1,
+        progress: bool = False,
         **given: Any,
     ) -> RolloutSystems:
         """Return systems at given states, brought onto the grasps (they must nearly hold).
@@ -127,6 +129,7 @@ class Rollout:
             memory: (m,) of the law; by default as it says.
             t: the time they are at [s].
             threads: how many share the systems.
+            progress: whether to show that machine code is made, which takes seconds the first time.
             **given: the law's parameters and the chain's, as for `step`; the systems keep them.
 
         Raises:
@@ -135,7 +138,8 @@ class Rollout:
         every = (q, qd, object_pose, object_twist, floating_pose, floating_twist)
         systems = systems_at(self, state_arguments(self.chain, *every), memory, number("t", t))
         systems.keep_inputs(call_inputs(self.kernel, given, len(systems)), self.law, self.inputs)
-        return self._started(systems, whole_number("threads", threads))
+        with busy(progress, f"compiling steps of {', '.join(self.chain.names)}"):
+            return self._started(systems, whole_number("threads", threads))
 
     def take_over(self, systems: RolloutSystems, *, threads: int = 1, **given: Any) -> RolloutSystems:
         """Return systems of another rollout of the same arms and object under this one's grasps and law.
@@ -271,6 +275,7 @@ class Rollout:
         stop_at_limits: bool = False,
         largest_drift: float | None = None,
         threads: int = 1,
+        progress: bool | Callable[[float], object] | None = None,
         **given: Any,
     ) -> RolloutRecord:
         """Advance systems by a duration and return them at every so many steps.
@@ -285,6 +290,7 @@ class Rollout:
             stop_at_limits: as for `step`.
             largest_drift: as for `step`.
             threads: as for `step`.
+            progress: as for `simulate`; a function is called with the time that has passed [s].
             **given: as for `step`.
 
         Raises:
@@ -302,14 +308,19 @@ class Rollout:
         stops = {"least_margin": least_margin, "stop_at_limits": stop_at_limits}
         done = np.minimum(np.arange(0, steps + every, every), steps)
         kept = {name: [np.array(getattr(at, name))] for name in record}
-        for some_steps in np.diff(done):
-            self.step(at, step, steps=some_steps, largest_drift=largest_drift, threads=threads, **stops, **given)
-            for name, rows in kept.items():
-                rows.append(np.array(getattr(at, name)))
+        looks = np.union1d(done, np.arange(0, steps, max(1, steps // LOOKS))) if progress else done
+        doing, size = f"running {len(at)} systems", f"{duration:g} s in {steps} steps"
+        with reporting(progress, doing, size, of_time(duration)) as tell:
+            for some_steps, now in zip(np.diff(looks), looks[1:], strict=True):
+                self.step(at, step, steps=some_steps, largest_drift=largest_drift, threads=threads, **stops, **given)
+                for name, rows in kept.items() if now in done else ():
+                    rows.append(np.array(getattr(at, name)))
+                tell(now * step)
         stopped = np.where(at.running, np.inf, at.t)
         violated = systems.running & np.isin(at.arrays["code"], (SLIPPED, LIMITED))
         if violated.any():
-            stopped[violated] = self._refined(at, violated, step, stop_margins(**stops))
+            least = stop_margins(**stops)
+            stopped[violated] = refined(at, violated, step, lambda some, h: self._advance(some, h, 1, least))
         found = {name: np.array(rows) for name, rows in kept.items()}
         begun = Begun(self, systems.copy(), step, every, {**stops, "largest_drift": largest_drift})
         return RolloutRecord(begin + done * step, found, at, stopped, begun)
@@ -350,22 +361,6 @@ class Rollout:
         """
         options = {"least_margin": least_margin, "stop_at_limits": stop_at_limits, "threads": threads}
         return Tape(self, systems, step, steps, every, record, schedule or {}, options, given)
-
-    def _refined(self, at: RolloutSystems, rows: Array, step: float, least: StopMargins) -> Array:
-        """Return when systems slip or pass a limit, by halving the step that would go too far.
-
-        Which of both a system does first becomes its status.
-        """
-        begin = at.freed(rows)
-        low, high, code = np.zeros(len(begin)), np.full(len(begin), step), at.arrays["code"][rows]
-        for _ in range(HALVINGS):
-            middle, trial = 0.5 * (low + high), begin.copy()
-            self._advance(trial, middle, 1, least)
-            shown = np.isin(trial.arrays["code"], (SLIPPED, LIMITED))
-            code = np.where(shown, trial.arrays["code"], code)
-            low, high = np.where(trial.running, middle, low), np.where(trial.running, high, middle)
-        at.arrays["code"][rows] = code
-        return begin.t + low
 
     def _started(self, systems: RolloutSystems, threads: int) -> RolloutSystems:
         """Return systems at states as they are brought onto the grasps, and all that is known there."""

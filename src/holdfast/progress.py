@@ -1,0 +1,166 @@
+"""How far long work is: a bar in a notebook's cell, one on a terminal, elsewhere a line now and then on stderr."""
+
+from __future__ import annotations
+
+import contextlib
+import html
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+from holdfast.errors import ModelError
+
+T = TypeVar("T")
+
+SILENCE = 10.0  # seconds after which a line says how far work is, where no bar can be drawn
+REFRESH = 0.2  # seconds between two pictures of a notebook's bar
+
+Shown = Callable[[float, str], None]  # takes the part that is done, 0 to 1, and what is said beside the bar
+
+
+def say(line: str) -> None:
+    """Print a line on stderr, if stderr can be written."""
+    with contextlib.suppress(OSError, ValueError):
+        print(line, file=sys.stderr, flush=True)
+
+
+@contextmanager
+def reporting(
+    progress: bool | Callable[[T], object] | None,
+    doing: str,
+    begin: str,
+    shown: Callable[[T], tuple[float, str]],
+    time_left: bool = True,
+) -> Iterator[Callable[[T], object]]:
+    """Yield what is told how far work is: what the caller gave, or what moves a bar.
+
+    Args:
+        progress: True for a bar, a function that is told, or False or None for neither.
+        doing: as for `progress_bar`.
+        begin: as for `progress_bar`.
+        shown: the part that is done, and what is said, of what is told.
+        time_left: as for `progress_bar`.
+
+    Raises:
+        ModelError: what is none of these.
+    """
+    if progress is True:
+        with progress_bar(doing, begin, time_left=time_left) as show:
+            yield lambda at: show(*shown(at))
+    elif callable(progress):
+        yield progress
+    elif not progress and isinstance(progress, bool | None):
+        yield lambda at: None
+    else:
+        raise ModelError(f"progress: expected True, False or a function, got {type(progress).__name__}; try True")
+
+
+@contextmanager
+def busy(progress: bool, doing: str) -> Iterator[None]:
+    """Show, if that is wanted, that something is done of which nobody knows how far it is.
+
+    Raises:
+        ModelError: not True or False.
+    """
+    if not isinstance(progress, bool | None):
+        raise ModelError(f"progress: expected True or False, got {type(progress).__name__}")
+    if not progress:
+        yield
+        return
+    with progress_bar(doing, "the first time takes longest") as show:
+        yield
+        show(1.0, "done")
+
+
+def of_time(whole: float) -> Callable[[float], tuple[float, str]]:
+    """Return what shows a time of so many seconds."""
+    return lambda t: (t / whole, f"{t:.3f} of {whole:g} s")
+
+
+@contextmanager
+def progress_bar(
+    doing: str, begin: str = "", say: Callable[[str], None] = say, time_left: bool = True
+) -> Iterator[Shown]:
+    """Yield what shows how far work is.
+
+    Work that never says how far it is has a bar that runs to and fro. In a notebook a line is left of it, that says
+    how long it took.
+
+    Args:
+        doing: what is done, such as "simulating run".
+        begin: what is said at the beginning where neither a notebook nor a terminal looks; if empty, the first and the
+            last report are said instead.
+        say: prints a line there.
+        time_left: whether to say how much longer it takes, where the work itself does not.
+    """
+    if in_notebook():
+        with _cell(doing, time_left) as show:
+            yield show
+    elif sys.stderr is not None and sys.stderr.isatty():
+        with _terminal(doing, time_left) as show:
+            yield show
+    else:
+        if begin:
+            say(f"{doing}: {begin}")
+        due = time.monotonic() + (SILENCE if begin else 0.0)
+
+        def line(part: float, text: str) -> None:
+            nonlocal due
+            if time.monotonic() >= due or (part >= 1.0 and not begin):
+                due = time.monotonic() + SILENCE
+                say(f"{doing}: {text}")
+
+        yield line
+
+
+def in_notebook() -> bool:
+    """Return whether a notebook's kernel runs this."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    return getattr(shell, "kernel", None) is not None
+
+
+@contextmanager
+def _cell(doing: str, time_left: bool) -> Iterator[Shown]:
+    """Show HTML's own bar, which needs no widgets."""
+    from IPython import display
+
+    def picture(bar: str, text: str) -> Any:
+        return display.HTML(f"{bar}{html.escape(doing)}{': ' if text else ''}{html.escape(text)}")
+
+    begun, due, latest = time.monotonic(), 0.0, ""
+    place: Any = display.display(picture("<progress></progress> ", ""), display_id=True)
+
+    def show(part: float, text: str) -> None:
+        nonlocal due, latest
+        now, latest = time.monotonic(), text
+        if now >= due:
+            due = now + REFRESH
+            left = f", {(now - begun) * (1 - part) / part:.0f} s left" if time_left and part > 0 else ""
+            place.update(picture(f'<progress max="1" value="{part:.4f}"></progress> ', text + left))
+
+    try:
+        yield show
+    finally:
+        took = f"{time.monotonic() - begun:.1f} s"
+        place.update(picture("", f"{latest}, took {took}" if latest else took))
+
+
+@contextmanager
+def _terminal(doing: str, time_left: bool) -> Iterator[Shown]:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    what, text = (TextColumn(text, markup=False) for text in ("{task.description}", "{task.fields[said]}"))
+    left = [TimeRemainingColumn()] if time_left else []
+    with Progress(what, BarColumn(), text, *left, console=Console(stderr=True)) as bar:
+        task, due = bar.add_task(doing, total=None, said=""), 0.0
+
+        def show(part: float, text: str) -> None:
+            nonlocal due
+            if time.monotonic() >= due or part >= 1.0:
+                due = time.monotonic() + REFRESH
+                bar.update(task, completed=part, total=1.0, said=text)
+
+        yield show

@@ -1,0 +1,123 @@
+"""Progress suits who looks: a cell's bar, a terminal's, a line now and then; and changes no number of what it shows."""
+
+import io
+import re
+import sys
+
+import numpy as np
+import pytest
+
+from holdfast import progress
+from holdfast.errors import ModelError
+from holdfast.progress import busy, of_time, progress_bar, reporting
+from tests.compiler.programs import same_bits
+from tests.simulation.rollout.problems import arrays
+from tests.simulation.rollout.test_statuses import STEP, gantries, given
+
+
+class Cell:
+    """Stands in for IPython's display: what a cell has shown, in order."""
+
+    def __init__(self) -> None:
+        self.shown: list[str] = []
+
+    def __call__(self, picture, display_id):
+        self.update(picture)
+        return self
+
+    def update(self, picture) -> None:
+        self.shown.append(picture.data)
+
+
+@pytest.fixture
+def cell(monkeypatch):
+    """Return what a notebook's cell shows."""
+    display = pytest.importorskip("IPython.display", reason="needs IPython: pip install ipykernel")
+    found = Cell()
+    monkeypatch.setattr(progress, "in_notebook", lambda: True)
+    monkeypatch.setattr(progress, "REFRESH", 0.0)
+    monkeypatch.setattr(display, "display", found)
+    return found
+
+
+def test_in_a_cell(cell):
+    """One place: a bar without a value, then one that grows, in the end a line that says how long it took."""
+    with reporting(True, "simulating <b>", "", of_time(2.0)) as tell:
+        for t in (0.5, 1.0, 2.0):
+            tell(t)
+    parts = [re.search(r'value="([\d.]+)"', shown) for shown in cell.shown]
+    assert [None if part is None else float(part[1]) for part in parts] == [None, 0.25, 0.5, 1.0, None]
+    assert cell.shown[0] == "<progress></progress> simulating &lt;b&gt;"
+    assert "simulating &lt;b&gt;: 1.000 of 2 s, 0 s left" in cell.shown[2]
+    assert re.fullmatch(r"simulating &lt;b&gt;: 2\.000 of 2 s, took \d+\.\d s", cell.shown[-1])
+
+
+def test_in_a_cell_that_fails(cell):
+    """The bar does not go on moving."""
+    with pytest.raises(ZeroDivisionError), busy(True, "compiling"):
+        1 / 0  # noqa: B018
+    assert len(cell.shown) == 2 and "<progress" not in cell.shown[-1]
+
+
+def test_on_a_terminal(monkeypatch):
+    """On stderr, with what is done, how far it is and how much longer it takes."""
+
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setenv("COLUMNS", "120")
+    with progress_bar("simulating [run]") as show:
+        show(1.0, "2 of 2 s")
+    text = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", terminal.getvalue())
+    assert re.search(r"simulating \[run\] \S+ 2 of 2 s \d:\d\d:\d\d", text)
+
+
+def test_in_a_log(monkeypatch, capsys):
+    """What begins; then a line only after a silence. Work without a beginning says its first and its last."""
+    with reporting(True, "simulating run", "2 s in 4 steps", of_time(2.0)) as tell:
+        tell(1.0)
+        monkeypatch.setattr(progress, "SILENCE", 0.0)
+    assert capsys.readouterr().err == "simulating run: 2 s in 4 steps\n"
+    monkeypatch.setattr(progress, "SILENCE", 1e3)
+    said = []
+    with progress_bar("sweeping", say=said.append) as show:
+        for part in (0.2, 0.5, 1.0):
+            show(part, f"{part}")
+    assert said == ["sweeping: 0.2", "sweeping: 1.0"]
+
+
+def test_nobody_is_told(capsys):
+    """Without it nothing is shown; a function is told instead; anything else is refused."""
+    for nothing in (None, False):
+        with reporting(nothing, "doing", "it", of_time(1.0)) as tell:
+            tell(0.5)
+    told = []
+    with reporting(told.append, "doing", "it", of_time(1.0)) as tell:
+        tell(0.5)
+    assert told == [0.5] and capsys.readouterr() == ("", "")
+    with (
+        pytest.raises(ModelError, match="progress: expected True, False or a function, got str"),
+        reporting("yes", "doing", "it", of_time(1.0)),
+    ):
+        pass
+    with pytest.raises(ModelError, match="progress: expected True or False, got int"), busy(1, "doing"):
+        pass
+
+
+def test_rollouts_that_are_watched(capsys):
+    """Parts of a run in which some systems slip: the same bits as in one go, the time told up to the end."""
+    rollout, state = gantries()
+    rate = given(np.array([400.0, 0.0, 999.0, 20.0]))
+    systems = rollout.start(**{name: np.tile(x, (4, 1)) for name, x in arrays(state).items()}, progress=True, **rate)
+    told = []
+    options = {"every": 200, "record": ("q", "margin", "work"), "least_margin": 0.0}
+    first = rollout.run(systems, 0.2, STEP, **options, **rate)
+    watched = rollout.run(systems, 0.2, STEP, progress=told.append, **options, **rate)
+    assert told == pytest.approx([0.002 * k for k in range(1, 101)])
+    assert same_bits(first.stopped, watched.stopped) and same_bits(first.t, watched.t)
+    for name in options["record"]:
+        assert same_bits(first[name], watched[name]), name
+    assert capsys.readouterr().err.startswith("compiling steps of ")
