@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
+from holdfast.compiled import arrays
 from holdfast.compiled.not_compiled import NotCompiledError
 from holdfast.dynamics import Status
 from holdfast.dynamics.derivatives import STATE_AND_TORQUES
@@ -169,6 +170,44 @@ def test_out():
         assert same_bits(again[name], second[name])
     with pytest.raises(hf.StateError, match="out"):
         fast.forward_dynamics_vjp(**own, **bars[1], by=("q",), out=first)
+
+
+def test_out_by_the_builtin(monkeypatch):
+    """From the second call with the same `out` on, the Python code is left out, for the bits of a new result."""
+    p, _ = one_arm()
+    chain, fast, random = p.chain, hf.compile(p.chain), np.random.default_rng(3)
+    many = {x: numbers(chain, 3)[x] for x in problems.STATE}
+    bars = {"qdd": random.normal(size=chain.joint_count), "grasp_wrench": random.normal(size=(len(chain.arms), 6))}
+    along = {"q": random.normal(size=chain.joint_count)}
+    ways = [
+        (fast.forward_dynamics_jacobian, {"of": ["qdd"], "by": ("tau",)}),
+        (fast.forward_dynamics_vjp, bars | {"by": ("tau",)}),
+        (fast.forward_dynamics_jvp, {"along": along}),
+    ]
+    for solve, asked in ways:
+        expected = [solve(**one(many, i), **asked) for i in range(3)]
+        out = solve(**one(many, 0), **asked)
+        assert solve(**one(many, 1), **asked, out=out) is out
+        with monkeypatch.context() as without:
+            without.setattr(arrays, "floats", None)
+            for i, found in enumerate(expected):
+                assert solve(*one(many, i).values(), **asked, out=out) is out
+                assert same_bits(out.result.memory, found.result.memory)
+    state = one(many, 0)
+    bars["by"] = ("tau",)
+    out = fast.forward_dynamics_vjp(**state, **bars)
+    fast.forward_dynamics_vjp(**state, **bars, out=out)
+    turned = bars | {"grasp_wrench": bars["grasp_wrench"].reshape(6, -1)}  # as many numbers
+    with pytest.raises(hf.StateError, match="grasp_wrench: expected shape"):
+        fast.forward_dynamics_vjp(**state, **turned, out=out)
+    with pytest.raises(hf.StateError, match="tau: expected shape"):
+        fast.forward_dynamics_vjp(**state | {"tau": state["tau"][:-1]}, **bars, out=out)
+    with pytest.raises(hf.StateError, match="threads"):
+        fast.forward_dynamics_vjp(**state, **bars, out=out, threads=True)
+    with pytest.raises(hf.StateError, match="memory of its own"):
+        fast.forward_dynamics_vjp(**state | {"tau": out.tau}, **bars, out=out)
+    with pytest.raises(hf.StateError, match="arguments"):  # a text is no list of one name
+        fast.forward_dynamics_jacobian(**state, of=["qdd"], by="tau")
 
 
 def test_bound_forms():

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
 
+from holdfast.compiler.kernel import address_of
 from holdfast.compiler.schedule import External
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.model.closed_chain import ClosedChain
@@ -32,10 +34,10 @@ class ResultLayout:
 
     def __init__(self, externals: Mapping[str, External]) -> None:
         self.shapes = {name: e.shape for name, e in externals.items() if e.role == "output"}
-        self.sizes = np.array([math.prod(shape) for shape in self.shapes.values()], dtype=np.int64)
-        ends = np.cumsum(self.sizes)
-        self.starts, self.total = ends - self.sizes, int(ends[-1])
-        self._places = dict(zip(self.shapes, zip(self.starts.tolist(), ends.tolist(), strict=True), strict=True))
+        self.sizes = [math.prod(shape) for shape in self.shapes.values()]
+        ends = list(accumulate(self.sizes))
+        self.starts, self.total = [0, *ends[:-1]], ends[-1]
+        self._places = dict(zip(self.shapes, zip(self.starts, ends, strict=True), strict=True))
 
     def view(self, name: str, memory: Array, batch: int | None) -> Array:
         """Return one array of a result."""
@@ -68,7 +70,7 @@ class CompiledResult(ForwardResult):
     def __init__(self, chain: ClosedChain, layout: ResultLayout, batch: int | None) -> None:
         memory = np.empty(layout.total * (1 if batch is None else batch))
         self.__dict__.update(
-            chain=chain, layout=layout, batch=batch, method="sequential", memory=memory, address=memory.ctypes.data
+            chain=chain, layout=layout, batch=batch, method="sequential", memory=memory, address=address_of(memory)
         )
 
     def __getattr__(self, name: str) -> Array:
