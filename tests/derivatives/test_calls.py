@@ -74,6 +74,24 @@ def require_bits(name: str, names: tuple[str, ...]) -> None:
             assert all(same_bits(x[i], y) for x, y in zip(whole, alone, strict=True)), (way.__name__, i)
 
 
+@pytest.mark.slow
+def test_results_past_the_caches():
+    """Many large matrices go past the caches: the bits of few, not-a-number for one system alone, rows apart."""
+    chain, fast = chain_named("two"), problems.compiled("two")
+    few, count = numbers(chain, 7), 1400
+    many = {name: np.resize(x, (count, *x.shape[1:])) for name, x in few.items()}
+    many["tau"] = many["tau"].copy()
+    many["tau"][1393, 2] = np.nan
+    asked = {"of": ("qdd",), "by": ("tau",)}
+    expected, out = fast.forward_dynamics_jacobian(**few, **asked), None
+    for threads in (1, 2):
+        found = out = fast.forward_dynamics_jacobian(**many, **asked, threads=threads, out=out)
+        for x, y in ((found["qdd", "tau"], expected["qdd", "tau"]), (found.result.qdd, expected.result.qdd)):
+            good = np.delete(np.arange(count), 1393)
+            assert same_bits(x[good], np.resize(y, x.shape)[good]) and np.isnan(x[1393]).all()
+    assert found["qdd", "tau"].strides[0] * count > 2**20 and chain.joint_count**2 >= 64
+
+
 def test_some_of_it():
     """Fewer gradients and directions are the same numbers; names that are none are refused by name."""
     p, random = random_chain(100), np.random.default_rng(0)

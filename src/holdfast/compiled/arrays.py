@@ -104,5 +104,5 @@ class Addresses:
         for name, a in found.items():
             external = self._externals[name]
             table[self._rows[name], 1] = external.size if a.ndim > len(external.shape) else 0
-        table[self._inputs :, 1] = out.layout.sizes
+        table[self._inputs :, 1] = out.layout.strides
         return table

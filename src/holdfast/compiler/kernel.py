@@ -207,8 +207,8 @@ def address_of(x: np.ndarray) -> int:
         return x.ctypes.data
 
 
-def aligned(count: int) -> np.ndarray:
-    """Return `count` zeros whose memory begins at a cache line."""
-    memory = np.zeros(count + 8)
+def aligned(count: int, made: Callable[[int], np.ndarray] = np.zeros) -> np.ndarray:
+    """Return `count` zeros, or what else `made` returns, whose memory begins at a cache line."""
+    memory = made(count + 8)
     start = -(memory.ctypes.data // 8) % 8
     return memory[start : start + count]
