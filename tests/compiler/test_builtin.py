@@ -67,11 +67,11 @@ def sums():
 class Owner:
     """A kernel as the library has it: the builtin's fallback is its own method."""
 
-    def __init__(self, sizes=(3, 2), code=None):
+    def __init__(self, shapes=((3,), (2,)), code=None, **names):
         self.calls, self.out = [], Result()
         table = np.zeros(3, dtype=np.int64)
         self.entry = Builtin(
-            (code or sums()).address, table, sizes, self.fallback, "sums", "(a, b, *, out=None)", "Sum."
+            (code or sums()).address, table, shapes, self.fallback, "sums", "(a, b, *, out=None)", "Sum.", **names
         )
         self.function = self.entry.function
         self.expect(self.out)
@@ -119,7 +119,14 @@ class Named(Owner):
     def __init__(self):
         super().__init__()
         self.entry = Builtin(
-            sums().address, np.zeros(3, dtype=np.int64), (3, 2), self.fallback, "sums", "(a, *, b, out=None)", "", ["b"]
+            sums().address,
+            np.zeros(3, dtype=np.int64),
+            ((3,), (2,)),
+            self.fallback,
+            "sums",
+            "(a, *, b, out=None)",
+            "",
+            ["b"],
         )
         self.function = self.entry.function
         self.expect(self.out)
@@ -138,6 +145,26 @@ def test_inputs_by_name():
     for args, names in others:
         assert owner.function(*args, **names) == "fallback"
         assert owner.calls.pop() == (args, names)
+
+
+def test_every_input_by_name():
+    """Those that may be given by place too are found by either; what is given twice is the fallback's."""
+    owner = Owner(names=("a", "b"), by_name=0)
+    for args, names in (((A, B), {}), ((A,), {"b": B}), ((), {"b": B, "a": A})):
+        owner.out.memory[...] = 0.0
+        assert owner.function(*args, **names, out=owner.out) is owner.out
+        assert np.array_equal(owner.out.memory, [7.0, 24.0]) and owner.calls == []
+    for args, names in (((A,), {"a": A}), ((A, B), {"b": B}), ((), {"a": A}), ((), {"b": B, "c": A}), ((A, B, B), {})):
+        assert owner.function(*args, **names, out=owner.out) == "fallback"
+
+
+def test_inputs_of_two_axes():
+    """The shape counts, not only the number of entries."""
+    owner = Owner(shapes=((3, 1), (2,)))
+    assert owner.function(A[:, None], B, out=owner.out) is owner.out
+    assert np.array_equal(owner.out.memory, [7.0, 24.0]) and owner.calls == []
+    for x in (A, A[None], A[:, None, None], A[:2, None], np.array(7.0)):
+        assert owner.function(x, B, out=owner.out) == "fallback"
 
 
 def test_names_given_twice():
@@ -179,7 +206,7 @@ REFUSED = {
 @pytest.mark.parametrize("place", [0, 1])
 def test_refused_inputs(owner, kind, place):
     """The fallback gets the arguments as they were given, with no exception pending."""
-    owner = owner if place == 0 else Owner(sizes=(2, 3))
+    owner = owner if place == 0 else Owner(shapes=((2,), (3,)))
     args = (REFUSED[kind], B) if place == 0 else (B, REFUSED[kind])
     assert owner.function(*args, out=owner.out) == "fallback"
     ((found, keywords),) = owner.calls
@@ -234,7 +261,7 @@ def test_overlap(owner):
 
 def test_expect(owner):
     """Before, nothing is expected; then only the last object, whose memory lives on."""
-    entry = Builtin(sums().address, np.zeros(3, dtype=np.int64), (3, 2), owner.fallback)
+    entry = Builtin(sums().address, np.zeros(3, dtype=np.int64), ((3,), (2,)), owner.fallback)
     assert entry.function(A, B, out=owner.out) == "fallback"
     first, second = owner.out, Result()
     owner.expect(second)
@@ -256,12 +283,12 @@ def test_errors(owner):
 def test_empty_inputs():
     """Inputs of size zero, and none at all."""
     status = cpu.Code("define i64 @run(ptr %table) { ret i64 0 }", "run")
-    owner = Owner(sizes=(0, 0), code=status)
+    owner = Owner(shapes=((0,), (0,)), code=status)
     assert owner.function(np.zeros(0), np.zeros(0), out=owner.out) is owner.out
     assert owner.function(np.zeros(0), np.zeros((0, 3)), out=owner.out) == "fallback"
-    none = Owner(sizes=(), code=status)
+    none = Owner(shapes=(), code=status)
     assert none.function(out=none.out) is none.out
-    many = Owner(sizes=(1,) * 300, code=status)
+    many = Owner(shapes=((1,),) * 300, code=status)
     assert many.function(*[np.zeros(1)] * 300, out=many.out) == "fallback"
 
 
@@ -343,7 +370,7 @@ def test_everything_goes():
 def test_function_outlives_entry():
     """The builtin alone keeps all it needs."""
     out, table = Result(), np.zeros(3, dtype=np.int64)
-    entry = Builtin(sums().address, table, (3, 2), fallback := functools.partial(list))
+    entry = Builtin(sums().address, table, ((3,), (2,)), fallback := functools.partial(list))
     entry.expect(out, out.memory, [out.memory.ctypes.data])
     function = entry.function
     watched = [weakref.ref(x) for x in (out, out.memory, table, fallback)]

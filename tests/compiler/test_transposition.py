@@ -19,11 +19,19 @@ _MOVE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, 
 @functools.cache
 def code(lanes: int) -> cpu.Code:
     """Return all functions for so many lanes, under names that can be called."""
-    names = [f"{way}.{size}" for way in ("to_lanes", "from_lanes") for size in SIZES]
+    names = [f"{way}.{size}" for way in ("to_lanes", "from_lanes", "checked", "streamed") for size in SIZES]
     lines = transpositions([(name.split(".")[0], int(name.split(".")[1])) for name in names], lanes)
     given = "ptr %rows, i64 %stride, i64 %first, i64 %last, ptr %lanes"
     for name in names:
-        lines += [f"define void @call.{name}({given}) {{", f"  call void @{name}({given})", "  ret void", "}"]
+        lines.append(f"define void @call.{name}({given}) {{")
+        if name.startswith(("checked", "streamed")):  # the sum is written behind the area
+            V, behind = f"<{lanes} x double>", -(-int(name.split(".")[1]) // lanes) * lanes * lanes
+            lines.append(f"  %sum = call {V} @{name}({given})")
+            lines.append(f"  %at = getelementptr double, ptr %lanes, i64 {behind}")
+            lines.append(f"  store {V} %sum, ptr %at, align 8")
+        else:
+            lines.append(f"  call void @{name}({given})")
+        lines += ["  ret void", "}"]
     return cpu.Code("\n".join(lines), *(f"call.{name}" for name in names))
 
 
@@ -85,6 +93,28 @@ def test_from_lanes(size, lanes):
             expected = np.full_like(rows, UNTOUCHED)
             expected[2 : 2 + used, :size] = values
             assert np.array_equal(rows, expected), (stride, left)
+
+
+@pytest.mark.parametrize("lanes", LANES)
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("way", ["checked", "streamed"])
+def test_sums(way, size, lanes):
+    """Rows are written as without sums, which are 0 where all numbers are finite; streams fill up the register."""
+    filled = -(-size // lanes) * lanes
+    rows, area = aligned((lanes + 2) * filled).reshape(-1, filled), area_of(size, lanes)
+    values = np.random.default_rng(size).normal(size=(lanes, size))
+    for bad, number in ((None, 0.0), (0, np.nan), (lanes - 1, np.inf), (1, -np.inf)):
+        for column in range(size):
+            rows[:], given = UNTOUCHED, values.copy()
+            if bad is not None:
+                given[bad, column] = number
+            area[:size] = given.T
+            with np.errstate(invalid="ignore"):
+                move(way, size, lanes, rows, filled, 1, lanes, area)
+            assert np.array_equal(rows[1:-1, :size], given, equal_nan=True)
+            assert (rows[[0, -1]] == UNTOUCHED).all()
+            assert (rows[1:-1, size:] == (0.0 if way == "streamed" else UNTOUCHED)).all()
+            assert np.array_equal(np.isnan(area[filled]), np.arange(lanes) == bad) and not np.nansum(area[filled])
 
 
 @pytest.mark.parametrize("lanes", LANES)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
+from holdfast.compiled import arrays
 from holdfast.compiled.not_compiled import NotCompiledError
 from holdfast.dynamics import Status
 from holdfast.dynamics.derivatives import STATE_AND_TORQUES
@@ -71,6 +72,24 @@ def require_bits(name: str, names: tuple[str, ...]) -> None:
         for i in (0, 7, 20):
             alone = way(i)
             assert all(same_bits(x[i], y) for x, y in zip(whole, alone, strict=True)), (way.__name__, i)
+
+
+@pytest.mark.slow
+def test_results_past_the_caches():
+    """Many large matrices go past the caches: the bits of few, not-a-number for one system alone, rows apart."""
+    chain, fast = chain_named("two"), problems.compiled("two")
+    few, count = numbers(chain, 7), 1400
+    many = {name: np.resize(x, (count, *x.shape[1:])) for name, x in few.items()}
+    many["tau"] = many["tau"].copy()
+    many["tau"][1393, 2] = np.nan
+    asked = {"of": ("qdd",), "by": ("tau",)}
+    expected, out = fast.forward_dynamics_jacobian(**few, **asked), None
+    for threads in (1, 2):
+        found = out = fast.forward_dynamics_jacobian(**many, **asked, threads=threads, out=out)
+        for x, y in ((found["qdd", "tau"], expected["qdd", "tau"]), (found.result.qdd, expected.result.qdd)):
+            good = np.delete(np.arange(count), 1393)
+            assert same_bits(x[good], np.resize(y, x.shape)[good]) and np.isnan(x[1393]).all()
+    assert found["qdd", "tau"].strides[0] * count > 2**20 and chain.joint_count**2 >= 64
 
 
 def test_some_of_it():
@@ -169,6 +188,44 @@ def test_out():
         assert same_bits(again[name], second[name])
     with pytest.raises(hf.StateError, match="out"):
         fast.forward_dynamics_vjp(**own, **bars[1], by=("q",), out=first)
+
+
+def test_out_by_the_builtin(monkeypatch):
+    """From the second call with the same `out` on, the Python code is left out, for the bits of a new result."""
+    p, _ = one_arm()
+    chain, fast, random = p.chain, hf.compile(p.chain), np.random.default_rng(3)
+    many = {x: numbers(chain, 3)[x] for x in problems.STATE}
+    bars = {"qdd": random.normal(size=chain.joint_count), "grasp_wrench": random.normal(size=(len(chain.arms), 6))}
+    along = {"q": random.normal(size=chain.joint_count)}
+    ways = [
+        (fast.forward_dynamics_jacobian, {"of": ["qdd"], "by": ("tau",)}),
+        (fast.forward_dynamics_vjp, bars | {"by": ("tau",)}),
+        (fast.forward_dynamics_jvp, {"along": along}),
+    ]
+    for solve, asked in ways:
+        expected = [solve(**one(many, i), **asked) for i in range(3)]
+        out = solve(**one(many, 0), **asked)
+        assert solve(**one(many, 1), **asked, out=out) is out
+        with monkeypatch.context() as without:
+            without.setattr(arrays, "floats", None)
+            for i, found in enumerate(expected):
+                assert solve(*one(many, i).values(), **asked, out=out) is out
+                assert same_bits(out.result.memory, found.result.memory)
+    state = one(many, 0)
+    bars["by"] = ("tau",)
+    out = fast.forward_dynamics_vjp(**state, **bars)
+    fast.forward_dynamics_vjp(**state, **bars, out=out)
+    turned = bars | {"grasp_wrench": bars["grasp_wrench"].reshape(6, -1)}  # as many numbers
+    with pytest.raises(hf.StateError, match="grasp_wrench: expected shape"):
+        fast.forward_dynamics_vjp(**state, **turned, out=out)
+    with pytest.raises(hf.StateError, match="tau: expected shape"):
+        fast.forward_dynamics_vjp(**state | {"tau": state["tau"][:-1]}, **bars, out=out)
+    with pytest.raises(hf.StateError, match="threads"):
+        fast.forward_dynamics_vjp(**state, **bars, out=out, threads=True)
+    with pytest.raises(hf.StateError, match="memory of its own"):
+        fast.forward_dynamics_vjp(**state | {"tau": out.tau}, **bars, out=out)
+    with pytest.raises(hf.StateError, match="arguments"):  # a text is no list of one name
+        fast.forward_dynamics_jacobian(**state, of=["qdd"], by="tau")
 
 
 def test_bound_forms():

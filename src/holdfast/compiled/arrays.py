@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from holdfast.compiled.result import CompiledResult
+from holdfast.compiler.kernel import address_of
 from holdfast.compiler.schedule import External
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.real_numbers import real_array
 from holdfast.spatial.scalar import Array
 
+_FLOATS = np.dtype(np.float64)
+
 
 def floats(name: str, value: Any, shape: tuple[int, ...]) -> Array:
     """Return a value as a float64 array in C order, of the given shape or with a leading batch axis."""
-    if (
-        type(value) is np.ndarray
-        and value.dtype == np.float64
-        and value.flags.c_contiguous
-        and value.flags.aligned
-        and value.shape[value.ndim - len(shape) :] == shape
-        and value.ndim - len(shape) in (0, 1)
-    ):
-        return value
+    if type(value) is np.ndarray and value.dtype is _FLOATS:
+        got, flags = value.shape, value.flags
+        if (got == shape or got[1:] == shape) and flags.c_contiguous and flags.aligned:
+            return value
     a = real_array(value, name, "real numbers", StateError)
     if a.shape != shape and (a.ndim == 0 or a.shape[1:] != shape):
         raise StateError(f"{name}: expected shape {shape} or (batch, *{shape}), got {a.shape}")
@@ -54,18 +52,14 @@ def batch_of(found: Mapping[str, Array], externals: Mapping[str, External]) -> i
     return batch
 
 
-def require_fit(out: Any, chain: ClosedChain, batch: int | None, inputs: Sequence[Array]) -> None:
-    """Raise a StateError if `out` belongs to another chain, has another batch size or shares memory with an input."""
+def require_fit(out: Any, chain: ClosedChain, batch: int | None) -> None:
+    """Raise a StateError if `out` belongs to another chain or has another batch size."""
     if not isinstance(out, CompiledResult) or out.chain is not chain:
         raise StateError(f"out: expected a result of this compiled chain, got {type(out).__name__}; leave it out first")
     if out.batch != batch:
         expected = "one system" if batch is None else f"a batch of {batch}"
         got = "one system" if out.batch is None else f"a batch of {out.batch}"
         raise StateError(f"out: expected a result of {expected}, got one of {got}")
-    begin, end = out.address, out.address + out.memory.nbytes
-    for a in inputs:
-        if a.nbytes and a.ctypes.data < end and begin < a.ctypes.data + a.nbytes:
-            raise StateError("out: expected memory of its own, but an input lies in it; try a copy of the input")
 
 
 class Addresses:
@@ -74,10 +68,24 @@ class Addresses:
     def __init__(self, externals: Mapping[str, External], fixed: Mapping[str, Array]) -> None:
         self._externals, self._fixed = externals, dict(fixed)  # keeps the memory of fixed arrays alive
         self._rows = {name: k for k, name in enumerate(externals)}
-        self._template = np.zeros((len(externals), 2), dtype=np.int64)
-        self._outputs = slice(len(externals) - sum(e.role == "output" for e in externals.values()), None)
-        for name, a in fixed.items():
-            self._template[self._rows[name]] = a.ctypes.data, 0
+        self._inputs = len(externals) - sum(e.role == "output" for e in externals.values())
+        self._template = [address_of(fixed[name]) if name in fixed else 0 for name in externals]
+
+    def row(self, found: Mapping[str, Array], out: CompiledResult) -> list[int]:
+        """Return the address of every array, in the kernel's order; see `table`.
+
+        Raises:
+            StateError: An input lies in the memory of `out`.
+        """
+        row, rows, begin = self._template.copy(), self._rows, out.address
+        end = begin + out.memory.nbytes
+        for name, a in found.items():
+            row[rows[name]] = start = address_of(a)
+            if start < end and begin < start + a.nbytes and a.nbytes:
+                raise StateError("out: expected memory of its own, but an input lies in it; try a copy of the input")
+        count = 8 if out.batch is None else 8 * out.batch
+        row[self._inputs :] = [begin + count * start for start in out.layout.starts]
+        return row
 
     def table(self, found: Mapping[str, Array], out: CompiledResult) -> Array:
         """Return the address and the stride of every array, (externals, 2), in the kernel's order.
@@ -87,12 +95,14 @@ class Addresses:
         Args:
             found: the inputs and those parameters that replace fixed ones, as float64 arrays in C order.
             out: the result to be written.
+
+        Raises:
+            StateError: An input lies in the memory of `out`.
         """
-        table = self._template.copy()
+        table = np.zeros((len(self._externals), 2), dtype=np.int64)
+        table[:, 0] = self.row(found, out)
         for name, a in found.items():
             external = self._externals[name]
-            table[self._rows[name]] = a.ctypes.data, external.size if a.ndim > len(external.shape) else 0
-        count = 1 if out.batch is None else out.batch
-        table[self._outputs, 0] = out.address + 8 * count * out.layout.starts
-        table[self._outputs, 1] = out.layout.sizes
+            table[self._rows[name], 1] = external.size if a.ndim > len(external.shape) else 0
+        table[self._inputs :, 1] = out.layout.strides
         return table

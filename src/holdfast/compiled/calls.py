@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import threading
+from array import array
 from collections.abc import Mapping
 from functools import cached_property
 
@@ -33,7 +34,10 @@ class Calls:
         self.prepare()
         self.layout = ResultLayout(kernel.externals)
         self._addresses = Addresses(kernel.externals, self.own)
+        self._parameters = frozenset(name for name, e in kernel.externals.items() if e.role == "parameter")
+        self._arena = int(self._bound.table[-1])
         self._run = ctypes.PYFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(kernel.single_address)
+        self._changed: list[str] = []  # what the spare arrays hold that is not the chain's own
 
     def __call__(self, found: Mapping[str, Array], result: CompiledResult, threads: int = 1) -> bool:
         """Write the results of one system or a batch; return whether every status is OK.
@@ -46,14 +50,16 @@ class Calls:
         if result.batch is not None:
             self.kernel.run_batch(self._addresses.table(found, result), result.batch, threads)
             return not result.array("status").any()
-        if any(self.kernel.externals[name].role == "parameter" for name in found):
+        row = self.row(found, result)
+        if not self._parameters.isdisjoint(found):
             return self._apart(found, result)
         # This call holds the global interpreter lock, so no other thread uses the working memory meanwhile.
-        return self._run(self.table(found, result).ctypes.data) == 0
+        table = array("q", row)  # of all kinds of arrays the quickest to make
+        return self._run(table.buffer_info()[0]) == 0
 
-    def table(self, found: Mapping[str, Array], result: CompiledResult) -> Array:
+    def row(self, found: Mapping[str, Array], result: CompiledResult) -> list[int]:
         """Return the addresses of all arrays and then of working memory, as the code for one system reads them."""
-        return np.append(self._addresses.table(found, result)[:, 0], self._bound.table[-1])
+        return [*self._addresses.row(found, result), self._arena]
 
     def own_table(self) -> Array:
         """Return a table with the chain's own values for all arrays."""
@@ -73,12 +79,15 @@ class Calls:
     def _apart(self, found: Mapping[str, Array], result: CompiledResult) -> bool:
         """Run one system with other parameters, in arrays that no other call uses."""
         with self._lock:
-            self._spare.use({name: result.array(name) for name in self.layout.shapes})
-            for name, x in (self.own | dict(found)).items():
-                self._spare.arrays[name][...] = x
-            self._spare.prepare()
-            return self._spare.run() == 0
+            spare, own = self._spare, self.own
+            spare.use({name: result.array(name) for name in self.layout.shapes})
+            before = {name: own[name] for name in (*self._changed, "generic_rank")}
+            self._changed = [name for name in found if name in own]
+            for name, x in (before | dict(found)).items():
+                spare.arrays[name][...] = x
+            spare.prepare()
+            return spare.run() == 0
 
     @cached_property
     def _spare(self) -> Bound:
-        return self.kernel.bind()
+        return self.bind()

@@ -113,16 +113,18 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
         code = kernel("forward", structure, self._externals, lambda: forward_schedule(structure))
         self.calls = Calls(code, parameters_of(chain, generic_rank))
         by_name = FLOATING if chain.floats else ()
-        self._inputs = *_INPUTS, *by_name  # these come first among the external arrays
+        inputs = *_INPUTS, *by_name  # these come first among the external arrays
+        self._shapes = [(name, self._externals[name].shape) for name in inputs]
         self._builtin = Builtin(
             code.single_address,
             self.calls.own_table(),
-            [self._externals[name].size for name in self._inputs],
+            [shape for _, shape in self._shapes],
             self._forward,
             "forward_dynamics",
             "(q, qd, tau, object_pose, object_twist, *, out=None, threads=1, **parameters)",
             _DOC,
-            by_name,
+            inputs,
+            len(by_name),
         )
         # The builtin runs calls that repeat `out` in machine code and passes all others to `_forward`.
         self.forward_dynamics = self._builtin.function  # type: ignore[method-assign]
@@ -231,22 +233,20 @@ class CompiledChain(ChainFunctions, ChainDerivatives):
             if self.generic_rank is None and self.moving.generic_rank is not None:
                 self.set_generic_rank(self.moving.generic_rank)
             return result
-        inputs = zip(_INPUTS, (q, qd, tau, object_pose, object_twist), strict=True)
-        found = {name: arrays.floats(name, x, self._externals[name].shape) for name, x in inputs}
-        of_base = FLOATING if self.chain.floats else ()
-        require_floating(of_base, parameters)
-        for name in of_base:
-            found[name] = arrays.floats(name, parameters.pop(name), self._externals[name].shape)
+        given = [q, qd, tau, object_pose, object_twist]
+        if self.chain.floats:
+            require_floating(FLOATING, parameters)
+            given += [parameters.pop(name) for name in FLOATING]
+        found = {name: arrays.floats(name, x, shape) for (name, shape), x in zip(self._shapes, given, strict=True)}
         if parameters:
             found |= parse_parameters(parameters, self._externals, self.chain)
         batch = arrays.batch_of(found, self._externals)
         arrays.require_threads(threads)
         result = CompiledResult(self.chain, self.calls.layout, batch) if out is None else out
         if out is not None:
-            arrays.require_fit(out, self.chain, batch, list(found.values()))
-            if batch is None and len(found) == len(self._inputs):
-                addresses = self.calls.table(found, result)
-                self._builtin.expect(out, out.memory, addresses[len(self._inputs) :].tolist())
+            arrays.require_fit(out, self.chain, batch)
+            if batch is None and len(found) == len(self._shapes):
+                self._builtin.expect(out, out.memory, self.calls.row(found, result)[len(found) :])
         if not self.calls(found, result, threads):
             found = self.calls.own | found | _origins(parameters)
             statuses.resolve_undecided(self, found, result)

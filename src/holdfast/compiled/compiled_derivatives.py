@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -10,13 +10,15 @@ import numpy as np
 
 from holdfast.compiled import arrays, statuses
 from holdfast.compiled.calls import Calls
-from holdfast.compiled.derivative_schedule import FOUND, UNITS, WITH, Request, derivative_shapes
+from holdfast.compiled.derivative_schedule import FOUND, UNITS, WITH, Request, derivative_shapes, given_names
 from holdfast.compiled.externals import FLOATING, LINKS, MOVING
 from holdfast.compiled.kernels import kernel
 from holdfast.compiled.parameters import WRENCHES, parameters_of, parse_parameters, require_floating
 from holdfast.compiled.result import INDETERMINATE, CompiledResult
 from holdfast.compiled.structure import Options, Structure
+from holdfast.compiler.targets import Builtin
 from holdfast.dynamics.closed.forward_derivatives import results_of
+from holdfast.dynamics.derivatives import STATE_AND_TORQUES
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.spatial.scalar import Array
@@ -37,9 +39,10 @@ class Derivatives:
 
     result: CompiledResult
     request: Request
+    _blocks: dict[Any, Array]  # views for `found[of, by]`, made when first asked for
 
     def __init__(self, result: CompiledResult, request: Request) -> None:
-        self.__dict__.update(result=result, request=request)
+        self.__dict__.update(result=result, request=request, _blocks={})
 
     def __getattr__(self, name: str) -> Array:
         """Return the derivatives of one name."""
@@ -52,7 +55,12 @@ class Derivatives:
         """Return the derivatives of one name, or of a result by an argument, (*result's shape, *argument's shape)."""
         if isinstance(name, str):
             return getattr(self, name)
-        of, by = name
+        found = self._blocks.get(name)
+        if found is None:
+            found = self._blocks[name] = self._block(*name)
+        return found
+
+    def _block(self, of: str, by: str) -> Array:
         columns, shapes = getattr(self, f"{of}.{by}"), derivative_shapes(self.result.chain)
         lead = columns.shape[:-2]
         whole = columns.reshape(*lead, *shapes[by], *shapes[of])
@@ -78,7 +86,7 @@ class CompiledDerivatives:
             request: the derivatives to compute.
             moving: whether bases move.
         """
-        self._compiled, self.request, chain = compiled, request, compiled.chain
+        self._compiled, self.request, self._rank, chain = compiled, request, compiled.generic_rank, compiled.chain
         structure = Structure(chain, options_of(compiled.options, request, moving))
         self.externals = request.externals(structure)
         own = parameters_of(chain, compiled.generic_rank)
@@ -86,42 +94,67 @@ class CompiledDerivatives:
             own[UNITS] = np.eye(self.externals[UNITS].shape[0])
         code = kernel(request.name, structure, self.externals, lambda: request.schedule(structure))
         self.calls = Calls(code, own)
+        names = *given_names(chain), *(f"{WITH}{name}" for name in request.given)
+        self._shapes = [(name, self.externals[name].shape) for name in names]
+        shapes = [shape for _, shape in self._shapes]
+        # The builtin runs calls that repeat `out` in machine code and passes all others to `_checked`.
+        self._builtin = Builtin(code.single_address, self.calls.own_table(), shapes, self._checked, request.kind)
 
     def __call__(
-        self, given: Mapping[str, Any], parameters: Mapping[str, Any], out: Derivatives | None, threads: int
+        self, given: Sequence[Any], parameters: dict[str, Any], out: Derivatives | None, threads: int
     ) -> Derivatives:
         """Return the derivatives together with the result of forward dynamics.
 
         Args:
-            given: the inputs, and the cotangents or tangents, by their names in `externals`.
+            given: state and torques without those of a floating base; then the cotangents or tangents, in the request's
+                order.
             parameters: the parameters of this call, by the names that users know.
             out: earlier derivatives to be overwritten.
             threads: the number of threads for a batch.
         """
+        arrays.require_threads(threads)
+        if self._compiled.chain.floats:
+            require_floating(FLOATING, parameters)
+            of_state = len(STATE_AND_TORQUES)
+            given = *given[:of_state], *(parameters.pop(name) for name in FLOATING), *given[of_state:]
+        if self._rank != self._compiled.generic_rank:
+            self._set_rank(self._compiled.generic_rank)
+        if parameters or threads > 1:
+            return self._checked(*given, out=out, threads=threads, parameters=parameters)
+        return self._builtin.function(*given, out=out)
+
+    def _checked(
+        self, *given: Any, out: Derivatives | None, threads: int = 1, parameters: Mapping[str, Any] | None = None
+    ) -> Derivatives:
+        """Run the calls that the builtin does not handle."""
         compiled, chain = self._compiled, self._compiled.chain
         found = {
-            name: arrays.floats(name.removeprefix(WITH), x, self.externals[name].shape) for name, x in given.items()
+            name: arrays.floats(name.removeprefix(WITH), x, shape)
+            for (name, shape), x in zip(self._shapes, given, strict=True)
         }
         if parameters:
             found |= parse_parameters(parameters, self.externals, chain)
-        require_floating(FLOATING if chain.floats else (), found)
         batch = arrays.batch_of(found, self.externals)
-        arrays.require_threads(threads)
         if out is None:
-            result = CompiledResult(chain, self.calls.layout, batch)
+            out = Derivatives(CompiledResult(chain, self.calls.layout, batch), self.request)
         else:
             checks.instance(out, Derivatives, "out", StateError)
-            result = out.result
             if out.request != self.request:
                 raise StateError("out: expected earlier derivatives of the same names; leave it out first")
-            arrays.require_fit(result, chain, batch, list(found.values()))
-        rank = -1.0 if compiled.generic_rank is None else float(compiled.generic_rank)
-        if rank != self.calls.own["generic_rank"]:
-            self.calls.own["generic_rank"][...] = rank
-            self.calls.prepare()
-        if not self.calls(found, result, threads):
-            self._resolve_undecided(found, result)
-        return Derivatives(result, self.request)
+            arrays.require_fit(out.result, chain, batch)
+            if batch is None and not parameters:
+                self._builtin.expect(out, out.result.memory, self.calls.row(found, out.result)[len(found) :])
+        if not self.calls(found, out.result, threads):
+            self._resolve_undecided(found, out.result)
+            if self._rank != compiled.generic_rank:
+                self._set_rank(compiled.generic_rank)
+        return out
+
+    def _set_rank(self, generic_rank: int | None) -> None:
+        """Let the status be decided by the generic rank that the chain has been found to have."""
+        self._rank = generic_rank
+        self.calls.own["generic_rank"][...] = -1.0 if generic_rank is None else float(generic_rank)
+        self.calls.prepare()
 
     def _resolve_undecided(self, found: Mapping[str, Array], result: CompiledResult) -> None:
         """Resolve undecided statuses, and reject derivatives of forces that are not unique.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any, Literal, NamedTuple
 
-from holdfast.compiled.externals import shapes
+from holdfast.compiled.externals import FLOATING, shapes
 from holdfast.compiled.forward_schedule import (
     forward_externals,
     guarded_outputs,
@@ -19,6 +19,7 @@ from holdfast.compiler.schedule import External, Schedule
 from holdfast.dynamics.closed.forward_derivatives import backward, forward, results_of
 from holdfast.dynamics.closed.forward_jacobian import gradient_shapes, jacobian, units_needed
 from holdfast.dynamics.closed.second_solve import point
+from holdfast.dynamics.derivatives import STATE_AND_TORQUES
 from holdfast.model.closed_chain import ClosedChain
 
 WITH = "with."  # the prefix of the names of cotangents of results and tangents of arguments
@@ -62,8 +63,10 @@ class Request(NamedTuple):
         """Return the arrays that the computation reads and writes."""
         chain, known = structure.chain, derivative_shapes(structure.chain)
         of_forward = forward_externals(structure)
-        own = {name: e for name, e in of_forward.items() if e.role == "input"}
+        # The inputs of every call come first, because the builtin fills in the first addresses.
+        own = {name: of_forward[name] for name in given_names(chain)}
         own |= {f"{WITH}{name}": External(known[name], "input") for name in self.given}
+        own |= {name: e for name, e in of_forward.items() if e.role == "input" and name not in own}
         own |= {name: e for name, e in of_forward.items() if e.role == "parameter"}
         if self.kind == "jacobian":
             size = units_needed(chain, self.arguments)
@@ -92,6 +95,11 @@ class Request(NamedTuple):
         else:
             found = backward(at, own, self.arguments, together=True) if self.kind == "vjp" else forward(at, own)
         return outputs_of(chain, solved) | {f"{FOUND}{name}": found[name] for name in self.found(structure.chain)}
+
+
+def given_names(chain: ClosedChain) -> tuple[str, ...]:
+    """Return the inputs that every call gives: state and torques."""
+    return *STATE_AND_TORQUES, *(FLOATING if chain.floats else ())
 
 
 def derivative_shapes(chain: ClosedChain) -> dict[str, Shape]:

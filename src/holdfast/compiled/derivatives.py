@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 from holdfast.compiled.bound_derivatives import BoundDerivatives
 from holdfast.compiled.compiled_derivatives import CompiledDerivatives, Derivatives
-from holdfast.compiled.derivative_schedule import WITH, Request
+from holdfast.compiled.derivative_schedule import Request
 from holdfast.compiled.externals import MOVING
 from holdfast.compiled.not_compiled import NotCompiledError
 from holdfast.compiled.structure import Options
@@ -77,12 +78,11 @@ class ChainDerivatives:
             SingularChainError: The configuration of a single system is singular.
             NotCompiledError: The chain has springs between bodies.
         """
-        results = results_of(self.chain)
-        cotangents = {n: x for n, x in cotangents_and_parameters.items() if n in results}
-        parameters = {n: x for n, x in cotangents_and_parameters.items() if n not in results}
-        code = self._derivatives("vjp", tuple(cotangents), by, parameters)
-        given = dict(zip(STATE_AND_TORQUES, (q, qd, tau, object_pose, object_twist), strict=True))
-        return code(given | {f"{WITH}{n}": x for n, x in cotangents.items()}, parameters, out, threads)
+        parameters, results = cotangents_and_parameters, self._results
+        names = tuple([name for name in parameters if name in results])
+        code = self._derivatives("vjp", names, by, parameters)
+        cotangents = [parameters.pop(name) for name in code.request.given]
+        return code((q, qd, tau, object_pose, object_twist, *cotangents), parameters, out, threads)
 
     def forward_dynamics_jvp(
         self,
@@ -123,9 +123,9 @@ class ChainDerivatives:
             NotCompiledError: The chain has springs between bodies.
         """
         checks.instance(along, Mapping, "forward_dynamics_jvp: along", StateError)
-        code = self._derivatives("jvp", results_of(self.chain) if of is None else of, tuple(along), parameters)
-        given = dict(zip(STATE_AND_TORQUES, (q, qd, tau, object_pose, object_twist), strict=True))
-        return code(given | {f"{WITH}{n}": x for n, x in along.items()}, parameters, out, threads)
+        code = self._derivatives("jvp", self._results if of is None else of, tuple(along), parameters)
+        tangents = [along[name] for name in code.request.given]
+        return code((q, qd, tau, object_pose, object_twist, *tangents), parameters, out, threads)
 
     def forward_dynamics_jacobian(
         self,
@@ -167,8 +167,7 @@ class ChainDerivatives:
             NotCompiledError: The chain has springs between bodies.
         """
         code = self._derivatives("jacobian", of, by, parameters)
-        given: dict[str, Any] = dict(zip(STATE_AND_TORQUES, (q, qd, tau, object_pose, object_twist), strict=True))
-        return code(given, parameters, out, threads)
+        return code((q, qd, tau, object_pose, object_twist), parameters, out, threads)
 
     def bind_derivatives(
         self,
@@ -228,9 +227,23 @@ class ChainDerivatives:
         parameters: Mapping[str, Any],
     ) -> CompiledDerivatives:
         """Return the compiled derivatives; they are compiled when first requested."""
-        request = self.derivative_request(kind, of, by)
-        key = request, any(name in MOVING for name in parameters)
-        made: dict[tuple[Request, bool], CompiledDerivatives] = self.__dict__.setdefault("_derivatives_made", {})
-        if key not in made:
-            made[key] = CompiledDerivatives(self, *key)  # type: ignore[arg-type]
-        return made[key]
+        moving = not parameters.keys().isdisjoint(MOVING)
+        known: dict[Any, CompiledDerivatives] = self._derivatives_made
+        try:
+            asked = kind, type(of), tuple(of), type(by), tuple(by), moving  # types, because a text is no list of names
+            return known[asked]
+        except (KeyError, TypeError):  # asked for the first time, or no names
+            request = self.derivative_request(kind, of, by)
+        if (request, moving) not in known:
+            known[request, moving] = CompiledDerivatives(self, request, moving)  # type: ignore[arg-type]
+        known[kind, type(of), tuple(of), type(by), tuple(by), moving] = known[request, moving]
+        return known[request, moving]
+
+    @cached_property
+    def _derivatives_made(self) -> dict[Any, CompiledDerivatives]:
+        return {}
+
+    @cached_property
+    def _results(self) -> tuple[str, ...]:
+        """The names of the results that can be differentiated."""
+        return results_of(self.chain)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.compiled.externals import BASE_MOTION, FLOATING
+from holdfast.compiler.program import Shape
 from holdfast.compiler.schedule import External
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -20,6 +21,7 @@ from holdfast.spatial.scalar import Array
 # Users pass poses as wxyz_xyz; machine code reads rotation matrices, and origins if they matter.
 _POSES = {"base_pose": ("base_R", "base_p"), "grasp_pose": ("grasp_R", "grasp_p")}
 WRENCHES = ("link_wrench", "trunk_link_wrench")
+_INPUTS = ("object_wrench", *WRENCHES, *FLOATING)  # inputs that users pass like parameters
 _INTERNAL = {"generic_rank", *(name for pair in _POSES.values() for name in pair)}
 
 
@@ -79,19 +81,16 @@ def parse_parameters(
     Raises:
         StateError: A name is unknown, a shape is wrong, a number is not finite, or a mass has no inertia.
     """
-    shapes = {name: e.shape for name, e in externals.items() if e.role == "parameter" and name not in _INTERNAL}
-    shapes |= {name: externals[name].shape for name in ("object_wrench", *WRENCHES, *FLOATING) if name in externals}
-    for name, (rotations, _) in _POSES.items():
-        if rotations in externals:
-            shapes[name] = (externals[rotations].shape[0], 7)
-    for name in given:
-        if name not in shapes:
-            raise StateError(f"no parameter '{name}'.{checks.did_you_mean(name, shapes)}")
+    shapes = {name: _shape(name, externals) for name in given}
+    for name, shape in shapes.items():
+        if shape is None:
+            known = [other for other in (*externals, *_POSES) if _shape(other, externals) is not None]
+            raise StateError(f"no parameter '{name}'.{checks.did_you_mean(name, known)}")
     found: dict[str, Array] = {}
     for name, value in _with_inertia(given, chain).items():
-        a = np.array(real_array(value, name, "real numbers", StateError), dtype=float, order="C")
-        if a.shape != shapes[name] and a.shape[1:] != shapes[name]:
-            raise StateError(f"{name}: expected shape {shapes[name]} or (batch, *{shapes[name]}), got {a.shape}")
+        a, shape = np.array(real_array(value, name, "real numbers", StateError), dtype=float, order="C"), shapes[name]
+        if a.shape != shape and a.shape[1:] != shape:
+            raise StateError(f"{name}: expected shape {shape} or (batch, *{shape}), got {a.shape}")
         if not np.isfinite(a).all():
             raise StateError(f"{name}: expected finite numbers")
         if name in BASE_MOTION:
@@ -106,6 +105,16 @@ def parse_parameters(
         else:
             found[name] = a
     return found
+
+
+def _shape(name: str, externals: Mapping[str, External]) -> Shape | None:
+    """Return the shape of a parameter that users may pass, or None if there is none of that name."""
+    if name in _POSES:
+        rotations = externals.get(_POSES[name][0])
+        return None if rotations is None else (rotations.shape[0], 7)
+    e = externals.get(name)
+    passed = e is not None and name not in _INTERNAL and (e.role == "parameter" or name in _INPUTS)
+    return e.shape if e is not None and passed else None
 
 
 def _with_inertia(given: Mapping[str, Any], chain: ClosedChain) -> Mapping[str, Any]:

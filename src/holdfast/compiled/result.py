@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
 
+from holdfast.compiler.kernel import address_of, aligned
 from holdfast.compiler.schedule import External
 from holdfast.dynamics.result import ForwardResult, Status
 from holdfast.model.closed_chain import ClosedChain
@@ -20,29 +22,38 @@ _STATUSES = np.array(
 )
 
 
+_LINE = 8  # a cache line [doubles]
+_LONG_ROW = 64  # rows of so many numbers begin at a cache line
+
+
 class ResultLayout:
     """The arrays of a result, which are consecutive in its memory.
 
     Attributes:
         shapes: the shape of each array for one system, by name.
-        sizes: the number of entries of each array for one system.
+        strides: the distance from one system's numbers to the next one's in each array of a batch [doubles]. Rows of
+            many numbers begin at cache lines, so that they can be written past the caches.
         starts: the offset of each array [doubles] for one system.
-        total: the number of entries of all arrays for one system.
+        total: the number of doubles of all arrays for one system.
     """
 
     def __init__(self, externals: Mapping[str, External]) -> None:
         self.shapes = {name: e.shape for name, e in externals.items() if e.role == "output"}
-        self.sizes = np.array([math.prod(shape) for shape in self.shapes.values()], dtype=np.int64)
-        ends = np.cumsum(self.sizes)
-        self.starts, self.total = ends - self.sizes, int(ends[-1])
-        self._places = dict(zip(self.shapes, zip(self.starts.tolist(), ends.tolist(), strict=True), strict=True))
+        sizes = {name: math.prod(shape) for name, shape in self.shapes.items()}
+        strides = {n: size if size < _LONG_ROW else -(-size // _LINE) * _LINE for n, size in sizes.items()}
+        order = sorted(strides, key=lambda name: sizes[name] < _LONG_ROW)  # those that begin at cache lines come first
+        starts = dict(zip(order, accumulate([strides[name] for name in order], initial=0), strict=False))
+        self._places = {name: (starts[name], sizes[name], strides[name]) for name in self.shapes}
+        self.starts, self.strides = [starts[name] for name in self.shapes], list(strides.values())
+        self.total = sum(self.strides)
 
     def view(self, name: str, memory: Array, batch: int | None) -> Array:
         """Return one array of a result."""
-        start, end = self._places[name]
+        (start, size, stride), shape = self._places[name], self.shapes[name]
         if batch is None:
-            return memory[start:end].reshape(self.shapes[name])
-        return memory[start * batch : end * batch].reshape(batch, *self.shapes[name])
+            return memory[start : start + size].reshape(shape)
+        rows = memory[start * batch : (start + stride) * batch].reshape(batch, stride)
+        return rows[:, :size].reshape(batch, *shape)
 
 
 class CompiledResult(ForwardResult):
@@ -66,9 +77,9 @@ class CompiledResult(ForwardResult):
     __deepcopy__: Any = None  # allows real copies, because unlike other results this one may be overwritten
 
     def __init__(self, chain: ClosedChain, layout: ResultLayout, batch: int | None) -> None:
-        memory = np.empty(layout.total * (1 if batch is None else batch))
+        memory = np.empty(layout.total) if batch is None else aligned(layout.total * batch, np.empty)
         self.__dict__.update(
-            chain=chain, layout=layout, batch=batch, method="sequential", memory=memory, address=memory.ctypes.data
+            chain=chain, layout=layout, batch=batch, method="sequential", memory=memory, address=address_of(memory)
         )
 
     def __getattr__(self, name: str) -> Array:

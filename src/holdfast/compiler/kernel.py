@@ -19,6 +19,7 @@ from holdfast.compiler.schedule import External, Schedule
 from holdfast.compiler.targets import batch_module, cpu, foreign_call, no_argument_call, single_module
 
 Array = np.ndarray
+_BYTE = ctypes.c_char
 
 _RUN = ctypes.PYFUNCTYPE(None, ctypes.c_void_p)
 
@@ -176,6 +177,7 @@ class Bound:
         self.memory = aligned(sum(e.size for e in externals.values()))
         self._arena = aligned(arena)
         self.arrays: dict[str, np.ndarray] = {}
+        self._places = {name: k for k, name in enumerate(externals)}
         self.table = np.empty(len(externals) + 1, dtype=np.int64)
         start = 0
         for k, (name, external) in enumerate(externals.items()):
@@ -189,16 +191,24 @@ class Bound:
     def use(self, arrays: Mapping[str, np.ndarray]) -> None:
         """Use the caller's memory for some of the arrays; it must be float64 in C order, of the right shapes."""
         self.arrays |= arrays
-        for k, name in enumerate(self.arrays):
-            self.table[k] = self.arrays[name].ctypes.data
+        for name, x in arrays.items():
+            self.table[self._places[name]] = address_of(x)
 
     def prepare(self) -> None:
         """Compute what depends on parameters only."""
         self._prepare(self.table.ctypes.data)
 
 
-def aligned(count: int) -> np.ndarray:
-    """Return `count` zeros whose memory begins at a cache line."""
-    memory = np.zeros(count + 8)
+def address_of(x: np.ndarray) -> int:
+    """Return `x.ctypes.data`, in a quarter of the time if the array is writable."""
+    try:
+        return ctypes.addressof(_BYTE.from_buffer(x))
+    except (TypeError, ValueError):  # read-only, or without entries
+        return x.ctypes.data
+
+
+def aligned(count: int, made: Callable[[int], np.ndarray] = np.zeros) -> np.ndarray:
+    """Return `count` zeros, or what else `made` returns, whose memory begins at a cache line."""
+    memory = made(count + 8)
     start = -(memory.ctypes.data // 8) % 8
     return memory[start : start + count]

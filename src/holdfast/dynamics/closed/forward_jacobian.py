@@ -308,7 +308,7 @@ def results(own: Own, everyone: Everyone, moved: OwnResponse, of: Sequence[str])
     alpha = none = np.zeros(6)
     shares: list[Array] = [none] * len(everyone.contacts)
     if own.answers is not None:
-        given = concatenate([-moved.apart, moved.on_object])[: own.answers.object_acceleration.shape[1]]
+        given = concatenate([moved.closing, moved.on_object])[: own.answers.object_acceleration.shape[1]]
         alpha = own.answers.object_acceleration @ given
         shares = [f @ given for f in own.answers.wrenches]
     wrench_besides = moved.known + moved.bushing if len(moved.bushing) else moved.known
@@ -325,7 +325,7 @@ def results(own: Own, everyone: Everyone, moved: OwnResponse, of: Sequence[str])
         qdd.append(answer.qdd @ f + own_qdd)
         wrench.append(f + mine * wrench_besides)
         base.append(answer.base @ f + mine * moved.base)
-        gap = shift_twist(c.offset, alpha) + everyone.mobilities[g].apply(f) + mine * moved.apart
+        gap = shift_twist(c.offset, alpha) + everyone.mobilities[g].apply(f) - mine * moved.closing
         rates[g] = rates_of(c, gap)
     found = {
         "qdd": qdd,

@@ -1,6 +1,6 @@
 """What an arm does by itself while its equations change: its part of a column of the Jacobian.
 
-The other arms and the object learn of it by six numbers, how fast its grasp would gape, and by what the object feels.
+The other arms and the object learn of it by six numbers, how fast its grasp would close, and by what the object feels.
 Arms that are short enough to be written out answer for all of their joints at once (`joint_responses`): M^-1 is found
 once, and it is the columns by torques.
 """
@@ -30,7 +30,7 @@ class OwnResponse(NamedTuple):
     Attributes:
         qdd: (N,) joint accelerations.
         base: (6,) the base's wrench on the arm.
-        apart: (6,) what its grasp would gape by, r_f less the tip's acceleration.
+        closing: (6,) what its grasp would close by, the tip's acceleration less r_f.
         known: (6,) its wrench along the free directions.
         bushing: (6,) how fast a bushing's wrench changes; of others (0,).
         on_object: (6,) wrench on the object about C.
@@ -38,7 +38,7 @@ class OwnResponse(NamedTuple):
 
     qdd: Array
     base: Array
-    apart: Array
+    closing: Array
     known: Array
     bushing: Array
     on_object: Array
@@ -55,13 +55,13 @@ def own_response(tip: TipResponse, motion: ArmMotion, c: Contact | None, r: Unkn
     """
     load = Load(-r.qdd, -r.wrench, -r.contact_acceleration, np.zeros(6))
     loaded = under(tip, motion, load)
-    known, apart, on_object = np.zeros(6), np.zeros(6), np.zeros(6)
+    known, closing, on_object = np.zeros(6), np.zeros(6), np.zeros(6)
     if c is not None:
         known = along_free(c, load.free)
-        apart = load.gap - loaded.free_acceleration + loaded.mobility.apply(known)
+        closing = loaded.free_acceleration - load.gap - loaded.mobility.apply(known)
         on_object = shift_wrench(c.offset, known) - r.object_acceleration
     qdd, base = loaded.back_substitute(known)
-    return OwnResponse(qdd, base + r.base, apart, known, r.known, on_object)
+    return OwnResponse(qdd, base + r.base, closing, known, r.known, on_object)
 
 
 def joint_responses(
@@ -82,14 +82,14 @@ def joint_responses(
     found = {"tau": torques}
     if torques and ("q" in names or "qd" in names):
         mobility = array([one.qdd for one in torques]).T
-        at_base, at_tip = array([one.base for one in torques]).T, array([one.apart for one in torques]).T
+        at_base, at_tip = array([one.base for one in torques]).T, array([one.closing for one in torques]).T
 
         def of_residual(r: Unknowns) -> OwnResponse:
             other = own_response(tip, motion, c, r._replace(qdd=still.qdd))
             return other._replace(
                 qdd=other.qdd - mobility @ r.qdd,
                 base=other.base - at_base @ r.qdd,
-                apart=other.apart - at_tip @ r.qdd,
+                closing=other.closing - at_tip @ r.qdd,
             )
 
         found |= {name: [of_residual(r) for r in of] for name, of in joint_residuals(case, z).items()}

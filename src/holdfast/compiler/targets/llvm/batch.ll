@@ -31,5 +31,6 @@ stored:
   br i1 %more, label %next, label %done
 
 done:
+  fence seq_cst  ; what went past the caches is there for other threads
   ret void
 }

@@ -1,9 +1,10 @@
 ; The declarations that all Python builtins share: the record of one builtin, Python's buffers and Python's own
 ; functions. `builtin.py` appends either `call_without_arguments.ll` or `call_with_arrays.ll`.
 
-%record = type { ptr, ptr, ptr, ptr, ptr, i64, i64, i64, ptr, i64, ptr, [0 x i64] }
-; run, table, fallback, "out", expected result, begin and end of its memory, number of inputs, the type of arrays, the
-; number of positional inputs, the names of the other inputs, the size of each input in bytes
+%record = type { ptr, ptr, ptr, ptr, ptr, i64, i64, i64, ptr, i64, ptr, [0 x %input] }
+%input = type { i64, i64, i64 }  ; size in bytes, number of axes, length of the first
+; run, table, fallback, "out", expected result, begin and end of its memory, number of inputs, the type of arrays, how
+; many inputs may be given by place, the names of all inputs (null for one without a name), their shapes
 %buffer = type { ptr, ptr, i64, i64, i32, i32, ptr, ptr, ptr, ptr, ptr }
 ; buf, obj, len, itemsize, readonly, ndim, format, shape, strides, suboffsets, internal
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import math
 import re
 import sys
 import sysconfig
@@ -51,20 +52,22 @@ class Builtin:
     """A Python builtin that runs a kernel, and the memory that the builtin uses.
 
     Attributes:
-        function: `function(x0, x1, ..., *, name=x, ..., out=result)`. With flat float64 inputs in C order and the
-            expected `result`, it runs the kernel and returns `result`; it passes any other call to the fallback.
+        function: `function(x0, x1, ..., *, name=x, ..., out=result)`. With float64 inputs of the right shapes in C
+            order and the expected `result`, it runs the kernel and returns `result`; it passes any other call to the
+            fallback.
     """
 
     def __init__(
         self,
         run: int,
         table: np.ndarray,
-        sizes: Sequence[int],
+        shapes: Sequence[tuple[int, ...]],
         fallback: Callable[..., Any],
         name: str = "kernel",
         signature: str = "(*inputs, out=None)",
         doc: str = "",
         names: Sequence[str] = (),
+        by_name: int | None = None,
     ) -> None:
         """Make the builtin; until `expect` is called, it passes every call to the fallback.
 
@@ -72,23 +75,26 @@ class Builtin:
             run: the address of `i64 run(ptr table)`, which returns 0 for success; otherwise the fallback runs too.
             table: an int64 array. The builtin writes the inputs' addresses to its first entries; the caller fills
                 the others.
-            sizes: the number of float64 entries of each input.
+            shapes: the shape of each input; if one has neither one nor two axes, `function` is the fallback.
             fallback: the Python function for all other calls; it must also keep the code at `run` alive.
             name: the builtin's `__name__`.
             signature: the builtin's signature, as `help` shows it.
             doc: the builtin's docstring.
-            names: the names of the last inputs, which are passed by keyword.
+            names: the names of the last inputs, by which they can be passed.
+            by_name: how many of the last inputs are passed by name only; by default all that have names.
         """
-        interned = tuple(map(sys.intern, names))
-        words = np.array([id(word) for word in interned], dtype=np.int64)
-        fixed = [run, table.ctypes.data, id(fallback), id(_OUT), 0, 0, 0, len(sizes), id(np.ndarray)]
-        by_name = [len(sizes) - len(names), words.ctypes.data]
-        self._record = np.array([*fixed, *by_name, *(8 * size for size in sizes)], dtype=np.int64)
-        self._table, self._inputs = table, len(sizes)
+        interned, count = tuple(map(sys.intern, names)), len(shapes)
+        words = np.array([0] * (count - len(names)) + [id(word) for word in interned], dtype=np.int64)
+        placed = count - (len(names) if by_name is None else by_name)
+        fixed = [run, table.ctypes.data, id(fallback), id(_OUT), 0, 0, 0, count, id(np.ndarray)]
+        sizes = [8 * math.prod(shape) for shape in shapes]
+        of_inputs = [x for s, shape in zip(sizes, shapes, strict=True) for x in (s, len(shape), *shape[:1])]
+        self._record = np.array([*fixed, placed, words.ctypes.data, *of_inputs], dtype=np.int64)
+        self._table, self._inputs = table, count
         self._results: list[Any] = []
         self._lock = threading.Lock()
         self.function: Callable[..., Any] = fallback
-        if _POSSIBLE and len(sizes) <= _MOST:
+        if _POSSIBLE and count <= _MOST and all(len(shape) in (1, 2) for shape in shapes):
             self.function = _builtin(
                 "call_with_arrays",
                 name,

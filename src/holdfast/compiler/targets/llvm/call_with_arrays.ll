@@ -1,5 +1,5 @@
 ; `function(x0, x1, ..., *, name=x, ..., out=result)` runs the kernel on the inputs' buffers; any other call is passed
-; to the fallback. Keywords may be in any order.
+; to the fallback. Inputs may be given by place or by name, names in any order.
 ;
 ; Acquiring or releasing a buffer may run Python code, which may call the same builtin. Hence the table is written only
 ; after all buffers have been acquired, and no Python code can run between that and the kernel.
@@ -10,10 +10,9 @@ define ptr @function(ptr %self, ptr %args, i64 %given, ptr %names) {
   %count = load i64, ptr %count.at
   %placed.at = getelementptr %record, ptr %record, i64 0, i32 9
   %placed = load i64, ptr %placed.at
-  %by.name = sub i64 %count, %placed
-  %right.count = icmp eq i64 %given, %placed
+  %few = icmp ule i64 %given, %placed
   %named = icmp ne ptr %names, null
-  %likely = and i1 %right.count, %named
+  %likely = and i1 %few, %named
   br i1 %likely, label %keyword, label %slow
 
 keyword:
@@ -24,41 +23,53 @@ keyword:
   %array = load ptr, ptr %array.at
   %words.at = getelementptr %record, ptr %record, i64 0, i32 10
   %words = load ptr, ptr %words.at
-  %wanted = add i64 %by.name, 1
+  %all = add i64 %count, 1  ; the inputs and `out`
+  %wanted = sub i64 %all, %given
   %right.keywords = icmp eq i64 %keywords, %wanted
   br i1 %right.keywords, label %take, label %slow
 
 take:
   %views = alloca %buffer, i64 %count, align 8
-  %order = alloca ptr, i64 %wanted, align 8  ; what was given by name, in the record's order, and `out`
-  br label %blank
+  %order = alloca ptr, i64 %all, align 8  ; what was given, in the record's order, and `out`
+  br label %copy
 
-blank:
-  %b = phi i64 [ 0, %take ], [ %b.next, %blank ]
+copy:
+  %b = phi i64 [ 0, %take ], [ %b.next, %copied ]
   %b.next = add i64 %b, 1
-  %empty.at = getelementptr ptr, ptr %order, i64 %b
-  store ptr null, ptr %empty.at
-  %blanked = icmp eq i64 %b.next, %wanted
-  br i1 %blanked, label %name, label %blank
+  %to.at = getelementptr ptr, ptr %order, i64 %b
+  %by.place = icmp ult i64 %b, %given
+  br i1 %by.place, label %copy.one, label %copied
+
+copy.one:
+  %arg.at = getelementptr ptr, ptr %args, i64 %b
+  %arg = load ptr, ptr %arg.at
+  br label %copied
+
+copied:
+  %content = phi ptr [ null, %copy ], [ %arg, %copy.one ]
+  store ptr %content, ptr %to.at
+  %copied.all = icmp eq i64 %b, %count
+  br i1 %copied.all, label %name, label %copy
 
 name:
-  %n = phi i64 [ 0, %blank ], [ %n.next, %known ]
+  %n = phi i64 [ 0, %copied ], [ %n.next, %known ]
   %n.next = add i64 %n, 1
   %named.all = icmp eq i64 %n, %wanted
   br i1 %named.all, label %complete, label %seek
 
 seek:
   %this = call ptr @PyTuple_GetItem(ptr %names, i64 %n)
-  br label %compare
+  %is.out = icmp eq ptr %this, %word
+  br i1 %is.out, label %known, label %compare
 
 compare:
-  %c = phi i64 [ 0, %seek ], [ %c.next, %other.word ]
+  %c = phi i64 [ %given, %seek ], [ %c.next, %other.word ]
   %c.next = add i64 %c, 1
-  %last.word = icmp eq i64 %c, %by.name
-  %candidate.at = getelementptr ptr, ptr %words, i64 %c
-  br i1 %last.word, label %against.out, label %against
+  %last.word = icmp eq i64 %c, %count
+  br i1 %last.word, label %slow, label %against
 
 against:
+  %candidate.at = getelementptr ptr, ptr %words, i64 %c
   %candidate = load ptr, ptr %candidate.at
   %matches = icmp eq ptr %this, %candidate
   br i1 %matches, label %known, label %other.word
@@ -66,13 +77,9 @@ against:
 other.word:
   br label %compare
 
-against.out:
-  %is.out = icmp eq ptr %this, %word
-  br i1 %is.out, label %known, label %slow
-
 known:
-  %place.of = phi i64 [ %c, %against ], [ %by.name, %against.out ]
-  %value.place = add i64 %placed, %n
+  %place.of = phi i64 [ %c, %against ], [ %count, %seek ]
+  %value.place = add i64 %given, %n
   %value.at = getelementptr ptr, ptr %args, i64 %value.place
   %value = load ptr, ptr %value.at
   %ordered.at = getelementptr ptr, ptr %order, i64 %place.of
@@ -80,7 +87,7 @@ known:
   br label %name
 
 complete:
-  %out.at = getelementptr ptr, ptr %order, i64 %by.name
+  %out.at = getelementptr ptr, ptr %order, i64 %count
   %out = load ptr, ptr %out.at
   %expected.at = getelementptr %record, ptr %record, i64 0, i32 4
   %expected.early = load ptr, ptr %expected.at
@@ -96,11 +103,7 @@ more:
   br i1 %taken.all, label %ready, label %next
 
 next:
-  %is.placed = icmp ult i64 %i, %placed
-  %beyond = sub i64 %i, %placed
-  %arg.at = getelementptr ptr, ptr %args, i64 %i
-  %ordered = getelementptr ptr, ptr %order, i64 %beyond
-  %x.at = select i1 %is.placed, ptr %arg.at, ptr %ordered
+  %x.at = getelementptr ptr, ptr %order, i64 %i
   %x = load ptr, ptr %x.at
   %absent = icmp eq ptr %x, null
   br i1 %absent, label %release, label %kind
@@ -132,25 +135,35 @@ check:
   %misaligned = and i64 %start.number, 7
   %bytes.at = getelementptr %buffer, ptr %view, i64 0, i32 2
   %bytes = load i64, ptr %bytes.at
-  %size.at = getelementptr %record, ptr %record, i64 0, i32 11, i64 %i
+  %size.at = getelementptr %record, ptr %record, i64 0, i32 11, i64 %i, i32 0
   %size = load i64, ptr %size.at
+  %axes.at = getelementptr %record, ptr %record, i64 0, i32 11, i64 %i, i32 1
+  %axes = load i64, ptr %axes.at
+  %rows.at = getelementptr %record, ptr %record, i64 0, i32 11, i64 %i, i32 2
+  %rows = load i64, ptr %rows.at
   %ndim.at = getelementptr %buffer, ptr %view, i64 0, i32 5
   %ndim = load i32, ptr %ndim.at
   %format.at = getelementptr %buffer, ptr %view, i64 0, i32 6
   %format = load ptr, ptr %format.at
   %aligned = icmp eq i64 %misaligned, 0
   %right.size = icmp eq i64 %bytes, %size
-  %flat = icmp eq i32 %ndim, 1
+  %ndim.long = zext i32 %ndim to i64
+  %right.axes = icmp eq i64 %ndim.long, %axes
   %described = icmp ne ptr %format, null
   %and.1 = and i1 %aligned, %right.size
-  %and.2 = and i1 %flat, %described
+  %and.2 = and i1 %right.axes, %described
   %and.3 = and i1 %and.1, %and.2
   br i1 %and.3, label %first, label %release
 
-first:
+first:  ; of one or two axes, the number of rows and the size in all say the shape
+  %shape.at = getelementptr %buffer, ptr %view, i64 0, i32 7
+  %shape = load ptr, ptr %shape.at
+  %length.first = load i64, ptr %shape
+  %right.rows = icmp eq i64 %length.first, %rows
   %letter = load i8, ptr %format
   %double = icmp eq i8 %letter, 100  ; d
-  br i1 %double, label %second, label %release
+  %and.4 = and i1 %right.rows, %double
+  br i1 %and.4, label %second, label %release
 
 second:
   %after.at = getelementptr i8, ptr %format, i64 1

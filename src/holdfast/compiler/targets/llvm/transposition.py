@@ -2,6 +2,8 @@
 
     void to_lanes.N(double *rows, i64 stride, i64 first, i64 last, double *lanes)
     void from_lanes.N(the same)
+    <L x double> checked.N(the same): from_lanes, which returns the sum of x - x, 0 for finite numbers x
+    <L x double> streamed.N(the same): checked, past the caches, for rows that begin at multiples of a register's width
 
 Lane j is row min(first + j, last). The first N doubles of each row are copied; rows are `stride` doubles apart, or
 0 if all systems share one row. Copying number by number took a quarter of a batch's time.
@@ -17,10 +19,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 _UNROLLED = 2  # up to so many square blocks are written one after the other; more become a loop
+_CHECKED = ("checked", "streamed")
+_SUMS = 4  # are added up side by side, because each addition waits for the one before
 
 
 def transpositions(sizes: Iterable[tuple[str, int]], lanes: int) -> list[str]:
-    """Return the source of the functions for pairs of (`to_lanes` or `from_lanes`, size), with declarations."""
+    """Return the source of the functions for pairs of a name in this file's text and a size, with declarations."""
     lines = [masked_load(lanes), "declare i64 @llvm.smin.i64(i64, i64)"]
     for name, size in sorted(set(sizes)):
         lines += _of_systems(name, size, lanes)
@@ -41,8 +45,9 @@ def masked_load(lanes: int) -> str:
 
 
 def _of_systems(name: str, size: int, lanes: int) -> list[str]:
+    result = f"<{lanes} x double>" if name in _CHECKED else "void"
     lines = [
-        f"define internal void @{name}.{size}(ptr %rows, i64 %stride, i64 %first, i64 %last, ptr %lanes)"
+        f"define internal {result} @{name}.{size}(ptr %rows, i64 %stride, i64 %first, i64 %last, ptr %lanes)"
         " noinline nounwind {",
         "entry:",
     ]
@@ -58,14 +63,22 @@ def _of_systems(name: str, size: int, lanes: int) -> list[str]:
 
 def _squares(name: str, size: int, lanes: int) -> list[str]:
     """Return the rest of a function whose rows are known."""
+    V, checked = f"<{lanes} x double>", name in _CHECKED
     lines: list[str] = []
     whole, rest = divmod(size, lanes)
+    sums = ["zeroinitializer"] * _SUMS if checked else []
     if whole > _UNROLLED:
+        own = [f"%sum{k}" for k in range(len(sums))]
+        squared, sums = _square(name, "q", "%e", lanes, lanes, own)
         lines += [
             "  br label %square",
             "square:",
             "  %e = phi i64 [ 0, %entry ], [ %e.next, %square ]",
-            *_square(name, "q", "%e", lanes, lanes),
+            *(
+                f"  {x} = phi {V} [ zeroinitializer, %entry ], [ {after}, %square ]"
+                for x, after in zip(own, sums, strict=True)
+            ),
+            *squared,
             f"  %e.next = add i64 %e, {lanes}",
             f"  %more = icmp slt i64 %e.next, {whole * lanes}",
             "  br i1 %more, label %square, label %tail",
@@ -73,16 +86,23 @@ def _squares(name: str, size: int, lanes: int) -> list[str]:
         ]
     else:
         for k in range(whole):
-            lines += _square(name, f"q{k}", str(k * lanes), lanes, lanes)
-    if rest and whole:  # the last block overlaps the one before it, so some numbers are copied twice
-        lines += _square(name, "t", str(size - lanes), lanes, lanes)
-    elif rest:
-        lines += _square(name, "t", "0", lanes, rest)
-    return [*lines, "  ret void", "}"]
+            squared, sums = _square(name, f"q{k}", str(k * lanes), lanes, lanes, sums)
+            lines += squared
+    if rest:  # the last block overlaps the one before it, if there is one, or writes zeros beyond the row
+        start, width = (size - lanes, lanes) if whole and name != "streamed" else (whole * lanes, rest)
+        squared, sums = _square(name, "t", str(start), lanes, width, sums)
+        lines += squared
+    if not checked:
+        return [*lines, "  ret void", "}"]
+    total, *others = sums
+    for k, x in enumerate(others):
+        lines.append(f"  %total{k} = fadd {V} {total}, {x}")
+        total = f"%total{k}"
+    return [*lines, f"  ret {V} {total}", "}"]
 
 
-def _square(name: str, tag: str, entry: str, lanes: int, width: int) -> list[str]:
-    """Return the lines that transpose a block: `width` numbers, from `entry` on, of `lanes` rows."""
+def _square(name: str, tag: str, entry: str, lanes: int, width: int, sums: list[str]) -> tuple[list[str], list[str]]:
+    """Return the lines that transpose a block: `width` numbers, from `entry` on, of `lanes` rows; and the new sums."""
     V = f"<{lanes} x double>"
     lines = [f"  %{tag}.first = mul i64 {entry}, {lanes}"]
     for j in range(lanes):
@@ -92,10 +112,10 @@ def _square(name: str, tag: str, entry: str, lanes: int, width: int) -> list[str
     values = []
     mask = f"<{', '.join(f'i1 {int(j < width)}' for j in range(lanes))}>"
     for j in range(lanes):
-        if j >= width and name == "from_lanes":
+        if j >= width and name != "to_lanes":
             values.append("zeroinitializer")
             continue
-        if name == "from_lanes":
+        if name != "to_lanes":
             text = f"load {V}, ptr %{tag}.l{j}, align {8 * lanes}"
         elif width == lanes:
             text = f"load {V}, ptr %{tag}.r{j}, align 8"
@@ -106,6 +126,12 @@ def _square(name: str, tag: str, entry: str, lanes: int, width: int) -> list[str
             )
         lines.append(f"  %{tag}.v{j} = {text}")
         values.append(f"%{tag}.v{j}")
+    sums = list(sums)
+    for j, value in enumerate(values[:width] if sums else []):
+        k = j % len(sums)
+        lines.append(f"  %{tag}.d{j} = fsub {V} {value}, {value}")
+        lines.append(f"  %{tag}.s{j} = fadd {V} {sums[k]}, %{tag}.d{j}")
+        sums[k] = f"%{tag}.s{j}"
     step = 1
     while step < lanes:  # swap the off-diagonal blocks of size `step`
         turned = list(values)
@@ -123,11 +149,13 @@ def _square(name: str, tag: str, entry: str, lanes: int, width: int) -> list[str
         if name == "to_lanes":
             if j < width:
                 lines.append(f"  store {V} {value}, ptr %{tag}.l{j}, align {8 * lanes}")
+        elif name == "streamed":
+            lines.append(f"  store {V} {value}, ptr %{tag}.r{j}, align {8 * lanes}, !nontemporal !{{i32 1}}")
         elif width == lanes:
             lines.append(f"  store {V} {value}, ptr %{tag}.r{j}, align 8")
         else:
             lines += _part(f"%{tag}.p{j}", value, f"%{tag}.r{j}", lanes, width)
-    return lines
+    return lines, sums
 
 
 def _part(name: str, value: str, row: str, lanes: int, width: int) -> list[str]:

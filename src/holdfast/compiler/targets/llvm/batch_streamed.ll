@@ -1,0 +1,9 @@
+  %number$k = ptrtoint ptr %external$k to i64
+  %eighth$k = lshr exact i64 %number$k, 3
+  %both$k = or i64 %eighth$k, %stride$k
+  %rest$k = and i64 %both$k, $mask
+  %aligned$k = icmp eq i64 %rest$k, 0
+  %doubles$k = mul i64 %stride$k, %count
+  %large$k = icmp ugt i64 %doubles$k, $large
+  %streams$k = and i1 %aligned$k, %large$k
+  %copy$k = select i1 %streams$k, ptr @streamed.$size, ptr @checked.$size
