@@ -34,11 +34,8 @@ REASONS = {
     "regressor": "it is of the model's parameters, which machine code has as constants",
     "dynamics.inertial_parameters": "it is of a body, not of a chain",
     **{
-        f"{of}_{kind}": "of derivatives machine code has those of `forward_dynamics`"
+        f"{of}_{kind}": "of derivatives machine code has those of dynamics and energies"
         for of in (
-            "inverse_dynamics",
-            "dynamics.kinetic_energy",
-            "dynamics.potential_energy",
             "dynamics.closure",
             "forces.grasp_margins",
             "forces.joint_margins",
