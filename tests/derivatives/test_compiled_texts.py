@@ -188,7 +188,8 @@ def test_invalid_systems():
 
 def test_names_and_shapes_that_do_not_fit_are_refused():
     of = asked("inverse_dynamics", "plain")
-    fast, given, n = Alone(of.p.chain), inputs_of(of), of.p.chain.joint_count
+    fast, n = Alone(of.p.chain), of.p.chain.joint_count
+    given: Any = inputs_of(of)
     with pytest.raises(hf.StateError, match="inverse_dynamics_vjp: no 'tau'"):
         fast.inverse_dynamics_vjp(*given, by=["tau"], tau=np.ones(n))
     with pytest.raises(hf.StateError, match="inverse_dynamics_jacobian: no 'qdd'"):
@@ -196,13 +197,13 @@ def test_names_and_shapes_that_do_not_fit_are_refused():
     with pytest.raises(hf.StateError, match="inverse_dynamics_jvp: expected some of"):
         fast.inverse_dynamics_jvp(*given, along={})
     with pytest.raises(hf.StateError, match="inverse_dynamics_jvp: along: expected"):
-        fast.inverse_dynamics_jvp(*given, along=3)
+        fast.inverse_dynamics_jvp(*given, along=3)  # pyright: ignore[reportArgumentType]
     with pytest.raises(hf.StateError, match=r"^tau: expected shape"):
         fast.inverse_dynamics_vjp(*given, by=["q"], tau=np.ones(n + 1))
     with pytest.raises(hf.StateError, match="no parameter 'object_mass'"):
         fast.inverse_dynamics_vjp(*given, by=["q"], tau=np.ones(n), object_mass=1.0)
     with pytest.raises(hf.StateError, match="holds nothing, expected zeros"):
-        fast.inverse_dynamics_vjp(*given[:3], np.ones_like(given[3]), tau=np.ones(n))
+        fast.inverse_dynamics_vjp(*given[:3], grasp_wrench=np.ones_like(given[3]), tau=np.ones(n))
 
 
 @pytest.mark.parametrize(("kind", "why"), [("springs", "springs between bodies"), ("floating", "floating base")])

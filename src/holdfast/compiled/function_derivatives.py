@@ -392,5 +392,6 @@ class FunctionDerivatives:
         result = values[0] if values[0].ndim else float(values[0])
         parts: dict[Any, Any] = {name.removeprefix(FOUND): x for name, x in found.items()}
         if kind == "jacobian":
-            parts = {tuple(name.split(".")): x for name, x in parts.items()}
+            names = [tuple(name.split(".")) for name in parts]
+            parts = {(of, by): request.matrix(self.chain, of, by, parts[f"{of}.{by}"]) for of, by in names}
         return Derivatives(result, parts)
