@@ -9,16 +9,15 @@ import pytest
 
 import holdfast as hf
 from holdfast.compiled import arrays
-from holdfast.compiled.not_compiled import NotCompiledError
 from holdfast.dynamics import Status
 from holdfast.dynamics.derivatives import STATE_AND_TORQUES
-from holdfast.errors import MethodNotApplicable
 from tests.compiled import problems
 from tests.compiled.problems import chain_named, forces, numbers, one
 from tests.compiler.programs import same_bits
-from tests.derivatives.asked import NAMES, Reference, as_direction, compiled, given, shapes, size_of
+from tests.derivatives.asked import NAMES, Reference, as_direction, compiled, given, names_for, shapes, size_of
 from tests.derivatives.chains import random_chain
 from tests.derivatives.products import random_cotangents, random_directions, state_of
+from tests.derivatives.texts import problem
 from tests.longer import mostly_long
 from tests.oracles.chain_derivatives import OUTPUTS
 from tests.systems import random_system, two_collinear_stretched_6r
@@ -304,13 +303,48 @@ def sprung() -> Problem:
     return replace(p, chain=replace(p.chain, springs=springs))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", mostly_long(["springs", "trunk", "floating"], ("springs",)))
+def test_machine_code_of_springs_between_bodies(kind):
+    """It is the reference's, on every kind of body and by all arguments."""
+    p, random = problem(kind), np.random.default_rng(2)
+    fast, by, few = compiled(p), names_for(p), ("q", "object_pose", "tau")
+    bars, along = random_cotangents(p, random), random_directions(p, random, by)
+    reference = {"inputs": p.inputs}
+    pulled = fast.forward_dynamics_vjp(**given(p), **bars, by=by)
+    expected = hf.forward_dynamics_vjp(p.chain, p.state, p.tau, **bars, by=by, **reference)
+    assert all(relative_gap(pulled[name], expected[name], floor=1.0) < LAW for name in by)
+    pushed = fast.forward_dynamics_jvp(**given(p), along=along)
+    expected = hf.forward_dynamics_jvp(p.chain, p.state, p.tau, along=along, **reference)
+    assert all(relative_gap(pushed[name], expected[name], floor=1.0) < LAW for name in bars)
+    parts = [float(np.sum(pulled[name] * x)) for name, x in along.items()]
+    other = sum(float(np.sum(bar * pushed[name])) for name, bar in bars.items())
+    assert sum(parts) == pytest.approx(other, abs=1e-13 * np.abs(parts).sum())
+    matrix = fast.forward_dynamics_jacobian(**given(p), by=few)
+    expected = hf.forward_dynamics_jacobian(p.chain, p.state, p.tau, by=few, **reference)
+    for of in ("qdd", "grasp_wrench"):
+        assert all(relative_gap(matrix[of, name], expected[of, name], floor=1.0) < LAW for name in few), of
+
+
+@pytest.mark.slow
+def test_bits_of_springs_between_bodies():
+    """One system, a batch, its tail and threads; without wrenches on links as an input."""
+    p, random = problem("springs"), np.random.default_rng(3)
+    fast, own = hf.compile(p.chain), {name: given(p)[name] for name in STATE_AND_TORQUES}
+    q, bar = own.pop("q") + 0.1 * random.normal(size=(11, len(p.state.q))), np.ones(p.chain.joint_count)
+
+    def at(which, threads=1):
+        found = fast.forward_dynamics_vjp(q[which], **own, qdd=bar, by=("q", "object_pose"), threads=threads)
+        return found.q, found.object_pose
+
+    whole = at(slice(None))
+    for x, tail, threaded, single in zip(whole, at(slice(0, 5)), at(slice(None), 2), at(7), strict=True):
+        assert same_bits(x, threaded) and same_bits(x[:5], tail) and same_bits(x[7], single)
+
+
 def test_springs_between_bodies():
-    """Machine code refuses them by name; the reference knows their wrenches' part, as differences do."""
+    """The reference knows their wrenches' part, as differences do."""
     p = sprung()
-    with pytest.raises(NotCompiledError, match="springs between bodies runs as reference only"):
-        hf.compile(p.chain).forward_dynamics_vjp(
-            **{n: given(p)[n] for n in STATE_AND_TORQUES}, qdd=np.ones(p.chain.joint_count)
-        )
     rng, h = np.random.default_rng(0), 1e-5
     for by in ("q", "qd", "object_twist"):
         d = rng.normal(size=np.shape(getattr(p.state, by)))
@@ -329,17 +363,3 @@ def test_springs_between_bodies():
         for o, x in expected.items():
             assert np.allclose(pushed[o], x, rtol=1e-7, atol=1e-7 * (1.0 + np.abs(x).max(initial=0.0))), (by, o)
         assert np.sum(pulled[by] * d) == pytest.approx(sum(np.sum(bars[o] * pushed[o]) for o in OUTPUTS), rel=1e-11)
-
-
-def require_refused(p: Problem, lacking: str) -> None:
-    """Ask for all three derivatives in both ways."""
-    fast, own, n = hf.compile(p.chain), given(p), p.chain.joint_count
-    reference = {"inputs": p.inputs, "check": False}
-    own = {name: own[name] for name in ("q", "qd", "tau", "object_pose", "object_twist")}
-    asked = {"vjp": {"qdd": np.ones(n)}, "jvp": {"along": {"q": np.ones(n)}}, "jacobian": {}}
-    for kind, more in asked.items():
-        with pytest.raises(hf.HoldfastError, match=lacking) as found:
-            getattr(fast, f"forward_dynamics_{kind}")(**own, **more)
-        assert isinstance(found.value, NotCompiledError)
-        with pytest.raises(MethodNotApplicable, match=lacking):
-            getattr(hf, f"forward_dynamics_{kind}")(p.chain, p.state, p.tau, **reference, **more)

@@ -14,14 +14,16 @@ from holdfast.spatial import rotation
 from tests.longer import mostly_long
 from tests.systems import random_system
 from tests.systems.as_chain import as_chain
+from tests.systems.sprung import with_springs
 
 STEP = 1e-2
 GRASPS = ("rigid hinge", "softfinger rigid", "ball rigid")
 
 
-def held(kinds):
+def held(kinds, *, springs=False):
     """Return a chain that moves, on bases that stand."""
-    return as_chain(random_system(5, arms=2, joints=[5, 5], grasps=kinds.split(), moving_base=False))
+    p = as_chain(random_system(5, arms=2, joints=[5, 5], grasps=kinds.split(), moving_base=False))
+    return replace(p, chain=with_springs(p.chain)) if springs else p
 
 
 def changed(state: hf.State, x: np.ndarray) -> hf.State:
@@ -40,10 +42,11 @@ def difference(a: hf.State, b: hf.State) -> np.ndarray:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("springs", [False, True])
 @pytest.mark.parametrize("kinds", mostly_long(GRASPS, (GRASPS[0],)))
-def test_runs_nearby(kinds):
+def test_runs_nearby(kinds, springs):
     """z' = A z but for the square of z; each step goes on with the basis that the one before ended with."""
-    p = held(kinds)
+    p = held(kinds, springs=springs)
     first = hf.linearise(p.chain, p.state, p.tau, inputs=p.inputs, step=STEP)
     second = hf.linearise(p.chain, first.end, p.tau, inputs=p.inputs, basis=first.end_basis, step=STEP)
     assert np.abs(second.basis - first.end_basis).max() < 1e-12
@@ -74,9 +77,10 @@ def test_limit():
 
 
 @pytest.mark.slow
-def test_torques():
+@pytest.mark.parametrize("springs", [False, True])
+def test_torques(springs):
     """B by five-point differences of the step that `simulate` takes."""
-    p, random = held(GRASPS[0]), np.random.default_rng(1)
+    p, random = held(GRASPS[0], springs=springs), np.random.default_rng(1)
     model, d = (
         hf.linearise(p.chain, p.state, p.tau, inputs=p.inputs, step=STEP),
         random.normal(size=p.chain.joint_count),

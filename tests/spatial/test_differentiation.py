@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from holdfast.spatial.differentiation import bare, by_rule, gradient, linearised
+from holdfast.spatial.linear import EachItem
 from holdfast.spatial.scalar import clip, cos, exp, maximum, minimum, sin, sqrt, tanh, where
 
 STEP = 1e-6
@@ -169,3 +170,29 @@ def test_rules():
     assert rule.asked == 2 and unused.asked == 0
     (y,) = by_rule([A @ x], unused, x)  # of what is not varied
     assert y.dtype == float
+
+
+def test_entries_of_a_result_depend_on_some_numbers_only():
+    """What is left of a text, loops by their rule included, has the same gradients by fewer numbers."""
+
+    def half(x):
+        return linearised(lambda x: (np.array([x[0] * x[1], sin(x[1])]),), x)
+
+    def text(x, scale):
+        given = [x[:2], x[2:4]]
+        values = [np.array([bare(a)[0] * bare(a)[1], np.sin(bare(a)[1])], dtype=float) for a in given]
+        rule = EachItem(tuple([half(bare(a).astype(float)) for a in given]))
+        first, second = by_rule(values, rule, *given)
+        return (np.array([first[0] * scale[0], first[1], second[0] + second[1], 1.0]),)
+
+    at = linearised(text, np.array([0.3, 0.7, 1.1, 0.2, 5.0]), np.array([2.0]))
+    rows = [np.concatenate(at.gradient(row)) for row in np.eye(4)]
+    # An item of a loop stays whole, with all numbers that it depends on.
+    for entries, places in ((slice(0, 2), (0, 1, 5)), (slice(1, 2), (0, 1)), (slice(2, 3), (2, 3)), (slice(3, 4), ())):
+        part, varied = at.of_entries(0, entries)
+        assert varied == places
+        assert len(part.steps) < len(at.steps)
+        for k, row in enumerate(np.eye(entries.stop - entries.start)):
+            expected = rows[entries.start + k]
+            np.testing.assert_allclose(part.gradient(row)[0], expected[list(varied)], rtol=1e-15)
+            assert not np.delete(expected, varied).any()

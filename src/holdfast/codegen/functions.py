@@ -128,14 +128,14 @@ def exported_function(
         return _function(name, forward_externals(structure), lambda: forward_schedule(structure), own, _ANSWERS)
     if name in DERIVATIVES:
         request = compiled.derivative_request(DERIVATIVES[name], of, by)
-        varied = Structure(chain, options_of(compiled.options, request, compiled.options.base_motion))
+        varied = Structure(chain, options_of(compiled.options, request.arguments, compiled.options.base_motion))
         externals = request.externals(varied)
         units = {UNITS: np.eye(externals[UNITS].shape[0])} if UNITS in externals else {}
         return _function(name, externals, lambda: request.schedule(varied), own | units, _ANSWERS)
     if name not in COMPUTATIONS:
         raise ModelError(f"export: functions: no '{name}'.{checks.did_you_mean(name, EXPORTED)}")
     if name == "inverse_dynamics":
-        require_inverse(chain)
+        require_inverse(chain, name)
     computation = COMPUTATIONS[name]
     seen = computation.structure(chain, compiled.options)
     return _function(name, computation.externals(seen), lambda: computation.schedule(seen), own)

@@ -67,6 +67,8 @@ class Computation:
         acting: whether it depends on external wrenches on the links.
         closes: whether it returns a state, whose arrays are named with the prefix `CLOSED`.
         elastic: whether it depends on the energy stored in bushings.
+        further: the shapes of those inputs that `shapes` does not know, by name.
+        fixed: the numbers of parameters that no call changes, by name.
     """
 
     inputs: tuple[str, ...]
@@ -79,6 +81,8 @@ class Computation:
     acting: bool = False
     closes: bool = False
     elastic: bool = False
+    further: Mapping[str, Shape] = field(default_factory=dict)
+    fixed: Mapping[str, Array] = field(default_factory=dict)
 
     def structure(self, chain: ClosedChain, options: Options) -> Structure:
         """Return the chain with the options that this computation depends on; the others are reset."""
@@ -107,7 +111,8 @@ class Computation:
             outputs[f"{CLOSED}{name}"] = known[name]
         for name, shape in self.whole.items():
             outputs[name] = known[name] if shape is None else shape
-        return externals(inputs, parameters, outputs, known | outputs)
+        of_fixed = {name: x.shape for name, x in self.fixed.items()}
+        return externals(inputs, [*parameters, *of_fixed], outputs, known | {**self.further, **of_fixed, **outputs})
 
     def of_base(self, chain: ClosedChain) -> list[str]:
         """Return the inputs of a floating base: its pose, and also its twist if velocities are among the inputs."""

@@ -16,6 +16,7 @@ from holdfast.compiled.calls import Calls
 from holdfast.compiled.derivatives import ChainDerivatives
 from holdfast.compiled.externals import FLOATING, MOVING
 from holdfast.compiled.forward_schedule import forward_externals, forward_schedule
+from holdfast.compiled.function_derivatives import FunctionDerivatives
 from holdfast.compiled.functions import ChainFunctions
 from holdfast.compiled.kernels import kernel
 from holdfast.compiled.parameters import parameters_of, parse_parameters, require_floating
@@ -96,7 +97,7 @@ def compile(
         return CompiledChain(chain, options, generic_rank)
 
 
-class CompiledChain(ChainFunctions, ChainDerivatives):
+class CompiledChain(ChainFunctions, ChainDerivatives, FunctionDerivatives):
     """The dynamics of one chain as machine code; made by `holdfast.compile`.
 
     Attributes:

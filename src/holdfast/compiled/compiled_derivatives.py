@@ -87,7 +87,7 @@ class CompiledDerivatives:
             moving: whether bases move.
         """
         self._compiled, self.request, self._rank, chain = compiled, request, compiled.generic_rank, compiled.chain
-        structure = Structure(chain, options_of(compiled.options, request, moving))
+        structure = Structure(chain, options_of(compiled.options, request.arguments, moving))
         self.externals = request.externals(structure)
         own = parameters_of(chain, compiled.generic_rank)
         if UNITS in self.externals:
@@ -180,12 +180,12 @@ class CompiledDerivatives:
                 result.array(f"{FOUND}{name}")[low] = np.nan
 
 
-def options_of(options: Options, request: Request, moving: bool) -> Options:
+def options_of(options: Options, arguments: Sequence[str], moving: bool) -> Options:
     """Return the options for derivatives: arguments of the derivatives must be run-time parameters."""
-    varied = any(name in MOVING for name in request.arguments)
+    varied = any(name in MOVING for name in arguments)
     return replace(
         options,
-        link_inertia=options.link_inertia or any(name in LINKS for name in request.arguments),
-        link_wrenches=options.link_wrenches or any(name in WRENCHES for name in request.arguments),
+        link_inertia=options.link_inertia or any(name in LINKS for name in arguments),
+        link_wrenches=options.link_wrenches or any(name in WRENCHES for name in arguments),
         base_motion=options.base_motion or moving or varied,
     )

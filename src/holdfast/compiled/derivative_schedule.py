@@ -12,6 +12,7 @@ from holdfast.compiled.forward_schedule import (
     outputs_of,
     solve_with_status,
 )
+from holdfast.compiled.recorded_loops import recorded_loops
 from holdfast.compiled.structure import Structure
 from holdfast.compiled.traced_chain import Given, traced, traced_chain, traced_inputs, traced_state
 from holdfast.compiler.program import Shape
@@ -20,6 +21,8 @@ from holdfast.dynamics.closed.forward_derivatives import backward, forward, resu
 from holdfast.dynamics.closed.forward_jacobian import gradient_shapes, jacobian, units_needed
 from holdfast.dynamics.closed.second_solve import point
 from holdfast.dynamics.derivatives import STATE_AND_TORQUES
+from holdfast.dynamics.spring_rates import pushed, spring_rates, with_pulled
+from holdfast.dynamics.varied_case import VariedCase
 from holdfast.model.closed_chain import ClosedChain
 
 WITH = "with."  # the prefix of the names of cotangents of results and tangents of arguments
@@ -89,11 +92,17 @@ class Request(NamedTuple):
         known = own if self.kind == "vjp" else None
         solved = solve_with_status(chain, state, given["tau"], inputs, given["generic_rank"], route, cotangents=known)
         at = point(solved.motion, solved.found, route)
+        with recorded_loops():
+            springs = spring_rates(VariedCase(chain, state, inputs, {}), self.arguments)
         if self.kind == "jacobian":
-            columns = jacobian(at, self.results, self.arguments, given[UNITS])
+            changed = () if springs is None else springs.names
+            rates = dict.fromkeys(changed, lambda at, tangents: forward(at, pushed(springs, tangents)))
+            columns = jacobian(at, self.results, self.arguments, given[UNITS], rates)
             found = {f"{of}.{by}": x for (of, by), x in columns.items()}
+        elif self.kind == "vjp":
+            found = with_pulled(springs, self.arguments, lambda names: backward(at, own, names, together=True))
         else:
-            found = backward(at, own, self.arguments, together=True) if self.kind == "vjp" else forward(at, own)
+            found = forward(at, pushed(springs, own))
         return outputs_of(chain, solved) | {f"{FOUND}{name}": found[name] for name in self.found(structure.chain)}
 
 

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from holdfast.compiled.bound_derivatives import BoundDerivatives
 from holdfast.compiled.compiled_derivatives import CompiledDerivatives, Derivatives
 from holdfast.compiled.derivative_schedule import Request
 from holdfast.compiled.externals import MOVING
-from holdfast.compiled.not_compiled import NotCompiledError
 from holdfast.compiled.structure import Options
 from holdfast.dynamics.closed.forward_derivatives import arguments_of, results_of
 from holdfast.dynamics.derivatives import STATE_AND_TORQUES
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-
-if TYPE_CHECKING:
-    pass
 
 
 class ChainDerivatives:
@@ -76,7 +72,6 @@ class ChainDerivatives:
         Raises:
             StateError: A name, shape or number is wrong, or a cotangent belongs to forces that are not unique.
             SingularChainError: The configuration of a single system is singular.
-            NotCompiledError: The chain has springs between bodies.
         """
         parameters, results = cotangents_and_parameters, self._results
         names = tuple([name for name in parameters if name in results])
@@ -120,7 +115,6 @@ class ChainDerivatives:
         Raises:
             StateError: A name, shape or number is wrong, or a requested force is not unique.
             SingularChainError: The configuration of a single system is singular.
-            NotCompiledError: The chain has springs between bodies.
         """
         checks.instance(along, Mapping, "forward_dynamics_jvp: along", StateError)
         code = self._derivatives("jvp", self._results if of is None else of, tuple(along), parameters)
@@ -164,7 +158,6 @@ class ChainDerivatives:
         Raises:
             StateError: A name, shape or number is wrong, or a requested force is not unique.
             SingularChainError: The configuration of a single system is singular.
-            NotCompiledError: The chain has springs between bodies.
         """
         code = self._derivatives("jacobian", of, by, parameters)
         return code((q, qd, tau, object_pose, object_twist), parameters, out, threads)
@@ -187,7 +180,6 @@ class ChainDerivatives:
 
         Raises:
             StateError: A name, shape or number is wrong.
-            NotCompiledError: The chain has springs between bodies.
         """
         if kind not in ("vjp", "jvp", "jacobian"):
             raise StateError(f"bind_derivatives: expected vjp, jvp or jacobian, got {kind!r}")
@@ -201,14 +193,8 @@ class ChainDerivatives:
 
         Raises:
             StateError: A name is unknown.
-            NotCompiledError: Derivatives of this chain are not available in machine code.
         """
         what = f"forward_dynamics_{kind}"
-        if self.chain.springs:
-            raise NotCompiledError(
-                f"compile: '{what}' of a chain with springs between bodies runs as reference only, because the"
-                f" springs' wrenches are differentiated separately; holdfast.{what} computes it from the chain"
-            )
         results, arguments = results_of(self.chain), arguments_of(self.chain)
         for names, known, side in ((of, results, "results"), (by, arguments, "arguments")):
             checks.instance(names, (list, tuple), f"{what}: {side}", StateError)

@@ -46,7 +46,7 @@ def fault(found: Mapping[str, Array], largest: Array) -> StateError | None:
         if _surely_sound(name, x) or _sound(name, x, largest).all():
             continue
         if not np.isfinite(x).all():
-            return StateError(f"{name}: expected finite numbers, got {x[~np.isfinite(x)][0]}")
+            return StateError(f"{name.rpartition('.')[2]}: expected finite numbers, got {x[~np.isfinite(x)][0]}")
         if name in _POSES:
             length = float(np.linalg.norm(x[:4]))
             return StateError(f"{name}: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}")

@@ -99,7 +99,6 @@ def derivative_code(
 
     Raises:
         StateError: A name is unknown.
-        NotCompiledError: The chain has springs between bodies.
     """
     code = compiled._derivatives(kind, of, by, dict.fromkeys(by))
     names = by if kind == "vjp" else of

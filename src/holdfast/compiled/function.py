@@ -42,7 +42,7 @@ class CompiledFunction:
         self.externals = computation.externals(structure)
         self._kernel = kernel(name, structure, self.externals, lambda: computation.schedule(structure))
         self._inputs, self._of_base = computation.inputs, computation.of_base(chain)
-        own = parameters_of(chain, None)
+        own = parameters_of(chain, None) | dict(computation.fixed)
         self._own = {
             name: own[name] for name, e in self.externals.items() if e.role != "output" and name not in self._inputs
         }
@@ -70,7 +70,7 @@ class CompiledFunction:
         """
         arrays.require_threads(threads)
         inputs = {
-            name: arrays.floats(name, x, self.externals[name].shape)
+            name: arrays.floats(name.rpartition(".")[2], x, self.externals[name].shape)
             for name, x in zip(self._inputs, given, strict=True)
         }
         require_floating(self._of_base, parameters)

@@ -72,9 +72,9 @@ class ChainFunctions:
             NotCompiledError: The chain has a floating base, or it has springs between bodies or bushings, whose
                 forces depend on the object's pose, which is not an argument.
         """
-        require_inverse(self.chain)
+        require_inverse(self.chain, "inverse_dynamics")
         f = arrays.floats("grasp_wrench", grasp_wrench, (len(self.chain.arms), 6))
-        self._require_holding(f)
+        require_holding(self.chain, f)
         return self._function("inverse_dynamics")((q, qd, qdd, f), parameters, threads)["tau"]
 
     def mass_matrix(self, q: Any, *, threads: int = 1, **parameters: Any) -> dict[str, Array]:
@@ -337,33 +337,36 @@ class ChainFunctions:
         found = self._function(name)(given, parameters, threads)["energy"]
         return found if found.ndim else float(found)
 
-    def _require_holding(self, f: Array) -> None:
-        """Raise a StateError if wrenches (..., arms, 6) are not zero for an arm that holds nothing."""
-        for row, name in enumerate(self.chain.names):
-            if name in self.chain.grasps:
-                continue
-            loads = f[..., row, :].reshape(-1, 6)
-            loaded = np.flatnonzero((np.isfinite(loads) & (loads != 0.0)).any(1))
-            if loaded.size:
-                where = f" in system {loaded[0]}" if f.ndim > 2 else ""
-                raise StateError(
-                    f"grasp_wrench: arm '{name}' holds nothing, expected zeros, got {loads[loaded[0]]}{where}"
-                )
 
+def require_inverse(chain: ClosedChain, what: str) -> None:
+    """Raise an error if inverse dynamics of the chain, or its derivatives, are not available in machine code.
 
-def require_inverse(chain: ClosedChain) -> None:
-    """Raise an error if inverse dynamics of the chain is not available in machine code.
+    Args:
+        chain: the chain.
+        what: the name of the function.
 
     Raises:
         NotCompiledError: The chain has a floating base, springs between bodies, or bushings.
     """
     if chain.floats:
         raise NotCompiledError(
-            "compile: 'inverse_dynamics' of a chain with a floating base runs as reference only, which checks that"
-            " the base, which has no actuator, can accelerate as given; holdfast.inverse_dynamics computes it"
+            f"compile: '{what}' of a chain with a floating base runs as reference only, which checks that"
+            f" the base, which has no actuator, can accelerate as given; holdfast.{what} computes it"
         )
     if chain.springs or chain.bushings:
         raise NotCompiledError(
-            "compile: 'inverse_dynamics' of a chain with springs between bodies or bushings runs as reference only,"
-            " because their forces depend on the object's pose; holdfast.inverse_dynamics computes it from the chain"
+            f"compile: '{what}' of a chain with springs between bodies or bushings runs as reference only,"
+            f" because their forces depend on the object's pose; holdfast.{what} computes it from the chain"
         )
+
+
+def require_holding(chain: ClosedChain, f: Array) -> None:
+    """Raise a StateError if wrenches (..., arms, 6) are not zero for an arm that holds nothing."""
+    for row, name in enumerate(chain.names):
+        if name in chain.grasps:
+            continue
+        loads = f[..., row, :].reshape(-1, 6)
+        loaded = np.flatnonzero((np.isfinite(loads) & (loads != 0.0)).any(1))
+        if loaded.size:
+            where = f" in system {loaded[0]}" if f.ndim > 2 else ""
+            raise StateError(f"grasp_wrench: arm '{name}' holds nothing, expected zeros, got {loads[loaded[0]]}{where}")

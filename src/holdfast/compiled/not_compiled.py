@@ -7,6 +7,8 @@ from holdfast.errors import MethodNotApplicable
 _ROUNDS = "it goes on for as many rounds as it takes"
 _SINGULAR_VALUES = "it decides by singular values, which are NumPy's"
 _OF_A_RESULT = "it reads one ForwardResult"
+_TURNS = "angles between frames are found by the inverse tangent, which is NumPy's; `closure` gives the gaps"
+_KINDS = ("vjp", "jvp", "jacobian")
 
 REASONS = {
     "close": f"{_ROUNDS}; where grasps are nearly closed try `project`, which takes two",
@@ -33,18 +35,11 @@ REASONS = {
     "linearise": _SINGULAR_VALUES,
     "regressor": "it is of the model's parameters, which machine code has as constants",
     "dynamics.inertial_parameters": "it is of a body, not of a chain",
+    **{f"dynamics.closure_{kind}": _TURNS for kind in _KINDS},
     **{
-        f"{of}_{kind}": "of derivatives machine code has those of `forward_dynamics`"
-        for of in (
-            "inverse_dynamics",
-            "dynamics.kinetic_energy",
-            "dynamics.potential_energy",
-            "dynamics.closure",
-            "forces.grasp_margins",
-            "forces.joint_margins",
-            "forces.wrist_wrenches",
-        )
-        for kind in ("vjp", "jvp", "jacobian")
+        f"forces.{of}_{kind}": "of derivatives machine code has those of dynamics and energies"
+        for of in ("grasp_margins", "joint_margins", "wrist_wrenches")
+        for kind in _KINDS
     },
     "holding_torques": "it is a control law, made by `control.compile_law(control.holding_law(chain), chain)`",
 }

@@ -23,9 +23,14 @@ Leaf = tuple[Node, ...]  # the distinct nodes of one array, in order of appearan
 
 
 class Values:
-    """Splits values, and remembers the key of every object that holds no traced node."""
+    """Splits values, and remembers the key of every object that holds no traced node.
 
-    def __init__(self) -> None:
+    Attributes:
+        kind: the class of what counts as a traced node.
+    """
+
+    def __init__(self, kind: type = Node) -> None:
+        self.kind = kind
         # The first, third and fourth dict are keyed by `id`; they hold the objects too, so that no id is reused.
         self._static: dict[int, tuple[Any, int]] = {}  # objects without nodes, and the number of their key
         self._numbers: dict[Hashable, int] = {}
@@ -39,7 +44,7 @@ class Values:
         return found, self._key(value, found)
 
     def _key(self, value: Any, found: list[Leaf]) -> Hashable:
-        if isinstance(value, Node):
+        if isinstance(value, self.kind):
             found.append((value,))
             return "node"
         if value is None or isinstance(value, str | bool):
@@ -83,7 +88,7 @@ class Values:
             places: dict[Node, int] = {}
             pattern: list[Hashable] = [value.shape]
             for x in value.ravel().tolist():
-                pattern.append(places.setdefault(x, len(places)) if isinstance(x, Node) else self._key(x, found))
+                pattern.append(places.setdefault(x, len(places)) if isinstance(x, self.kind) else self._key(x, found))
             known = self._arrays[id(value)] = (value, tuple(places), tuple(pattern))
         if known[1]:
             found.append(known[1])
@@ -106,13 +111,13 @@ class Values:
         return self._again(value, iter(numbers))
 
     def _again(self, value: Any, numbers: Iterator[Mapping[Node, Any]]) -> Any:
-        if isinstance(value, Node):
+        if isinstance(value, self.kind):
             return next(numbers)[value]
         if value is None or isinstance(value, _PLAIN) or id(value) in self._static or id(value) in self._open:
             return value
         if isinstance(value, np.ndarray):
             new = next(numbers)
-            return array_of([new[x] if isinstance(x, Node) else x for x in value.ravel().tolist()], value.shape)
+            return array_of([new[x] if isinstance(x, self.kind) else x for x in value.ravel().tolist()], value.shape)
         if isinstance(value, types.FunctionType):
             return self._function_again(value, numbers)
         if isinstance(value, types.MethodType):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,14 +12,14 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.chain_motion import ChainMotion, chain_motion
 from holdfast.dynamics.closed.forward_derivatives import VirtualPower, arguments_of, backward, forward, results_of
-from holdfast.dynamics.closed.forward_jacobian import direction, gradient_shapes, jacobian, units_needed
+from holdfast.dynamics.closed.forward_jacobian import gradient_shapes, jacobian, units_needed
 from holdfast.dynamics.closed.second_solve import Point, point
 from holdfast.dynamics.closed.sequential import sequential
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.least_forces import LeastForces, least_forces
 from holdfast.dynamics.linear_text import LinearText
 from holdfast.dynamics.result import ForwardResult, Status
-from holdfast.dynamics.spring_rates import pushed, spring_rates
+from holdfast.dynamics.spring_rates import pushed, spring_rates, with_pulled
 from holdfast.dynamics.varied_case import VariedCase
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -109,10 +110,8 @@ def forward_dynamics_vjp(
     if least is not None:
         bars, also = least.backward(at, bars)
     springs = spring_rates(VariedCase(chain, state, with_link_wrenches(chain, inputs), {}), by)
-    names = tuple(by) if springs is None else tuple(dict.fromkeys((*by, *springs.text.results)))
-    found, shapes = backward(at, bars, names, also), gradient_shapes(chain)
-    more = {} if springs is None else springs.gradient({name: found[name] for name in springs.text.results})
-    return Derivatives(result, {name: (found[name] + more.get(name, 0.0)).reshape(shapes[name]) for name in by})
+    found, shapes = with_pulled(springs, by, lambda names: backward(at, bars, names, also)), gradient_shapes(chain)
+    return Derivatives(result, {name: found[name].reshape(shapes[name]) for name in by})
 
 
 def forward_dynamics_jvp(
@@ -195,14 +194,10 @@ def forward_dynamics_jacobian(
     at, result, least = _point(chain, state, tau, inputs, check, generic_rank)
     shapes = gradient_shapes(chain)
     springs = spring_rates(VariedCase(chain, state, with_link_wrenches(chain, inputs), {}), by)
-    if springs is not None or least is not None:
-        columns: dict[tuple[str, str], Array] = {}
-        for name in by:
-            units = np.eye(int(np.prod(shapes[name])))
-            found = [_forward(at, {name: direction(e, name, shapes[name])}, springs, least) for e in units]
-            columns |= {(o, name): np.array([one[o].ravel() for one in found]) for o in of}
-    else:
-        columns = jacobian(at, of, by, np.eye(units_needed(chain, by)))
+    changed = by if least is not None else () if springs is None else springs.names
+    rates = dict.fromkeys(changed, lambda at, tangents: _forward(at, tangents, springs, least))
+    size = max(units_needed(chain, by), *(math.prod(shapes[name]) for name in changed), 0)
+    columns = jacobian(at, of, by, np.eye(size), rates)
     return Derivatives(
         result, {(o, b): x.T.reshape(*np.shape(result_named(result, o)), *shapes[b]) for (o, b), x in columns.items()}
     )
@@ -212,8 +207,7 @@ def _forward(
     at: Point, tangents: Mapping[str, Array], springs: LinearText | None, least: LeastForces | None
 ) -> dict[str, Array]:
     """Return the rates of change of all results."""
-    if springs is not None:
-        tangents = pushed(springs, tangents)
+    tangents = pushed(springs, tangents)
     found = forward(at, tangents)
     return found if least is None else least.forward(at, found, tangents)
 

@@ -145,12 +145,13 @@ def potential_energy(chain: ClosedChain, state: State) -> float:
 def total_potential_energy(chain: ClosedChain, state: State) -> Scalar:
     """Return U of trunk, arms and object [J]; see `potential_energy`."""
     at, q = standing(chain, state, Inputs().shaped(chain)), [state.q[part] for part in chain.arm_joints]
-    arms = each(lambda arm, q: arm_potential_energy(arm, q, chain.gravity), at.arms, q)
+    gravity = chain.gravity
+    arms = each(lambda arm, q: arm_potential_energy(arm, q, gravity), at.arms, q)
     for body in trunk_bodies(chain, at):
-        arms.append(body.potential_energy(chain.gravity))
+        arms.append(body.potential_energy(gravity))
     if chain.trunk is not None:
         arms.append(_trunk_elastic_energy(chain.trunk, state.q[chain.joints[TRUNK]]))
-    held = held_body(chain.held_object, state.object_frame, np.zeros(6)).potential_energy(chain.gravity)
+    held = held_body(chain.held_object, state.object_frame, np.zeros(6)).potential_energy(gravity)
     return sum(arms) + held + spring_energy(chain, state) + bushing_energy(chain, state)
 
 

@@ -171,4 +171,5 @@ TORQUES = Text(
     ),
     ("tau",),
     _torques,
+    parts=lambda chain: list(chain.joints.values()),
 )

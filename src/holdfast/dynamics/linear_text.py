@@ -6,7 +6,8 @@ backward and rates forward; what poses turn by and what arguments are called is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,9 +16,10 @@ from holdfast.dynamics.closed.forward_derivatives import POSES as OF_BODIES
 from holdfast.dynamics.closed.forward_derivatives import arguments_of, symmetric
 from holdfast.dynamics.closed.pose_tangents import by_motions
 from holdfast.dynamics.varied_case import VariedCase
-from holdfast.spatial.differentiation import linearised
-from holdfast.spatial.linear import Linear
-from holdfast.spatial.scalar import Array
+from holdfast.model.closed_chain import ClosedChain
+from holdfast.spatial.differentiation import bare, linearised
+from holdfast.spatial.linear import Linear, array_of
+from holdfast.spatial.scalar import Array, concatenate, each
 from holdfast.spatial.vector import skew
 
 Shape = tuple[int, ...]
@@ -34,6 +36,7 @@ class Text(NamedTuple):
         results: names of what it returns.
         of: the text.
         unlimited: whether a result may be infinite, where nothing limits it.
+        parts: the entries of a chain's results, flat and in order, that depend on much the same; None for all.
     """
 
     name: str
@@ -41,10 +44,11 @@ class Text(NamedTuple):
     results: tuple[str, ...]
     of: Callable[[VariedCase], tuple[Any, ...]]
     unlimited: bool = False
+    parts: Callable[[ClosedChain], Sequence[slice]] | None = None
 
-    def arguments_at(self, case: VariedCase) -> tuple[str, ...]:
-        """Return those of its arguments that a case has."""
-        return tuple(name for name in self.arguments if name in (*case.own, *arguments_of(case.chain)))
+    def arguments_at(self, chain: ClosedChain, own: Iterable[str]) -> tuple[str, ...]:
+        """Return those of its arguments that a chain has, and what it is given besides."""
+        return tuple(name for name in self.arguments if name in (*own, *arguments_of(chain)))
 
 
 class LinearText(NamedTuple):
@@ -56,6 +60,7 @@ class LinearText(NamedTuple):
         names: the arguments.
         numbers: what these are made of, by name.
         linear: the text made linear in `numbers`.
+        results: what the text returns there, by name.
     """
 
     text: Text
@@ -63,6 +68,7 @@ class LinearText(NamedTuple):
     names: tuple[str, ...]
     numbers: Mapping[str, Array]
     linear: Linear
+    results: Mapping[str, Array]
 
     @property
     def shapes(self) -> dict[str, Shape]:
@@ -72,7 +78,39 @@ class LinearText(NamedTuple):
     def gradient(self, cotangents: Mapping[str, Array]) -> dict[str, Array]:
         """Return the gradients of sum(cotangent . result) by the arguments; of poses by [turn; shift]."""
         bars = [cotangents.get(name, np.zeros(shape)) for name, shape in self.shapes.items()]
-        found = dict(zip(self.numbers, self.linear.gradient(*bars), strict=True))
+        return self._by_arguments(self.linear.gradient(*bars))
+
+    def rows(self, result: str, units: Array) -> dict[str, Array]:
+        """Return the gradients of every entry of a result, flat: its Jacobian, (entries, *shape) by argument.
+
+        Args:
+            result: its name.
+            units: (m, m) identity, m at least the size of the result's parts; as numbers, so that rows are alike.
+        """
+        size, parts, found = math.prod(self.shapes[result]), self.text.parts, []
+        for entries in [slice(0, size)] if parts is None else parts(self.case.chain):
+            linear, varied = self.linear.of_entries(self.text.results.index(result), entries)
+            count, row = entries.stop - entries.start, gradient_of(linear)
+            rows = each(row, units[:count, :count]) if count > 1 else [row(np.ones(1))]
+            found += [self._row(varied, x) for x in rows]
+        return {
+            name: concatenate(row[name].ravel() for row in found).reshape(-1, *found[0][name].shape)
+            for name in self.names
+        }
+
+    def _row(self, varied: Sequence[int], entries: Array) -> dict[str, Array]:
+        """Return gradients of which the entries at some places are given, the others zero."""
+        sizes = [x.size for x in self.numbers.values()]
+        flat: list[Any] = [0.0] * sum(sizes)
+        for place, x in zip(varied, entries.tolist(), strict=True):
+            flat[place] = x
+        ends = np.cumsum([0, *sizes]).tolist()
+        parts = zip(ends, ends[1:], self.numbers.values(), strict=False)
+        return self._by_arguments([array_of(flat[begin:end], x.shape) for begin, end, x in parts])
+
+    def _by_arguments(self, gradients: Sequence[Array]) -> dict[str, Array]:
+        """Return gradients by the arguments, of those by the numbers that they are made of."""
+        found = dict(zip(self.numbers, gradients, strict=True))
         for name in self.names:
             if name in POSES:
                 R, p = _parts_of(name)
@@ -95,15 +133,24 @@ class LinearText(NamedTuple):
         return dict(zip(self.text.results, self.linear.rates(*given.values()), strict=True))
 
 
+def gradient_of(linear: Linear) -> Callable[[Array], Array]:
+    """Return the gradient of a text of one array and one result as a function of the cotangent."""
+    return lambda cotangent: linear.gradient(cotangent)[0]
+
+
 def linear_text(text: Text, case: VariedCase, by: Sequence[str]) -> LinearText:
     """Return a text made linear in some of its arguments."""
     names = tuple(dict.fromkeys(by))
     numbers = case.numbers([part for name in names for part in _parts_of(name)])
 
-    def of(*given: Array) -> tuple[Any, ...]:
-        return text.of(case.varied(dict(zip(numbers, given, strict=True))))
+    results: dict[str, Array] = {}
 
-    return LinearText(text, case, names, numbers, linearised(of, *numbers.values()))
+    def of(*given: Array) -> tuple[Any, ...]:
+        found = text.of(case.varied(dict(zip(numbers, given, strict=True))))
+        results.update({name: bare(x) for name, x in zip(text.results, found, strict=True)})
+        return found
+
+    return LinearText(text, case, names, numbers, linearised(of, *numbers.values()), results)
 
 
 def _parts_of(name: str) -> tuple[str, ...]:

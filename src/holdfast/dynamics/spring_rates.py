@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from holdfast.dynamics.closed.spring_wrenches import with_springs
 from holdfast.dynamics.linear_text import LinearText, Text, linear_text
@@ -27,10 +27,29 @@ def spring_rates(case: VariedCase, names: Sequence[str]) -> LinearText | None:
     return linear_text(_springs(case.chain), case, names) if case.chain.springs and names else None
 
 
-def pushed(springs: LinearText, tangents: Mapping[str, Array]) -> dict[str, Array]:
+def pushed(springs: LinearText | None, tangents: Mapping[str, Array]) -> Mapping[str, Array]:
     """Return tangents of forward dynamics with the rates of change of the springs' wrenches added."""
+    if springs is None:
+        return tangents
     added = springs.rates({name: tangents[name] for name in springs.names if name in tangents})
     return {**tangents, **{name: tangents.get(name, 0.0) + x for name, x in added.items()}}
+
+
+def with_pulled(
+    springs: LinearText | None, by: Sequence[str], gradients: Callable[[Sequence[str]], Mapping[str, Array]]
+) -> dict[str, Array]:
+    """Return gradients of forward dynamics by some arguments, with those through the springs' wrenches added.
+
+    Args:
+        springs: the wrenches, made linear.
+        by: the arguments.
+        gradients: of forward dynamics by named arguments, wrenches held.
+    """
+    if springs is None:
+        return dict(gradients(by))
+    found = gradients(tuple(dict.fromkeys((*by, *springs.text.results))))
+    more = springs.gradient({name: found[name] for name in springs.text.results})
+    return {name: found[name] + more[name] if name in more else found[name] for name in by}
 
 
 def _springs(chain: ClosedChain) -> Text:

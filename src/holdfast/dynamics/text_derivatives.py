@@ -63,8 +63,8 @@ def text_jacobian(text: Text, case: VariedCase, result: Any, of: Sequence[str], 
         at, shapes = _linear(text, case, by, what), argument_shapes(case)
         for name in of:
             shape = at.shapes[name]
-            rows = [at.gradient({name: e.reshape(shape)}) for e in np.eye(int(np.prod(shape)))]
-            parts |= {(name, x): np.reshape([row[x] for row in rows], (*shape, *shapes[x])) for x in by}
+            rows = at.rows(name, np.eye(int(np.prod(shape))))
+            parts |= {(name, x): np.reshape(rows[x], (*shape, *shapes[x])) for x in by}
     return _found(text, what, result, parts)
 
 
@@ -79,7 +79,7 @@ def _linear(text: Text, case: VariedCase, by: Sequence[str], what: str) -> Linea
     Raises:
         StateError: an argument that it does not depend on.
     """
-    require_names(what, by, text.arguments_at(case))
+    require_names(what, by, text.arguments_at(case.chain, case.own))
     return linear_text(text, case, by)
 
 

@@ -76,7 +76,8 @@ class VariedCase(NamedTuple):
         own |= {name: lambda field=field: getattr(self.state, field) for name, field in OF_STATE.items()}
         own |= {name: lambda field=field: getattr(self.inputs, field) for name, field in OF_INPUTS.items()}
         own |= {name: lambda x=x: x for name, x in self.own.items()}
-        return {name: np.asarray(own[name](), dtype=float) for name in names}
+        found = {name: np.asarray(own[name]()) for name in names}
+        return {name: x if x.dtype == object else x.astype(float) for name, x in found.items()}
 
     def varied(self, numbers: Numbers) -> VariedCase:
         """Return the same with other numbers, of any kind of scalars; nothing is checked."""
@@ -121,21 +122,26 @@ def _arm(arm: Arm, base: Pose, numbers: Numbers, rows: slice, first: int) -> Arm
     """Return an arm on another base, with other numbers of its joints, at `rows`, and of its links, from `first` on."""
     made = arm.standing_at(base)
     links = enumerate(arm.links, first)
-    made.__dict__.update(_of_joints(numbers, rows), links=tuple(_body(link, "link", numbers, k) for k, link in links))
+    made.__dict__.update(_of_joints(arm.joints, numbers, rows))
+    made.__dict__["links"] = tuple(_body(link, "link", numbers, k) for k, link in links)
     return made
 
 
 def _trunk(trunk: Trunk, numbers: Numbers, rows: slice) -> Trunk:
     """Return a trunk with other numbers of its joints."""
-    own = _of_joints(numbers, rows)
+    own = _of_joints(trunk.joints, numbers, rows)
     if not own or trunk.serial is None:
         return trunk
-    joints = tuple(_changed(joint, {name: x[k] for name, x in own.items()}) for k, joint in enumerate(trunk.joints))
-    return _changed(trunk, {"joints": joints, "serial": _changed(trunk.serial, {**own, "joints": joints})})
+    return _changed(trunk, {"joints": own["joints"], "serial": _changed(trunk.serial, own)})
 
 
-def _of_joints(numbers: Numbers, rows: slice) -> dict[str, Array]:
-    return {name: numbers[name][rows] for name in ("armature", "damping") if name in numbers}
+def _of_joints(joints: Sequence[Joint], numbers: Numbers, rows: slice) -> dict[str, Any]:
+    """Return what changes in a body of several joints with other numbers of these; nothing where none are given."""
+    own = {name: numbers[name][rows] for name in ("armature", "damping") if name in numbers}
+    if not own:
+        return {}
+    varied = [_changed(joint, {name: x[k] for name, x in own.items()}) for k, joint in enumerate(joints)]
+    return {**own, "joints": tuple(varied)}
 
 
 def _changed(of: Part, numbers: Mapping[str, Any]) -> Part:

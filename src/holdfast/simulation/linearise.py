@@ -112,8 +112,7 @@ def linearise(
         StateError: wrong shapes, the state breaks a grasp, or the step is too long for the motion.
         SingularChainError: the constraint's rank drops here.
         ModelError: no such scheme.
-        MethodNotApplicable: a trunk with springs between bodies, or with indeterminate forces; a step of a chain
-            with springs between bodies, or of moving bases.
+        MethodNotApplicable: a step of bases that move.
 
     Reference:
         docs/theory/derivatives.md.
@@ -155,10 +154,8 @@ def _held(chain: ClosedChain, inputs: Inputs | None) -> Inputs:
     """Return shaped inputs, refused if bases move.
 
     Raises:
-        MethodNotApplicable: bases move, or springs are between bodies.
+        MethodNotApplicable: bases move.
     """
-    if chain.springs:
-        raise MethodNotApplicable("linearise: a step of a chain with springs between bodies is not there yet")
     shaped = (inputs or Inputs()).shaped(chain)
     for name in ("base_twists", "base_accelerations", "trunk_base_twist", "trunk_base_acceleration"):
         x = getattr(shaped, name)

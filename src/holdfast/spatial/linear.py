@@ -6,13 +6,14 @@ Rates are carried through it forward, and a gradient comes back through it.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from holdfast.spatial.scalar import Array, Scalar
+from holdfast.spatial.scalar import Array, Scalar, each
 
 
 class Result(NamedTuple):
@@ -25,6 +26,10 @@ class Result(NamedTuple):
 
     shape: tuple[int, ...]
     places: tuple[int, ...]
+
+    def numbered(self, new: Mapping[int, int]) -> Result:
+        """Return it with other places."""
+        return self._replace(places=tuple([new[place] for place in self.places]))
 
     def taken(self, numbers: Sequence[Scalar]) -> Array:
         """Return what lies at its places, 0 for what does not vary."""
@@ -46,6 +51,17 @@ class Step(NamedTuple):
     def size(self) -> int:
         """How many numbers it makes."""
         return 1
+
+    def part(self, needed: set[int], own: int) -> tuple[Step, range] | None:
+        """Return it, and where its number lies, from a place on, if that is needed; then so are its operands."""
+        if own not in needed:
+            return None
+        needed.update(self.places)
+        return self, range(own, own + 1)
+
+    def numbered(self, new: Mapping[int, int]) -> Step:
+        """Return it with other places."""
+        return self._replace(places=tuple([new[place] for place in self.places]))
 
     def forward(self, found: list[Scalar]) -> None:
         """Add its rate to those of all numbers before it."""
@@ -91,6 +107,25 @@ class Ruled(NamedTuple):
         """How many numbers it makes."""
         return sum(math.prod(shape) for shape in self.made)
 
+    def part(self, needed: set[int], own: int) -> tuple[Ruled, Sequence[int]] | None:
+        """Return what of it is needed, and where its numbers lie, from a place on; then so is what it depends on."""
+        ends = np.cumsum([own, *(math.prod(shape) for shape in self.made)]).tolist()
+        spans = [range(begin, end) for begin, end in pairwise(ends)]
+        kept = [k for k, span in enumerate(spans) if not needed.isdisjoint(span)]
+        if not kept:
+            return None
+        found = self
+        if isinstance(self.rule, EachItem):
+            rule = EachItem(tuple([self.rule.items[k] for k in kept]))
+            found = Ruled(rule, tuple([self.given[k] for k in kept]), tuple([self.made[k] for k in kept]))
+            spans = [spans[k] for k in kept]
+        needed.update(place for of in found.given for place in of.places if place >= 0)
+        return found, [place for span in spans for place in span]
+
+    def numbered(self, new: Mapping[int, int]) -> Ruled:
+        """Return it with other places."""
+        return self._replace(given=tuple([of.numbered(new) for of in self.given]))
+
     def forward(self, found: list[Scalar]) -> None:
         """Add its rates to those of all numbers before it."""
         for x in self.rule.rates(*(of.taken(found) for of in self.given)):
@@ -108,6 +143,24 @@ class Ruled(NamedTuple):
                     found[place] = found[place] + x
 
 
+class EachItem(NamedTuple):
+    """The rule of a loop whose items are made linear each by itself: its derivatives are such loops.
+
+    Attributes:
+        items: per item, the loop's body with one array given and one result.
+    """
+
+    items: tuple[Linear, ...]
+
+    def rates(self, *rates: Array) -> list[Array]:
+        """Return how fast the results change, item by item."""
+        return each(lambda linear, x: linear.rates(x)[0], self.items, rates)
+
+    def gradient(self, *cotangents: Array) -> list[Array]:
+        """Return the gradient of each item by its own array."""
+        return each(lambda linear, x: linear.gradient(x)[0], self.items, cotangents)
+
+
 @dataclass(frozen=True, eq=False)
 class Linear:
     """A text made linear at a point.
@@ -121,6 +174,27 @@ class Linear:
     shapes: tuple[tuple[int, ...], ...]
     steps: tuple[Step | Ruled, ...]
     results: tuple[Result, ...]
+
+    def of_entries(self, result: int, entries: slice) -> tuple[Linear, tuple[int, ...]]:
+        """Return what some entries of a result depend on: a text of one array, and which numbers are in it.
+
+        Args:
+            result: the place of the result among all.
+            entries: of the result, flat.
+        """
+        chosen, first = self.results[result].places[entries], sum(math.prod(shape) for shape in self.shapes)
+        needed, own, kept = {place for place in chosen if place >= 0}, first + sum(s.size for s in self.steps), []
+        for step in reversed(self.steps):
+            own -= step.size
+            part = step.part(needed, own)
+            if part is not None:
+                kept.append(part)
+        varied = tuple(sorted(place for place in needed if place < first))
+        new = {-1: -1} | {place: k for k, place in enumerate(varied)}
+        for _, made in reversed(kept):
+            new |= {place: len(new) - 1 + k for k, place in enumerate(made)}
+        steps = tuple([step.numbered(new) for step, _ in reversed(kept)])
+        return Linear(((len(varied),),), steps, (Result((len(chosen),), chosen).numbered(new),)), varied
 
     def rates(self, *rates: Any) -> list[Array]:
         """Return how fast the results change while the arrays do, at rates of their shapes."""

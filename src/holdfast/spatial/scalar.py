@@ -23,13 +23,12 @@ _LARGEST_EXPONENT = 709.782712893384  # log of the largest float
 
 
 class Loops(Protocol):
-    """What takes the loops of a text: the compiler while it traces one.
+    """What takes the loops of a text: the compiler while it traces one."""
 
-    Attributes:
-        inside: whether a loop is under way; those inside it are Python's own.
-    """
-
-    inside: bool
+    @property
+    def inside(self) -> bool:
+        """Whether a loop is under way; those inside it are Python's own."""
+        ...
 
     def each(self, f: Callable[..., Any], items: list[tuple[Any, ...]]) -> list[Any]:
         """Take the place of `each`."""

@@ -14,6 +14,7 @@ import holdfast as hf
 from tests.derivatives.chains import random_chain
 from tests.systems import random_system
 from tests.systems.as_chain import Problem, as_chain
+from tests.systems.sprung import with_springs
 
 STEP, STEPS, SYSTEMS = 2e-3, 9, 3
 BAR = 1e-8
@@ -56,6 +57,9 @@ class Rolled:
         shifts = np.reshape(d.get("grasp_pose", np.zeros(6 * len(poses))), (-1, 6))
         moved = [np.concatenate([f.wxyz_xyz[:4], f.p + x[3:]]) for f, x in zip(poses, shifts, strict=True)]
         given = {"gain": np.full(n, 0.5) + d.get("gain", 0.0), "grasp_pose": np.array(moved)}
+        if "base_pose" in d:
+            bases = [arm.base.wxyz_xyz for arm in self.p.chain.arms.values()]
+            given |= {"base_pose": bases + np.pad(d["base_pose"].reshape(-1, 6)[:, 3:], ((0, 0), (4, 0)))}
         given |= {"object_mass": body.mass + d.get("object_mass", 0.0), "object_inertia": np.array(body.inertia)}
         floating = {} if at.base_pose is None else {"floating_pose": at.base_pose, "floating_twist": at.base_twist}
         pose = at.object_pose + np.concatenate([np.zeros(4), np.reshape(d.get("object_pose", np.zeros(6)), 6)[3:]])
@@ -170,6 +174,26 @@ def test_trunks(trunk):
     """Arms on a trunk, which may float."""
     names = ("q", "qd", "memory", "gain", "tau", "step", "object_mass")
     assert Rolled(random_chain(1, trunk)).worst(names, far=1e-5) < 1e-7
+
+
+def sprung(p: Problem) -> Rolled:
+    """Return the problem's rollout with springs between all kinds of bodies."""
+    return Rolled(replace(p, chain=with_springs(p.chain)))
+
+
+@pytest.mark.slow
+def test_springs_between_bodies():
+    """Their wrenches follow the state, the object and the bases from stage to stage."""
+    p = as_chain(random_system(5, arms=2, joints=[5, 4], grasps=["rigid", "hinge"], moving_base=False))
+    assert sprung(p).worst((*NAMES, "base_pose"), far=5e-5) < BAR
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("trunk", ["fixed", "floating"])
+def test_springs_on_trunks(trunk):
+    """Springs on arms that a trunk carries, which may float."""
+    names = ("q", "qd", "memory", "gain", "tau", "step", "object_mass")
+    assert sprung(random_chain(1, trunk)).worst(names, far=1e-5) < 1e-7
 
 
 @pytest.mark.long

@@ -124,7 +124,7 @@ def chain_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -
     inputs = with_springs(chain, state, inputs)
     assert inputs.base_twists is not None and inputs.base_accelerations is not None
     assert inputs.object_wrench is not None
-    gravity, frame = pseudo_gravity(chain), state.object_frame
+    gravity, frame, twist_of_object = pseudo_gravity(chain), state.object_frame, state.object_twist
     trunk = trunk_motion(chain, state, tau, inputs)
     mounts = {} if trunk is None else trunk.mounts
     bases = list(zip(inputs.base_twists, inputs.base_accelerations - gravity, strict=True))
@@ -141,16 +141,16 @@ def chain_motion(chain: ClosedChain, state: State, tau: Array, inputs: Inputs) -
         columns = None if mount is None else mount.columns
         given.append(ArmInputs(on, *of_joints, twist, acceleration, links, columns))
     found = each(
-        lambda of_arm, grasp: arm_and_grasp(ArmCase(of_arm, grasp, frame, state.object_twist)),
+        lambda of_arm, grasp: arm_and_grasp(ArmCase(of_arm, grasp, frame, twist_of_object)),
         given,
         [chain.grasps.get(name) for name in chain.arms],
     )
     known = [(c.offset, motion.known) for motion, c, _ in found if c is not None and motion.known is not None]
     pushed, _ = scan(lambda w, at: (w + shift_wrench(*at), None), inputs.object_wrench, known)
-    body = object_motion(chain.held_object, frame, state.object_twist, pushed)
+    body = object_motion(chain.held_object, frame, twist_of_object, pushed)
     motion = _together(chain, [(arm, held) for arm, held, _ in found], body, trunk)
     cases = {name: case for name, (_, _, case) in zip(chain.arms, found, strict=True)}
-    held = ObjectCase(chain.held_object, frame, state.object_twist, pushed)
+    held = ObjectCase(chain.held_object, frame, twist_of_object, pushed)
     return replace(motion, cases=cases, object_case=held, trunk_case=trunk_case(chain, state, tau, inputs))
 
 

@@ -34,6 +34,7 @@ from holdfast.spatial.spatial_vector import shift_twist
 from holdfast.spatial.symmetric import Symmetric6
 
 Shape = tuple[int, ...]
+Rates = Callable[[Point, Mapping[str, Array]], dict[str, Array]]  # of the results along tangents
 
 # Shapes of the arguments that concern the whole chain, and of an arm's own beside its joints' and its links'.
 OF_CHAIN: dict[str, Shape] = {
@@ -84,7 +85,9 @@ class Answers(NamedTuple):
     object_acceleration: Array
 
 
-def jacobian(at: Point, of: Sequence[str], by: Sequence[str], units: Array) -> dict[tuple[str, str], Array]:
+def jacobian(
+    at: Point, of: Sequence[str], by: Sequence[str], units: Array, together: Mapping[str, Rates] | None = None
+) -> dict[tuple[str, str], Array]:
     """Return the derivatives of results by arguments, transposed: (an argument's numbers, a result's numbers).
 
     Args:
@@ -92,9 +95,11 @@ def jacobian(at: Point, of: Sequence[str], by: Sequence[str], units: Array) -> d
         of: some of `RESULTS`.
         by: some of `ARGUMENTS`.
         units: (m, m) identity, m as `units_needed` says; given as numbers so that columns are alike.
+        together: the rates of the results along an argument, if they are not those of `forward` alone.
     """
-    chain = at.motion.chain
-    whole = {name for name in by if name in OF_CHAIN or chain.trunk is not None}  # arms on a trunk move each other
+    chain, others = at.motion.chain, together or {}
+    # Arms on a trunk move each other.
+    whole = {name for name in by if name in OF_CHAIN or chain.trunk is not None or name in others}
     own = [name for name in by if name not in whole]
     rows = 6 * len(chain.grasps) + (6 if any(reaches_object(chain, name) for name in own) else 0)
     answers = each(lambda e: unit_answer(at, e), units[:rows, : 6 * len(chain.grasps) + 6]) if own else []
@@ -107,7 +112,7 @@ def jacobian(at: Point, of: Sequence[str], by: Sequence[str], units: Array) -> d
     found: dict[tuple[str, str], list[list[Array]]] = {(result, name): [] for name in by for result in of}
     for name in by:
         if name in whole:
-            columns = [chain_columns(at, name, of, units)]
+            columns = [chain_columns(at, name, of, units, others.get(name, forward))]
         else:
             columns = arm_columns(at, name, tuple(of), units, answers, everyone, responses)
         for of_one in columns:
@@ -140,9 +145,10 @@ def responses_by_joints(at: Point, names: tuple[str, ...]) -> dict[str, dict[str
 
 def units_needed(chain: ClosedChain, by: Sequence[str]) -> int:
     """Return how many units `jacobian` takes for some arguments."""
-    if chain.trunk is not None:
+    if chain.trunk is not None or chain.springs:
         shapes = gradient_shapes(chain)
-        return max(math.prod(shapes[name]) for name in by)
+        most = max(math.prod(shapes[name]) for name in by)
+        return most if chain.trunk is not None else max(most, 6 * len(chain.grasps) + 6, len(chain.arms))
     counts = [arm.joint_count for arm in chain.arms.values()]
     sizes = [int(np.prod(arm_shape(name, N))) for name in by if name not in OF_CHAIN for N in counts]
     return max([6 * len(chain.grasps) + 6, 9, len(counts), *sizes])
@@ -176,13 +182,13 @@ def unit_wrenches(tip: TipResponse, arm: ArmMotion) -> ByWrench:
     return ByWrench(array([qdd for qdd, _ in columns]).T, array([base for _, base in columns]).T)
 
 
-def chain_columns(at: Point, name: str, of: Sequence[str], units: Array) -> list[list[Array]]:
-    """Return the columns of an argument that concerns the whole chain."""
+def chain_columns(at: Point, name: str, of: Sequence[str], units: Array, rates: Rates = forward) -> list[list[Array]]:
+    """Return the columns of an argument that concerns the whole chain; `rates` of the results along tangents."""
     shape = gradient_shapes(at.motion.chain)[name]
     size = math.prod(shape)
 
     def column(unit: Array) -> list[Array]:
-        found = forward(at, {name: direction(unit, name, shape)})
+        found = rates(at, {name: direction(unit, name, shape)})
         return [found[result].ravel() for result in of]
 
     return each(column, units[:size, :size])

@@ -98,6 +98,13 @@ def with_springs(chain: ClosedChain, state: State, inputs: Inputs) -> Inputs:
     return replace(inputs, object_wrench=of_object, link_wrenches=array(rows), **on_trunk)
 
 
+def without_springs(chain: ClosedChain) -> ClosedChain:
+    """Return the same chain without springs between bodies, of any kind of numbers; nothing is checked."""
+    made = object.__new__(ClosedChain)
+    made.__dict__.update(vars(chain), springs=())
+    return made
+
+
 def stretches(chain: ClosedChain, state: State, inputs: Inputs) -> list[Stretch]:
     """Return every spring at one instant. O(springs) + O(n).
 

@@ -6,12 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from holdfast.dynamics.arm.motion import ArmMotion
 from holdfast.dynamics.arm.newton_euler import newton_euler
 from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import StateError
 from holdfast.model.closed_chain import TRUNK
-from holdfast.spatial.scalar import Array, Scalar, concatenate, maximum
+from holdfast.spatial.scalar import Array, Scalar, concatenate, each, maximum
 from holdfast.spatial.spatial_vector import shift_wrench
 
 UNDRIVEN = 1e-8  # of the largest wrench on the floating base: what is left is rounding
@@ -43,12 +44,15 @@ def trunk_torques(motion: ChainMotion, qdd: Array, f: Array, base: Array | None 
     chain, trunk = motion.chain, motion.trunk
     assert trunk is not None
     betas = trunk.accelerations(TrunkAcceleration(qdd[chain.joints[TRUNK]], base))
-    of_arms, base_wrenches = [], {}
-    for (name, arm), wrench in zip(motion.arms.items(), f, strict=True):
-        part = chain.joints[name]
-        T, base_wrenches[name] = newton_euler(arm, qdd[part], wrench, trunk.under(name, betas))
-        of_arms.append(T + arm.passive)
-
+    found = each(
+        drive_torques_and_base,
+        motion.arms.values(),
+        [qdd[part] for part in chain.arm_joints],
+        f,
+        [trunk.under(name, betas) for name in motion.arms],
+    )
+    of_arms = [torques for torques, _ in found]
+    base_wrenches = {name: wrench for name, (_, wrench) in zip(motion.arms, found, strict=True)}
     accelerations = qdd[chain.joints[TRUNK]]
     torques, total, largest = [], np.zeros(6), np.zeros(())[()]
     for k in reversed(range(len(trunk.bodies))):
@@ -64,6 +68,12 @@ def trunk_torques(motion: ChainMotion, qdd: Array, f: Array, base: Array | None 
             torques.insert(0, body.H @ total + rotor - body.torque)  # which is the passive torque's, reversed
         total = shift_wrench(body.reach, total)
     return TrunkTorques(concatenate([torques, *of_arms]), total, largest)
+
+
+def drive_torques_and_base(arm: ArmMotion, qdd: Array, f: Array, base: Array | None) -> tuple[Array, Array]:
+    """Return an arm's drive torques, (N,), and the wrench of its base on it, (6,); arguments as in `newton_euler`."""
+    T, wrench = newton_euler(arm, qdd, f, base)
+    return T + arm.passive, wrench
 
 
 def require_undriven(found: TrunkTorques) -> None:

@@ -84,7 +84,6 @@ class Tape:
     ) -> None:
         """Take the steps; see `Rollout.tape`."""
         self.rollout, self.steps = rollout, whole_number("steps", steps)
-        self._require_differentiable()
         self._step, self._options, self._given = step, options, given
         self._schedule = self._scheduled(schedule, len(systems))
         carried = rollout.kernel.carried
@@ -285,15 +284,6 @@ class Tape:
                 )
             found[f"{CONTROL}{name}"] = [fitting(name, x, shapes[name], count) for x in given]
         return found
-
-    def _require_differentiable(self) -> None:
-        """Refuse chains whose steps have no derivatives yet.
-
-        Raises:
-            MethodNotApplicable: springs between bodies.
-        """
-        if self.rollout.chain.springs:
-            raise MethodNotApplicable("tape: steps of a chain with springs between bodies have no derivatives yet")
 
     def _require_unique(self, along: Mapping[str, Any]) -> None:
         """Refuse cotangents of forces of which there are many.

@@ -24,9 +24,11 @@ from holdfast.dynamics.closed.chain_solution import ChainSolution
 from holdfast.dynamics.closed.forward_derivatives import results_of
 from holdfast.dynamics.closed.forward_jacobian import gradient_shapes
 from holdfast.dynamics.closed.second_solve import Point, point
+from holdfast.dynamics.closed.spring_wrenches import with_springs, without_springs
 from holdfast.dynamics.point_rule import PointRule, by_pose, motion_of
 from holdfast.dynamics.projection import STEP_ROUNDS, Change, displaced_by, quickened, turned_and_shifted
 from holdfast.dynamics.projection_derivatives import OF_PROJECTION, OF_ROUND, change_of, impulse_point, round_point
+from holdfast.dynamics.varied_case import VariedCase
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.environment import Environment
 from holdfast.simulation.external_inputs import GivenInputs
@@ -39,7 +41,8 @@ from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import Arrival, Question, Stage, answered, take_step
 from holdfast.spatial.differentiation import bare, by_rule, is_recorded, linearised
 from holdfast.spatial.linear import Linear
-from holdfast.spatial.scalar import Array, Loops, Scalar, loops
+from holdfast.spatial.scalar import Array, Loops, Scalar, array, loops
+from holdfast.spatial.vector import skew
 from holdfast.state import Inputs, State
 
 POSES = ("object_pose", "floating_pose")
@@ -84,6 +87,8 @@ class VariedSystem(TracedSystem):
         self, chain: ClosedChain, state: State, tau: Array, inputs: Inputs, held: Array | None, choose: bool
     ) -> SolutionWithStatus:
         """Return forward dynamics, with its derivatives."""
+        if chain.springs:
+            chain, inputs = without_springs(chain), self._with_springs(chain, state, inputs)
         pushed = {name: x for name, field in FIELDS.items() if (x := getattr(inputs, field)) is not None}
         pushed = {name: x + self.varied[name] if name in self.varied else x for name, x in pushed.items()}
         acting = replace(inputs, **{FIELDS[name]: bare(x) for name, x in pushed.items()})
@@ -97,6 +102,17 @@ class VariedSystem(TracedSystem):
         arguments |= {} if self.heavier is None else {"armature": self.heavier}
         made = ruled(at, {name: x for name, x in results.items() if x.size}, arguments, self.many)
         return found._replace(whole=found.whole._replace(**{fields[name]: x for name, x in made.items()}))
+
+    def _with_springs(self, chain: ClosedChain, state: State, inputs: Inputs) -> Inputs:
+        """Return the inputs with the wrenches of springs between bodies, which vary with the state and the bases."""
+        here = framed(State(**parts_of(state)))
+        case = VariedCase(chain, here, inputs, {})
+        if "base_pose" in self.varied:
+            R, p = case.numbers(("base_R", "base_p")).values()
+            moved = self.varied["base_pose"]  # tangents that are zero
+            turned = array([frame + skew(turn) @ frame for frame, turn in zip(R, moved[:, :3], strict=True)])
+            case = case.varied({"base_R": turned, "base_p": p + moved[:, 3:]})
+        return with_springs(case.chain, here, inputs)
 
     def power(
         self, chain: ClosedChain, state: State, drive: Array, lost: Array, inputs: Inputs, whole: ChainSolution
@@ -162,8 +178,13 @@ def state_arrays(chain: ClosedChain, state: State) -> dict[str, Array]:
 
 def plain(state: State) -> State:
     """Return a state of what its numbers are, varied or not."""
+    return State(**{name: bare(x) for name, x in parts_of(state).items()})
+
+
+def parts_of(state: State) -> dict[str, Array]:
+    """Return the arrays that a state has, by field."""
     parts = {field.name: getattr(state, field.name) for field in fields(state)}
-    return State(**{name: bare(x) for name, x in parts.items() if x is not None})
+    return {name: x for name, x in parts.items() if x is not None}
 
 
 class LinearStep(NamedTuple):
