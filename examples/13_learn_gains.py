@@ -50,18 +50,18 @@ def main(out: Path = OUT) -> dict[str, Any]:
     hold, costs = hf.holding_torques(chain, state), list[float]()
     # Boxes that were pushed, each another way; the arms take their share at once.
     twists = np.random.default_rng(0).normal(size=(SYSTEMS, 6)) * [0.3, 0.3, 0.3, 0.1, 0.1, 0.1]
-    begin = {"q": state.q, "qd": state.qd, "object_pose": state.object_pose, "object_twist": twists}
+    begin: dict[str, Any] = {"q": state.q, "qd": state.qd, "object_pose": state.object_pose, "object_twist": twists}
 
     def price(runs: Mapping[str, np.ndarray]) -> tuple[float, dict[str, np.ndarray]]:
         off, effort, share = 1e3 * (runs["q"] - state.q), runs["tau"] - hold, STEP / SYSTEMS
         value = share * float((off**2).sum() + EFFORT * (effort**2).sum())
         return value, {"q": 2e3 * share * off, "tau": 2 * share * EFFORT * effort}
 
-    def given(gains: np.ndarray) -> dict[str, np.ndarray]:
+    def given(gains: np.ndarray) -> dict[str, Any]:
         return dict(zip(("stiffness", "damping"), np.exp(gains).reshape(2, 14), strict=True))
 
-    by, record = ("stiffness", "damping"), ("q", "tau")
-    runs = value_and_gradient(rollout, price, of=record, by=by, step=STEP, steps=STEPS, **begin, **given(FIRST))
+    of, by = ("q", "tau"), ("stiffness", "damping")
+    runs = value_and_gradient(rollout, price, of=of, by=by, step=STEP, steps=STEPS, **begin, **given(FIRST))
 
     def cost(gains: np.ndarray) -> tuple[float, np.ndarray]:
         value, slope = runs(np.exp(gains))

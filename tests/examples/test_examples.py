@@ -32,8 +32,8 @@ def run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Any:
 
 
 def test_the_ladder():
-    """Thirteen of them, none longer than a hundred lines, each in the table of the folder's README."""
-    assert [script.name[:2] for script in SCRIPTS] == [f"{k:02}" for k in range(1, 14)]
+    """Fourteen of them, none longer than a hundred lines, each in the table of the folder's README."""
+    assert [script.name[:2] for script in SCRIPTS] == [f"{k:02}" for k in range(1, 15)]
     table = (EXAMPLES / "README.md").read_text()
     for script in SCRIPTS:
         assert len(script.read_text().splitlines()) <= 100, script.name
@@ -177,3 +177,20 @@ def test_learn_gains(run):
     assert found["off"]["learnt"].max() < 0.5 * found["off"]["first"].max()
     assert (found["gains"] > 0).all()
     assert "gradients of 16 runs" in printed
+
+
+@pytest.mark.slow
+def test_least_peak_torque(run):
+    """Both ways end at rest at B, closed and within all limits; the best has a peak of at most three quarters."""
+    found, printed = run("14")
+    for one in found["runs"].values():
+        assert one.stopped is None
+        assert one.position_gap[:, 1].max() < 1e-14
+        assert np.linalg.norm(one.object_pose[-1, 4:] - found["goal"]) < 1e-5
+        assert np.abs(one.object_twist[-1]).max() < 1e-4
+    assert found["used"]["optimised"].max() < 0.75 * found["used"]["straight"].max()
+    cost, along = found["cost"], np.random.default_rng(0).normal(size=len(found["cost"].x0))
+    ends = [cost(cost.x0 + k * 1e-4 * along)[0] for k in (1, -1, 2, -2)]
+    slope = (8 * (ends[0] - ends[1]) - (ends[2] - ends[3])) / 12e-4
+    assert cost(cost.x0)[1] @ along == pytest.approx(slope, rel=1e-6)
+    assert printed.count("within all limits") == 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from holdfast.spatial.scalar import Array
 
 Numbers = Mapping[str, Array]
 Cost = Callable[[Numbers], tuple[Any, Numbers]]  # results -> its value, and its derivatives by some of them
-Pullback = Callable[[Numbers], Numbers]  # cotangents of results -> gradients by the unknowns
+Pullback = Callable[[Numbers], Any]  # cotangents of results -> gradients by the unknowns, by name
 
 
 class Run(NamedTuple):
@@ -92,26 +93,26 @@ def value_and_gradient(
         if name not in given:
             raise StateError(f"value_and_gradient: by: {name}: expected a value to begin with, got none")
 
-    def roll(values: Numbers) -> Run:
-        assert isinstance(dynamics, Rollout) and steps is not None
+    def roll(rollout: Rollout, values: Mapping[str, Any]) -> Run:
+        assert steps is not None
         taken = {name: values[name] for name in rows}
         first = {name: x[0] for name, x in taken.items()}
-        systems = dynamics.start(**{name: values[name] for name in arguments} | first, threads=threads)
-        tape = dynamics.tape(systems, values["step"], steps=steps, record=of, schedule=taken, threads=threads)
+        systems = rollout.start(**{name: values[name] for name in arguments} | first, threads=threads)
+        tape = rollout.tape(systems, values["step"], steps=steps, record=of, schedule=taken, threads=threads)
         records = tape.records if tape.systems.running.all() else None
         return Run(records, lambda bars: tape.vjp(along=bars, by=by, threads=threads))
 
-    def solve(values: Numbers) -> Run:
-        assert isinstance(dynamics, CompiledChain)
+    def solve(fast: CompiledChain, values: Mapping[str, Any]) -> Run:
         try:
-            found = dynamics.forward_dynamics(**values)
+            found = fast.forward_dynamics(**values)
         except SingularChainError:
             return Run(None, dict)
         results = {name: np.asarray(getattr(found, name)) for name in of}
         sound = all(np.isfinite(x).all() for x in results.values())
-        return Run(results if sound else None, lambda bars: dynamics.forward_dynamics_vjp(**{**values, **bars}, by=by))
+        return Run(results if sound else None, lambda bars: fast.forward_dynamics_vjp(**{**values, **bars}, by=by))
 
-    return ValueAndGradient(roll if rolls else solve, cost, given, tuple(by), tuple(rows))
+    run = partial(roll, dynamics) if isinstance(dynamics, Rollout) else partial(solve, dynamics)
+    return ValueAndGradient(run, cost, given, tuple(by), tuple(rows))
 
 
 class ValueAndGradient:
@@ -124,7 +125,7 @@ class ValueAndGradient:
 
     def __init__(
         self,
-        run: Callable[[Numbers], Run],
+        run: Callable[[Mapping[str, Any]], Run],
         cost: Cost,
         given: Mapping[str, Any],
         by: tuple[str, ...],
