@@ -126,7 +126,7 @@ class JaxRollout:
     def _tape(self, given: Mapping[str, Array]) -> Tape:
         """Return the steps, of systems along the first axis."""
         schedule = {name: np.moveaxis(given[name], 0, 1) for name in self._scheduled}
-        first = {name: schedule[name][0] if name in schedule else given[name] for name in self._names}
+        first: dict[str, Any] = {name: schedule[name][0] if name in schedule else given[name] for name in self._names}
         systems, record = self.rollout.start(**first), (*self.of, RUNNING)
         return self.rollout.tape(systems, self.step, steps=self.steps, record=record, schedule=schedule)
 
