@@ -15,6 +15,7 @@ from holdfast.spatial import rotation
 from tests.longer import mostly_long
 from tests.systems import random_system
 from tests.systems.as_chain import as_chain
+from tests.systems.sprung import with_springs
 from tests.systems.trunk_runs import swaying
 
 STEP = 1e-2
@@ -79,10 +80,8 @@ def test_limit():
 def test_torques():
     """B by five-point differences of the step that `simulate` takes."""
     p, random = held(GRASPS[0]), np.random.default_rng(1)
-    model, d = (
-        hf.linearise(p.chain, p.state, p.tau, inputs=p.inputs, step=STEP),
-        random.normal(size=p.chain.joint_count),
-    )
+    d = random.normal(size=p.chain.joint_count)
+    model = hf.linearise(p.chain, p.state, p.tau, inputs=p.inputs, step=STEP)
 
     def end(far):
         run = hf.simulate(p.chain, p.state, lambda *_: (p.tau + far * d, None), STEP, STEP, inputs=p.inputs)
@@ -94,9 +93,11 @@ def test_torques():
 
 
 @pytest.mark.slow
-def test_moving_bases():
+@pytest.mark.parametrize("sprung", [False, True])
+def test_moving_bases(sprung):
     """A and B of a step on a base that moves, by five-point differences of what `simulate` does; time enters."""
     p, t, random = held(GRASPS[0]), 0.2, np.random.default_rng(3)
+    p = replace(p, chain=with_springs(p.chain)) if sprung else p
     name = p.chain.names[0]
     base, begun = p.chain.arms[name].base, swaying(hf.Pose.identity())(t)[0]
     R = begun.R.T @ base.R

@@ -19,7 +19,7 @@ from holdfast.simulation.rollout.adjoint import BEFORE, adjoint_shapes
 from holdfast.simulation.rollout.arguments import step_lengths, whole_number
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.simulation.rollout.systems import RolloutSystems
-from holdfast.simulation.rollout.tape import MEMORY, STEP, Tape, arguments_of, require_differentiable
+from holdfast.simulation.rollout.tape import MEMORY, STEP, Tape, arguments_of
 from holdfast.simulation.rollout.varied_step import CONTROL
 from holdfast.spatial.scalar import Array
 
@@ -49,7 +49,6 @@ class JaxRollout:
         steps: Any,
         schedule: Sequence[str],
     ) -> None:
-        require_differentiable(rollout)
         state, law, chain = tuple(state_fields(rollout.chain)), rollout.law.parameters, rollout.chain
         memory = (MEMORY,) if len(rollout.law.memory) else ()
         known = (*state, *memory, "tau", *results_of(chain))

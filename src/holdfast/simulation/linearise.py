@@ -14,7 +14,7 @@ from holdfast.control.controller import held_torques
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.linearise import Linearisation, basis_at, linearised_dynamics, turned_towards
 from holdfast.dynamics.result import ForwardResult
-from holdfast.errors import MethodNotApplicable, StateError
+from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.environment import BaseMotion, Environment
@@ -120,8 +120,7 @@ def linearise(
         StateError: wrong shapes, the state breaks a grasp, or the step is too long for the motion.
         SingularChainError: the constraint's rank drops here.
         ModelError: no such scheme.
-        MethodNotApplicable: a trunk with springs between bodies, or with indeterminate forces; a step of a chain
-            with springs between bodies.
+        MethodNotApplicable: a trunk with springs between bodies, or with indeterminate forces, without a step.
 
     Reference:
         docs/theory/derivatives.md.
@@ -168,10 +167,7 @@ def _held(chain: ClosedChain, inputs: Inputs | None) -> Inputs:
 
     Raises:
         StateError: they do.
-        MethodNotApplicable: springs are between bodies.
     """
-    if chain.springs:
-        raise MethodNotApplicable("linearise: a step of a chain with springs between bodies is not there yet")
     shaped = (inputs or Inputs()).shaped(chain)
     for name in ("base_twists", "base_accelerations", "trunk_base_twist", "trunk_base_acceleration"):
         x = getattr(shaped, name)

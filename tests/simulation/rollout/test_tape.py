@@ -11,9 +11,11 @@ from examples.benchmarks import four_bar
 from scipy.optimize import brentq
 
 import holdfast as hf
+from holdfast.spatial import rotation
 from tests.derivatives.chains import random_chain
 from tests.systems import random_system
 from tests.systems.as_chain import Problem, as_chain
+from tests.systems.sprung import with_springs
 
 STEP, STEPS, SYSTEMS = 2e-3, 9, 3
 BAR = 1e-8
@@ -55,7 +57,13 @@ class Rolled:
         poses = [grasp.frame for grasp in self.p.chain.grasps.values()]
         shifts = np.reshape(d.get("grasp_pose", np.zeros(6 * len(poses))), (-1, 6))
         moved = [np.concatenate([f.wxyz_xyz[:4], f.p + x[3:]]) for f, x in zip(poses, shifts, strict=True)]
+        turns = np.reshape(d.get("base_pose", np.zeros(6 * len(self.p.chain.arms))), (-1, 6))
+        bases = [
+            hf.Pose(rotation.exp(x[:3]) @ arm.base.R, arm.base.p + x[3:]).wxyz_xyz
+            for arm, x in zip(self.p.chain.arms.values(), turns, strict=True)
+        ]
         given = {"gain": np.full(n, 0.5) + d.get("gain", 0.0), "grasp_pose": np.array(moved)}
+        given |= {"base_pose": np.array(bases)} if "base_pose" in d else {}
         given |= {"object_mass": body.mass + d.get("object_mass", 0.0), "object_inertia": np.array(body.inertia)}
         floating = {} if at.base_pose is None else {"floating_pose": at.base_pose, "floating_twist": at.base_twist}
         pose = at.object_pose + np.concatenate([np.zeros(4), np.reshape(d.get("object_pose", np.zeros(6)), 6)[3:]])
@@ -87,7 +95,7 @@ class Rolled:
         for name in names:
             x = found[name]
             direction = random.normal(size=x.shape[1:] if name != "tau" else x.shape)
-            if name.endswith("_pose"):
+            if name in ("object_pose", "grasp_pose"):
                 direction[..., :3] = 0.0  # shifts
             size = np.abs(direction).max() or 1.0
             ends = [self.value(self.tape({name: direction / size}, k * far)) for k in (1, -1, 2, -2)]
@@ -170,6 +178,13 @@ def test_trunks(trunk):
     """Arms on a trunk, which may float."""
     names = ("q", "qd", "memory", "gain", "tau", "step", "object_mass")
     assert Rolled(random_chain(1, trunk)).worst(names, far=1e-5) < 1e-7
+
+
+@pytest.mark.slow
+def test_springs_between_bodies():
+    """Springs and dampers between world, links and object, whose wrenches follow from the state."""
+    p = as_chain(random_system(5, arms=2, joints=[4, 4], grasps=["rigid", "ball"], moving_base=False))
+    assert Rolled(replace(p, chain=with_springs(p.chain))).worst((*NAMES, "base_pose")) < BAR
 
 
 @pytest.mark.long

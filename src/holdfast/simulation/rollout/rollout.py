@@ -346,7 +346,6 @@ class Rollout:
 
         Raises:
             StateError: wrong shapes or names.
-            MethodNotApplicable: springs between bodies.
         """
         options = {"least_margin": least_margin, "stop_at_limits": stop_at_limits, "threads": threads}
         return Tape(self, systems, step, steps, every, record, schedule or {}, options, given)

@@ -84,7 +84,6 @@ class Tape:
     ) -> None:
         """Take the steps; see `Rollout.tape`."""
         self.rollout, self.steps = rollout, whole_number("steps", steps)
-        require_differentiable(rollout)
         self._step, self._options, self._given = step, options, given
         self._schedule = self._scheduled(schedule, len(systems))
         carried = rollout.kernel.carried
@@ -299,16 +298,6 @@ def arguments_of(rollout: Rollout) -> tuple[str, ...]:
     chains = [name for name in CHAINS if name != "base_pose" or not rollout.base_motion]
     memory = [MEMORY] if len(law.memory) else []
     return (*state_fields(rollout.chain), *memory, *law.parameters, STEP, *chains, *links)
-
-
-def require_differentiable(rollout: Rollout) -> None:
-    """Refuse chains whose steps have no derivatives yet.
-
-    Raises:
-        MethodNotApplicable: springs between bodies.
-    """
-    if rollout.chain.springs:
-        raise MethodNotApplicable("tape: steps of a chain with springs between bodies have no derivatives yet")
 
 
 def _of_rows(

@@ -8,6 +8,7 @@ had drifted.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, replace
@@ -24,6 +25,7 @@ from holdfast.dynamics.closed.chain_solution import ChainSolution
 from holdfast.dynamics.closed.forward_derivatives import results_of
 from holdfast.dynamics.closed.forward_jacobian import gradient_shapes
 from holdfast.dynamics.closed.second_solve import Point, point
+from holdfast.dynamics.closed.spring_wrenches import with_springs
 from holdfast.dynamics.point_rule import PointRule, by_pose, motion_of
 from holdfast.dynamics.projection import STEP_ROUNDS, Change, displaced_by, quickened, turned_and_shifted
 from holdfast.dynamics.projection_derivatives import OF_PROJECTION, OF_ROUND, change_of, impulse_point, round_point
@@ -37,8 +39,10 @@ from holdfast.simulation.rollout.traced_step import Evaluation, TracedSystem
 from holdfast.simulation.rollout.user_functions import Motions
 from holdfast.simulation.runge_kutta import Tableau
 from holdfast.simulation.step import Arrival, Question, Stage, answered, take_step
+from holdfast.spatial import rotation
 from holdfast.spatial.differentiation import bare, by_rule, is_recorded, linearised
 from holdfast.spatial.linear import Linear
+from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Loops, Scalar, loops
 from holdfast.state import Inputs, State
 
@@ -84,6 +88,7 @@ class VariedSystem(TracedSystem):
         self, chain: ClosedChain, state: State, tau: Array, inputs: Inputs, held: Array | None, choose: bool
     ) -> SolutionWithStatus:
         """Return forward dynamics, with its derivatives."""
+        inputs, chain = with_springs(on_bases(chain, self.varied.get("base_pose")), state, inputs), unsprung(chain)
         pushed = {name: x for name, field in FIELDS.items() if (x := getattr(inputs, field)) is not None}
         pushed = {name: x + self.varied[name] if name in self.varied else x for name, x in pushed.items()}
         acting = replace(inputs, **{FIELDS[name]: bare(x) for name, x in pushed.items()})
@@ -141,6 +146,24 @@ class VariedSystem(TracedSystem):
             yield
         finally:
             loops.reset(token)
+
+
+def on_bases(chain: ClosedChain, moved: Array | None) -> ClosedChain:
+    """Return the chain with its arms' bases moved, (arms, 6) [turn; shift] or None; nothing is checked."""
+    if moved is None or not chain.springs:
+        return chain
+    bases = [arm.base for arm in chain.arms.values()]
+    poses = [Pose.unchecked(rotation.exp(x[:3]) @ base.R, base.p + x[3:]) for base, x in zip(bases, moved, strict=True)]
+    made, arms = copy.copy(chain), zip(chain.arms.items(), poses, strict=True)
+    object.__setattr__(made, "arms", {name: arm.standing_at(pose) for (name, arm), pose in arms})
+    return made
+
+
+def unsprung(chain: ClosedChain) -> ClosedChain:
+    """Return the chain without springs between bodies; nothing is checked."""
+    made = copy.copy(chain)
+    object.__setattr__(made, "springs", ())
+    return made
 
 
 def ruled(
