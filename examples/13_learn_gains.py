@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from scipy.optimize import minimize
 
 import holdfast as hf
+from holdfast.interop import value_and_gradient
 from holdfast.robots import PANDA_HOME, panda
-from holdfast.simulation import Rollout, RolloutSystems
 from holdfast.view.figure_style import BLUE, DANGER, DPI, STYLE
 
 OUT = Path(__file__).parent / "out"
@@ -43,36 +43,35 @@ def reflex(chain: hf.ClosedChain, state: hf.State) -> hf.ControlLaw:
     return hf.ControlLaw(torque, parameters={"stiffness": (14,), "damping": (14,)})
 
 
-def pushed(rollout: Rollout, state: hf.State, gains: np.ndarray) -> RolloutSystems:
-    """Return boxes that were pushed, each another way; the arms take their share at once."""
-    twists = np.random.default_rng(0).normal(size=(SYSTEMS, 6)) * [0.3, 0.3, 0.3, 0.1, 0.1, 0.1]
-    stiffness, damping = np.exp(gains).reshape(2, 14)
-    return rollout.start(state.q, state.qd, state.object_pose, twists, stiffness=stiffness, damping=damping)
-
-
 def main(out: Path = OUT) -> dict[str, Any]:
     """Return the costs on the way, and how far the joints were off before and after."""
     chain, state = chain_at_rest()
     rollout = hf.compile_rollout(chain, reflex(chain, state), scheme="midpoint")
-    costs: list[float] = []
+    hold, costs = hf.holding_torques(chain, state), list[float]()
+    # Boxes that were pushed, each another way; the arms take their share at once.
+    twists = np.random.default_rng(0).normal(size=(SYSTEMS, 6)) * [0.3, 0.3, 0.3, 0.1, 0.1, 0.1]
+    begin: dict[str, Any] = {"q": state.q, "qd": state.qd, "object_pose": state.object_pose, "object_twist": twists}
+
+    def price(runs: Mapping[str, np.ndarray]) -> tuple[float, dict[str, np.ndarray]]:
+        off, effort, share = 1e3 * (runs["q"] - state.q), runs["tau"] - hold, STEP / SYSTEMS
+        value = share * float((off**2).sum() + EFFORT * (effort**2).sum())
+        return value, {"q": 2e3 * share * off, "tau": 2 * share * EFFORT * effort}
+
+    def given(gains: np.ndarray) -> dict[str, Any]:
+        return dict(zip(("stiffness", "damping"), np.exp(gains).reshape(2, 14), strict=True))
+
+    of, by = ("q", "tau"), ("stiffness", "damping")
+    runs = value_and_gradient(rollout, price, of=of, by=by, step=STEP, steps=STEPS, **begin, **given(FIRST))
 
     def cost(gains: np.ndarray) -> tuple[float, np.ndarray]:
-        tape = rollout.tape(pushed(rollout, state, gains), STEP, steps=STEPS, record=("q", "tau"))
-        if not tape.systems.running.all():
-            return np.inf, np.zeros(len(gains))  # stiffer than the steps can follow
-        off, effort = 1e3 * (tape.records["q"] - state.q), tape.records["tau"] - hf.holding_torques(chain, state)
-        share = STEP / SYSTEMS
-        along = {"q": 2e3 * share * off, "tau": 2 * share * EFFORT * effort}
-        found = tape.vjp(along=along, by=("stiffness", "damping"))
-        value = share * float((off**2).sum() + EFFORT * (effort**2).sum())
-        slope = np.concatenate([found.stiffness.sum(axis=0), found.damping.sum(axis=0)]) * np.exp(gains)
+        value, slope = runs(np.exp(gains))
         costs.append(value)
-        return value, slope
+        return value, slope * np.exp(gains)
 
     best = minimize(cost, FIRST, jac=True, method="L-BFGS-B", options={"maxiter": 12})
     records = {}
     for name, gains in {"first": FIRST, "learnt": best.x}.items():
-        record = rollout.run(pushed(rollout, state, gains), STEPS * STEP, STEP, record=("q",))
+        record = rollout.run(rollout.start(**begin, **given(gains)), STEPS * STEP, STEP, record=("q",))
         records[name] = record.t, np.sqrt(((record["q"] - state.q) ** 2).mean(axis=(1, 2)))
     print(f"cost {costs[0]:.3g} -> {best.fun:.3g} in {len(costs)} gradients of {SYSTEMS} runs")
     draw(out, records, np.exp(best.x))

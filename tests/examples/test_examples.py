@@ -32,8 +32,8 @@ def run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Any:
 
 
 def test_the_ladder():
-    """Thirteen of them, none longer than a hundred lines, each in the table of the folder's README."""
-    assert [script.name[:2] for script in SCRIPTS] == [f"{k:02}" for k in range(1, 14)]
+    """Fifteen of them, none longer than a hundred lines, each in the table of the folder's README."""
+    assert [script.name[:2] for script in SCRIPTS] == [f"{k:02}" for k in range(1, 16)]
     table = (EXAMPLES / "README.md").read_text()
     for script in SCRIPTS:
         assert len(script.read_text().splitlines()) <= 100, script.name
@@ -177,3 +177,39 @@ def test_learn_gains(run):
     assert found["off"]["learnt"].max() < 0.5 * found["off"]["first"].max()
     assert (found["gains"] > 0).all()
     assert "gradients of 16 runs" in printed
+
+
+@pytest.mark.slow
+def test_least_peak_torque(run):
+    """Both ways end at rest at B, closed and within all limits; the best has a peak of at most three quarters."""
+    found, printed = run("14")
+    for one in found["runs"].values():
+        assert one.stopped is None
+        assert one.position_gap[:, 1].max() < 1e-14
+        assert np.linalg.norm(one.object_pose[-1, 4:] - found["goal"]) < 1e-5
+        assert np.abs(one.object_twist[-1]).max() < 1e-4
+    assert found["used"]["optimised"].max() < 0.75 * found["used"]["straight"].max()
+    cost, along = found["cost"], np.random.default_rng(0).normal(size=len(found["cost"].x0))
+    ends = [cost(cost.x0 + k * 1e-4 * along)[0] for k in (1, -1, 2, -2)]
+    slope = (8 * (ends[0] - ends[1]) - (ends[2] - ends[3])) / 12e-4
+    assert cost(cost.x0)[1] @ along == pytest.approx(slope, rel=1e-6)
+    assert printed.count("within all limits") == 2
+
+
+@pytest.mark.slow
+def test_learn_gains_in_jax(run):
+    """Gains that were learnt hold boxes ten times as well, other pushes too; the gradient is that of differences."""
+    jax = pytest.importorskip("jax", reason="needs JAX: pip install 'holdfast[jax]'")
+    before = jax.config.jax_enable_x64
+    try:
+        found, printed = run("15")
+        gains, seen = np.log(found["gains"]), found["seen"]
+        along = np.random.default_rng(0).normal(size=gains.shape)
+        ends = [float(found["learn"](gains + k * 1e-4 * along, seen)[0]) for k in (1, -1, 2, -2)]
+        slope = float((found["learn"](gains, seen)[1] * along).sum())
+    finally:
+        jax.config.update("jax_enable_x64", before)
+    assert found["costs"][-1] < 0.1 * found["costs"][0]
+    assert found["unseen"]["learnt"] < 0.1 * found["unseen"]["first"]
+    assert slope == pytest.approx((8 * (ends[0] - ends[1]) - (ends[2] - ends[3])) / 12e-4, rel=1e-5)
+    assert "in 40 gradients of 8 runs each" in printed

@@ -106,6 +106,56 @@ def test_gradient_by_every_argument(problem, route, monkeypatch):
             assert np.abs(radial).max() < 1e-12 * np.abs(gradient[name]).max()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("trunk", ["floating", "fixed"])
+def test_trunks(trunk):
+    """Gradients by a floating base's pose and twist, and by how a base in the world moves; both modes agree."""
+    p = random_chain(1, trunk)
+    s, fast = p.state, hf.compile(p.chain, parameters=["link_wrench"])
+    names = ("q", "qd", "object_pose", "object_twist")
+    values = {name: np.asarray(getattr(s, name)) for name in names} | {"tau": np.asarray(p.tau)}
+    parameters = ["trunk_link_wrench"]
+    if p.chain.floats:
+        values |= {"floating_pose": s.base_pose, "floating_twist": s.base_twist}
+    else:
+        parameters += ["trunk_base_twist", "trunk_base_acceleration"]
+    random = np.random.default_rng(5)
+    sizes = {"trunk_link_wrench": (len(p.chain.trunk.bodies), 6)}
+    values |= {name: random.normal(size=sizes.get(name, 6)) for name in parameters}
+    of = ("qdd", "trunk_base_wrench", *(["floating_acceleration"] if p.chain.floats else []))
+    f = to_jax(fast, of=of, parameters=parameters)
+    result = fast.forward_dynamics(**values)
+    found = jax.jit(f)(**values)
+    for name in of:
+        at = result.array(name)
+        assert np.abs(found[name] - at).max() <= 1e-12 * np.abs(at).max()
+    gradient = jax.jit(jax.grad(lambda v: weighted(f(**v))))(values)
+    forward = to_jax(fast, of=of, parameters=parameters, forward_mode=True)
+    for name, x in values.items():
+        along = random.normal(size=np.shape(x))
+        if name.endswith("_pose"):
+            along[:4] -= (along[:4] @ x[:4]) * x[:4]
+        slope = jax.jvp(lambda y, name=name: weighted(forward(**(values | {name: y}))), (x,), (along,))[1]
+        ends = [float(weighted(fast_results(fast, of, moved(values, name, k * 1e-4 * along)))) for k in (1, -1, 2, -2)]
+        expected = (8 * (ends[0] - ends[1]) - (ends[2] - ends[3])) / 12e-4
+        assert float(jnp.sum(gradient[name] * along)) == pytest.approx(float(slope), rel=1e-9, abs=1e-9), name
+        assert float(slope) == pytest.approx(expected, rel=1e-6, abs=1e-6), name
+
+
+def fast_results(fast, of, values):
+    """Return results of a call from Python, by name."""
+    found = fast.forward_dynamics(**values)
+    return {name: found.array(name) for name in of}
+
+
+def moved(values, name, by):
+    """Return arguments with one moved; poses are kept of unit length."""
+    x = values[name] + by
+    if name.endswith("_pose"):
+        x = np.concatenate([x[:4] / np.linalg.norm(x[:4]), x[4:]])
+    return values | {name: x}
+
+
 def test_vmaps(problem):
     """A vmap in another, and the rows of a Jacobian under one, are the single calls, also with what is shared."""
     fast, values = problem
@@ -215,8 +265,10 @@ def test_refusals(problem, monkeypatch):
     ):
         with pytest.raises(hf.StateError, match=words):
             to_jax(fast, **options)
-    with pytest.raises(hf.StateError, match="compiled"):
+    with pytest.raises(hf.StateError, match="dynamics"):
         to_jax(fast.chain)
+    with pytest.raises(hf.StateError, match="neither step"):
+        to_jax(fast, step=0.1)
     f = to_jax(fast)
     for arguments, words in (
         ([*state[:2], state[2][1:], *state[3:]], "tau: expected shape"),
@@ -227,8 +279,9 @@ def test_refusals(problem, monkeypatch):
             f(*arguments)
     with pytest.raises(hf.StateError, match="parameters: expected none, got gravity"):
         f(*state, gravity=np.zeros(3))
-    with pytest.raises(hf.MethodNotApplicable, match="floating"):
-        to_jax(hf.compile(random_chain(1, "floating").chain))
+    floating = to_jax(hf.compile(random_chain(1, "floating").chain))
+    with pytest.raises(hf.StateError, match="expected floating_pose, floating_twist, got none"):
+        floating(*state)
     jax.config.update("jax_enable_x64", False)
     for call in (lambda: to_jax(fast), lambda: f(*state)):
         with pytest.raises(hf.StateError, match=r'jax.config.update\("jax_enable_x64", True\)'):

@@ -9,12 +9,14 @@ import pytest
 from scipy.linalg import expm
 
 import holdfast as hf
+from holdfast.simulation.environment import Environment
 from holdfast.simulation.rollout.varied_step import state_arrays
 from holdfast.spatial import rotation
 from tests.longer import mostly_long
 from tests.systems import random_system
 from tests.systems.as_chain import as_chain
 from tests.systems.sprung import with_springs
+from tests.systems.trunk_runs import swaying
 
 STEP = 1e-2
 GRASPS = ("rigid hinge", "softfinger rigid", "ball rigid")
@@ -81,10 +83,8 @@ def test_limit():
 def test_torques(springs):
     """B by five-point differences of the step that `simulate` takes."""
     p, random = held(GRASPS[0], springs=springs), np.random.default_rng(1)
-    model, d = (
-        hf.linearise(p.chain, p.state, p.tau, inputs=p.inputs, step=STEP),
-        random.normal(size=p.chain.joint_count),
-    )
+    d = random.normal(size=p.chain.joint_count)
+    model = hf.linearise(p.chain, p.state, p.tau, inputs=p.inputs, step=STEP)
 
     def end(far):
         run = hf.simulate(p.chain, p.state, lambda *_: (p.tau + far * d, None), STEP, STEP, inputs=p.inputs)
@@ -95,6 +95,35 @@ def test_torques(springs):
     assert np.abs(model.end_basis @ model.B @ d - slope).max() < 1e-9 * np.abs(slope).max()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("sprung", [False, True])
+def test_moving_bases(sprung):
+    """A and B of a step on a base that moves, by five-point differences of what `simulate` does; time enters."""
+    p, t, random = held(GRASPS[0]), 0.2, np.random.default_rng(3)
+    p = replace(p, chain=with_springs(p.chain)) if sprung else p
+    name = p.chain.names[0]
+    base, begun = p.chain.arms[name].base, swaying(hf.Pose.identity())(t)[0]
+    R = begun.R.T @ base.R
+    moves = {name: swaying(hf.Pose(R, base.p - begun.p))}
+    here, inputs = Environment(p.chain, moves, p.inputs).at(t, p.state)
+    state = hf.project(here, p.state, inputs.shaped(p.chain))[0]
+    model = hf.linearise(p.chain, state, p.tau, inputs=p.inputs, step=STEP, base_motion=moves, t=t)
+    later = {name: lambda s: moves[name](t + s)}
+
+    def end(far, z, d):
+        begin = hf.project(here, changed(state, far * model.basis @ z), inputs.shaped(p.chain))[0]
+        tau = p.tau + 1e3 * far * d
+        run = hf.simulate(here, begin, lambda *_: (tau, None), STEP, STEP, inputs=p.inputs, base_motion=later)
+        return difference(run.state(-1), model.end)
+
+    z, d, far = random.normal(size=model.A.shape[1]), random.normal(size=p.chain.joint_count), 1e-3
+    assert np.abs(end(0.0, z, d)).max() < 1e-12
+    for x, du in ((z, 0.0 * d), (0.0 * z, d)):
+        slope = (8 * (end(far, x, du) - end(-far, x, du)) - (end(2 * far, x, du) - end(-2 * far, x, du))) / (12 * far)
+        expected = model.end_basis @ (model.A @ x + model.B @ (1e3 * du))
+        assert np.abs(expected - slope).max() < 1e-8 * np.abs(slope).max()
+
+
 def test_refusals():
     """Steps that cannot be made linear say why."""
     p = held(GRASPS[0])
@@ -102,7 +131,9 @@ def test_refusals():
         hf.linearise(p.chain, p.state, p.tau, step=STEP, scheme="euler")
     with pytest.raises(hf.HoldfastError, match="step"):
         hf.linearise(p.chain, p.state, p.tau, step=-1.0)
-    with pytest.raises(hf.MethodNotApplicable, match="base_twists"):
+    with pytest.raises(hf.StateError, match="base_motion: expected a step"):
+        hf.linearise(p.chain, p.state, p.tau, base_motion={"arm0": lambda t: None})
+    with pytest.raises(hf.StateError, match=r"base_twists: expected none.*try base_motion"):
         hf.linearise(p.chain, p.state, p.tau, step=STEP, check=False, inputs=hf.Inputs(base_twists=np.ones((2, 6))))
     with pytest.raises(hf.StateError, match="basis"):
         hf.linearise(p.chain, p.state, p.tau, inputs=p.inputs, step=STEP, basis=np.eye(3))

@@ -9,8 +9,7 @@ import numpy as np
 
 from holdfast.compiled.arrays import Addresses
 from holdfast.compiled.derivative_schedule import FOUND
-from holdfast.compiled.externals import FLOATING, MOVING
-from holdfast.compiled.not_compiled import NotCompiledError
+from holdfast.compiled.externals import MOVING
 from holdfast.compiled.result import UNDECIDED, CompiledResult, ResultLayout
 from holdfast.compiler.kernel import Kernel
 from holdfast.compiler.schedule import External
@@ -72,13 +71,7 @@ def forward_code(compiled: CompiledChain, of: Sequence[str], parameters: Sequenc
         compiled: the compiled chain.
         of: the names of the requested results.
         parameters: the names of the parameters that calls will give.
-
-    Raises:
-        NotCompiledError: The trunk has a floating base.
     """
-    if compiled.chain.floats:
-        lacking = " and ".join(FLOATING)
-        raise NotCompiledError(f"to_jax: a floating base, which adds {lacking} to the state, is not supported yet")
     moves = not compiled.options.base_motion and any(name in MOVING for name in parameters)
     code = compiled.moving if moves else compiled
     return ForeignCode(code.calls.kernel, _judged(code.calls.own, compiled), {name: name for name in of})

@@ -1,4 +1,4 @@
-"""To and from other libraries: MuJoCo's MJCF, Pinocchio's orders, functions of JAX."""
+"""To and from other libraries: MuJoCo's MJCF, Pinocchio's orders, functions for SciPy and JAX."""
 
 import lazy_loader
 

@@ -10,12 +10,14 @@ import numpy as np
 
 from holdfast.compiled.foreign_code import ForeignCode, handler
 from holdfast.interop.jax_import import jax_numpy, require_jax
+from holdfast.spatial.scalar import Array
 
 if TYPE_CHECKING:
     from holdfast.compiled.chain import CompiledChain
 
 Route = Literal["ffi", "callback"]
 Run = Callable[[int | None, Sequence[Any]], tuple[Any, ...]]  # how many systems or None, the given arrays; the results
+Host = Callable[[int | None, Sequence[Array]], tuple[Array, ...]]  # the same on NumPy's arrays
 _TARGET = "holdfast"
 
 
@@ -44,7 +46,7 @@ def operation(
         route: how it is reached.
     """
     run = _by_address(code, given) if route == "ffi" else _through_python(compiled, code, given)
-    call = _batched(run, [len(code.externals[name].shape) for name in given])
+    call = batched(run, [len(code.externals[name].shape) for name in given])
 
     def named(arrays: Mapping[str, Any]) -> dict[str, Any]:
         return dict(zip(code.results, call(*(arrays[name] for name in given)), strict=True))
@@ -61,7 +63,7 @@ def _by_address(code: ForeignCode, given: Sequence[str]) -> Run:
 
     def run(batch: int | None, arrays: Sequence[Any]) -> tuple[Any, ...]:
         known = dict(code.own) | dict(zip(given, arrays, strict=True))
-        call = ffi.ffi_call(_TARGET, _shapes(code, outputs, batch))
+        call = ffi.ffi_call(_TARGET, _shapes([code.externals[name].shape for name in outputs], batch))
         found = call(*(known[name] for name in inputs), key=key)
         return tuple(found[k] for k in places)
 
@@ -70,26 +72,40 @@ def _by_address(code: ForeignCode, given: Sequence[str]) -> Run:
 
 def _through_python(compiled: CompiledChain, code: ForeignCode, given: Sequence[str]) -> Run:
     """Return calls of the code by callbacks into Python, which every backend of JAX has."""
-    jax, outputs = require_jax(), list(code.results.values())
+    outputs = list(code.results.values())
+
+    def host(batch: int | None, values: Sequence[Array]) -> tuple[Array, ...]:
+        result = code.run(compiled, dict(zip(given, values, strict=True)), batch)
+        return tuple(result.array(name) for name in outputs)
+
+    return callback(host, [code.externals[name].shape for name in outputs])
+
+
+def callback(host: Host, shapes: Sequence[tuple[int, ...]]) -> Run:
+    """Return calls of a function on NumPy's arrays, of one system or of a batch.
+
+    Args:
+        host: how many systems or None, the arrays -> results.
+        shapes: of its results for one system.
+    """
+    jax = require_jax()
 
     def run(batch: int | None, arrays: Sequence[Any]) -> tuple[Any, ...]:
-        def host(*values: Any) -> tuple[np.ndarray, ...]:
-            numbers = {n: np.require(x, np.float64, ["C", "A"]) for n, x in zip(given, values, strict=True)}
-            result = code.run(compiled, numbers, batch)
-            return tuple(result.array(name) for name in outputs)
+        def called(*values: Any) -> tuple[Array, ...]:
+            return host(batch, [np.require(x, np.float64, ["C", "A"]) for x in values])
 
-        return tuple(jax.pure_callback(host, tuple(_shapes(code, outputs, batch)), *arrays))
+        return tuple(jax.pure_callback(called, tuple(_shapes(shapes, batch)), *arrays))
 
     return run
 
 
-def _shapes(code: ForeignCode, outputs: Sequence[str], batch: int | None) -> list[Any]:
+def _shapes(shapes: Sequence[tuple[int, ...]], batch: int | None) -> list[Any]:
     lead = () if batch is None else (batch,)
     jax, jnp = require_jax(), jax_numpy()
-    return [jax.ShapeDtypeStruct((*lead, *code.externals[name].shape), jnp.float64) for name in outputs]
+    return [jax.ShapeDtypeStruct((*lead, *shape), jnp.float64) for shape in shapes]
 
 
-def _batched(run: Run, ranks: Sequence[int]) -> Callable[..., tuple[Any, ...]]:
+def batched(run: Run, ranks: Sequence[int]) -> Callable[..., tuple[Any, ...]]:
     """Return the call for one system, whose vmaps, also within each other, are calls of one batch."""
     custom_vmap, jnp = require_jax().custom_batching.custom_vmap, jax_numpy()
 

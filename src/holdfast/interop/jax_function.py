@@ -8,72 +8,18 @@ from typing import Any
 
 from holdfast.compiled.chain import CompiledChain
 from holdfast.compiled.derivative_schedule import WITH, derivative_shapes
+from holdfast.compiled.externals import FLOATING
 from holdfast.compiled.foreign_code import derivative_code, forward_code
-from holdfast.dynamics.closed.forward_derivatives import RESULTS
+from holdfast.dynamics.closed.forward_derivatives import results_of
 from holdfast.dynamics.derivatives import STATE_AND_TORQUES
 from holdfast.errors import StateError
+from holdfast.interop.jax_arguments import checked
 from holdfast.interop.jax_call import Route, available_route, operation
-from holdfast.interop.jax_import import jax_numpy, require_jax
+from holdfast.interop.jax_import import require_jax
 from holdfast.interop.jax_pose import pose_gradient, pose_tangent, rotation_and_origin
-from holdfast.model import checks
 
-_PARAMETERS = ("object_wrench", "gravity", "object_mass", "object_com", "object_inertia", "grasp_pose", "base_pose")
-_PARAMETERS += ("base_twist", "base_acceleration")
-_OF_LINKS = {"link_inertia": ("link_mass", "link_com", "link_inertia"), "link_wrench": ("link_wrench",)}
 _POSES = {"base_pose": ("base_R", "base_p"), "grasp_pose": ("grasp_R", "grasp_p")}
-_FORCES = ("grasp_wrench", "base_wrench")
-
-
-def to_jax(
-    compiled: CompiledChain,
-    *,
-    of: Sequence[str] = ("qdd", "grasp_wrench"),
-    parameters: Sequence[str] = (),
-    forward_mode: bool = False,
-) -> JaxFunction:
-    """Return forward dynamics as a function of JAX: under jit, grad, vmap and scan, on the processor.
-
-    f(q, qd, tau, object_pose, object_twist, **parameters) is a dictionary of the results. A gradient is one call of
-    the machine code of `forward_dynamics_vjp`, a vmap one call of a batch. The gradient by a pose is by its seven
-    numbers, 2 (0, turn_bar) q, with no part along the quaternion, whose length must stay 1. Where
-    there is no answer, and in states that a single call refuses, results and gradients are not-a-number. First
-    derivatives only.
-
-    Args:
-        compiled: what `holdfast.compile` returned. A chain of constantly low rank needs its `generic_rank`, given
-            there or found by an earlier call; without it all of its results are not-a-number.
-        of: the results, some of qdd (n,), grasp_wrench (arms, 6), object_acceleration (6,), contact_acceleration
-            (n_g,), base_wrench (arms, 6).
-        parameters: which will be given by name at each call, the others being the chain's own: object_wrench,
-            gravity, object_mass, object_com, object_inertia, grasp_pose, base_pose, base_twist, base_acceleration,
-            and those asked for in `compile`; with an object_mass goes an object_inertia.
-        forward_mode: True for jvp and jacfwd, which JAX cannot offer beside grad and jacrev for one function.
-
-    Returns:
-        The function.
-
-    Raises:
-        MissingExtra: jax is not installed.
-        StateError: JAX's 64-bit numbers are off; names that are not there.
-        MethodNotApplicable: the chain's base floats, or derivatives are not there yet for it.
-    """
-    require_jax()
-    checks.instance(compiled, CompiledChain, "to_jax: compiled", StateError)
-    checks.instance(forward_mode, bool, "to_jax: forward_mode", StateError)
-    asked = [name for option, names in _OF_LINKS.items() if _has(compiled, option) for name in names]
-    for names, known, what in ((of, RESULTS, "of"), (parameters, (*_PARAMETERS, *asked), "parameters")):
-        checks.instance(names, (list, tuple), f"to_jax: {what}", StateError)
-        for name in names:
-            if name not in known:
-                raise StateError(f"to_jax: {what}: no {name!r}.{checks.did_you_mean(str(name), known)}")
-    if not of:
-        raise StateError(f"to_jax: of: expected some results of {', '.join(RESULTS)}, got none")
-    if "object_mass" in parameters and "object_inertia" not in parameters:
-        raise StateError(
-            "to_jax: parameters: expected object_inertia beside object_mass, as another mass rarely leaves the inertia"
-            " as it is; try giving object_mass / m0 times the chain's own"
-        )
-    return JaxFunction(compiled, tuple(dict.fromkeys(of)), tuple(dict.fromkeys(parameters)), forward_mode)
+_FORCES = ("grasp_wrench", "base_wrench", "trunk_base_wrench")
 
 
 class JaxFunction:
@@ -91,10 +37,9 @@ class JaxFunction:
     ) -> None:
         self.of, self.parameters, self._compiled = of, parameters, compiled
         self.route: Route = available_route()
-        self._names = (*STATE_AND_TORQUES, *parameters)
-        self._shapes = {name: derivative_shapes(compiled.chain)[name] for name in self._names}
-        for name in {*_POSES, "object_pose"} & {*self._names}:
-            self._shapes[name] = (*self._shapes[name][:-1], 7)
+        self._names = (*STATE_AND_TORQUES, *(FLOATING if compiled.chain.floats else ()), *parameters)
+        shapes = {name: derivative_shapes(compiled.chain)[name] for name in self._names}
+        self._shapes = {name: (*x[:-1], 7) if _is_pose(name) else x for name, x in shapes.items()}
         code = forward_code(compiled, of, parameters)
         given = [name for name in self._arrays_of(self._names) if name in code.externals]
         self._forward = operation(compiled, code, given, self.route)
@@ -111,30 +56,13 @@ class JaxFunction:
             tau: joint torques [N m or N].
             object_pose: (7,) wxyz_xyz of the object frame.
             object_twist: (6,) [omega; v of C], world axes.
-            **parameters: those named in `to_jax`.
+            **parameters: those named in `to_jax`, and of a floating base floating_pose and floating_twist.
 
         Raises:
             StateError: a name that is missing or not there, a wrong shape, numbers that are not real.
         """
-        require_jax()
-        if parameters.keys() != {*self.parameters}:
-            expected = ", ".join(self.parameters) or "none"
-            raise StateError(f"parameters: expected {expected}, got {', '.join(parameters) or 'none'}; see to_jax")
         values = dict(zip(STATE_AND_TORQUES, (q, qd, tau, object_pose, object_twist), strict=True)) | parameters
-        return self._function(*(self._numbers(name, values[name]) for name in self._names))
-
-    def _numbers(self, name: str, value: Any) -> Any:
-        """Return an argument as an array of 64-bit numbers, its shape checked."""
-        jnp = jax_numpy()
-        try:
-            x = jnp.asarray(value)
-        except (TypeError, ValueError) as cause:
-            raise StateError(f"{name}: expected real numbers, got {checks.short(value)}") from cause
-        if not (jnp.issubdtype(x.dtype, jnp.floating) or jnp.issubdtype(x.dtype, jnp.integer)):
-            raise StateError(f"{name}: expected real numbers, got {x.dtype}")
-        if x.shape != self._shapes[name]:
-            raise StateError(f"{name}: expected shape {self._shapes[name]}, got {x.shape}; try jax.vmap for a batch")
-        return x.astype(jnp.float64)
+        return self._function(*checked(values, self._shapes, len(STATE_AND_TORQUES)))
 
     def _with_vjp(self) -> Any:
         """Return the function with its gradient."""
@@ -191,7 +119,7 @@ class JaxFunction:
         """Refuse derivatives of forces that are one choice among many, which mean nothing."""
         rank, forces = self._compiled.generic_rank, [name for name in self.of if name in _FORCES]
         if forces and rank is not None and rank < self._compiled.chain.constraint_row_count:
-            others = ", ".join(name for name in RESULTS if name not in _FORCES)
+            others = ", ".join(name for name in results_of(self._compiled.chain) if name not in _FORCES)
             raise StateError(
                 f"to_jax: {forces[0]}: the forces are not unique in this chain, and machine code finds one choice among"
                 f" them, whose derivative means nothing; try of= some of {others}"
@@ -213,12 +141,6 @@ class JaxFunction:
             else:
                 found[name] = x
         return found
-
-
-def _has(compiled: CompiledChain, option: str) -> bool:
-    """Return whether `compile` was asked for an optional parameter."""
-    options = compiled.options
-    return options.link_inertia if option == "link_inertia" else options.link_wrenches
 
 
 def _is_pose(name: str) -> bool:

@@ -51,6 +51,18 @@ def pose_tangent(pose: Any, rate: Any) -> Any:
     return jnp.concatenate([2.0 * turn / jnp.sum(q * q, -1, keepdims=True), rate[..., 4:]], -1)
 
 
+def pose_cotangent(pose: Any, bar: Any) -> Any:
+    """Return the gradient by [turn; shift], (.., 6), of one by the seven numbers of a pose: dq = (0, turn) q / 2.
+
+    Args:
+        pose: (.., 7) wxyz_xyz.
+        bar: (.., 7) the gradient by them; none along q counts.
+    """
+    jnp = jax_numpy()
+    moved = pose_tangent(pose, bar)
+    return jnp.concatenate([moved[..., :3] * jnp.sum(pose[..., :4] ** 2, -1, keepdims=True) / 4.0, moved[..., 3:]], -1)
+
+
 def _cross(a: Any, b: Any) -> Any:
     """Return a x b (.., 3)."""
     jnp = jax_numpy()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import overload
 
@@ -13,10 +14,10 @@ from holdfast.control.controller import held_torques
 from holdfast.dynamics.forward import forward_dynamics
 from holdfast.dynamics.linearise import Linearisation, basis_at, linearised_dynamics, turned_towards
 from holdfast.dynamics.result import ForwardResult
-from holdfast.errors import MethodNotApplicable, StateError
+from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
-from holdfast.simulation.environment import Environment
+from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.rollout.varied_step import LinearStep, VariedStep, state_arrays
 from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.simulation.stepper import ReferenceStepper
@@ -73,6 +74,8 @@ def linearise(
     check: bool = ...,
     generic_rank: int | None = ...,
     scheme: str = ...,
+    base_motion: Mapping[str, BaseMotion] | None = ...,
+    t: float = ...,
 ) -> DiscreteLinearisation: ...
 def linearise(
     chain: ClosedChain,
@@ -85,6 +88,8 @@ def linearise(
     generic_rank: int | None = None,
     step: float | None = None,
     scheme: str = "rk4",
+    base_motion: Mapping[str, BaseMotion] | None = None,
+    t: float = 0.0,
 ) -> Linearisation | DiscreteLinearisation:
     """Return forward dynamics, or a time step, made linear about a state, for regulators such as LQR. O(n^3).
 
@@ -96,13 +101,16 @@ def linearise(
         chain: arms, object and grasps.
         state: positions and velocities; must satisfy the grasps.
         tau: (n,) joint torques [N m or N].
-        inputs: external wrenches and base motion, held; zero by default.
+        inputs: external wrenches and base motion, held; zero by default. Through a step bases move as `base_motion`
+            says, not as these.
         basis: one that a neighbouring state has, which the new one is turned towards, so that along a trajectory it
             does not jump.
         check: False skips the consistency check.
         generic_rank: rank of the constraint away from singular configurations, if known.
         step: of time [s]; None: no step, but the dynamics.
         scheme: of the step, see `simulate`.
+        base_motion: t -> (pose, twist, acceleration) of bases that move through the step, see `simulate`.
+        t: when the step begins, which matters to `base_motion` only [s].
 
     Returns:
         A `Linearisation`, or of a step a `DiscreteLinearisation`; m is twice the chain's mobility, less one for each
@@ -112,25 +120,27 @@ def linearise(
         StateError: wrong shapes, the state breaks a grasp, or the step is too long for the motion.
         SingularChainError: the constraint's rank drops here.
         ModelError: no such scheme.
-        MethodNotApplicable: a step of bases that move.
 
     Reference:
         docs/theory/derivatives.md.
     """
     if step is None:
+        if base_motion is not None:
+            raise StateError("linearise: base_motion: expected a step, got none; try inputs=, which has rates of bases")
         return linearised_dynamics(
             chain, state, tau, inputs=inputs, basis=basis, check=check, generic_rank=generic_rank
         )
     h, tableau = checks.number(step, "linearise: step", above=0.0), scheme_of(scheme)
-    found = forward_dynamics(chain, state, tau, inputs=inputs, check=check, generic_rank=generic_rank)
-    shaped = _held(chain, inputs)
+    begin = checks.number(t, "linearise: t")
+    environment = Environment(chain, base_motion or {}, _held(chain, inputs))
+    here, acting = environment.at(begin, state)
+    found = forward_dynamics(here, state, tau, inputs=acting, check=check, generic_rank=generic_rank)
     torques = checks.numbers(tau, (chain.joint_count,), "tau", StateError)
-    T = basis_at(chain, state, shaped)
+    T = basis_at(here, state, acting)
     T = T if basis is None else turned_towards(T, basis)
-    environment = Environment(chain, {}, shaped)
     stepper = ReferenceStepper(environment, lambda t, state, memory: (torques, memory), found.rank, tableau)
-    now = stepper.evaluate(0.0, state, None)
-    (reached,) = stepper.advance(now, [h])
+    now = stepper.evaluate(begin, state, None)
+    (reached,) = stepper.advance(now, [begin + h])
     if reached.instant is None:
         assert reached.failure is not None
         raise reached.failure
@@ -138,8 +148,9 @@ def linearise(
     model = VariedStep(
         Structure(chain, Options()), held_torques(chain.joint_count), {}, None, tableau, environment, True
     )
-    linear = model.linear(_given(chain, state, torques, h, now.result), (*_moving(chain), TORQUES))
-    T_end = basis_at(chain, end, shaped)
+    linear = model.linear(_given(chain, state, torques, (begin, h), now.result), (*_moving(chain), TORQUES))
+    there, acting = environment.at(begin + h, end)
+    T_end = basis_at(there, end, acting)
     T_end = turned_towards(T_end, T) if T.shape == T_end.shape else T_end
     inverse = np.linalg.pinv(T_end)
     A = np.array([_rates(chain, linear, column) for column in T.T]).reshape(-1, len(T)) @ inverse.T
@@ -151,25 +162,28 @@ TORQUES = "control.tau"  # of the law that holds them
 
 
 def _held(chain: ClosedChain, inputs: Inputs | None) -> Inputs:
-    """Return shaped inputs, refused if bases move.
+    """Return shaped inputs, which move no bases.
 
     Raises:
-        MethodNotApplicable: bases move.
+        StateError: bases move.
     """
     shaped = (inputs or Inputs()).shaped(chain)
     for name in ("base_twists", "base_accelerations", "trunk_base_twist", "trunk_base_acceleration"):
         x = getattr(shaped, name)
         if x is not None and x.any():
-            raise MethodNotApplicable(
-                f"linearise: inputs: {name}: expected bases that stand through the step, got moving ones; without a"
-                " step they may move"
+            raise StateError(
+                f"linearise: inputs: {name}: expected none, as a step asks where bases are while they move; try"
+                " base_motion={name: t -> (pose, twist, acceleration)}"
             )
     return shaped
 
 
-def _given(chain: ClosedChain, state: State, tau: Array, h: float, found: ForwardResult) -> dict[str, Array]:
+def _given(
+    chain: ClosedChain, state: State, tau: Array, times: tuple[float, float], found: ForwardResult
+) -> dict[str, Array]:
     """Return what a step is given, as rollouts name it."""
-    numbers = {"begin": 0.0, "step": h, "last.count": 0.0, "generic_rank": float(found.rank)}
+    begin, h = times
+    numbers = {"begin": begin, "step": h, "last.count": 0.0, "generic_rank": float(found.rank)}
     given = {name: np.array(x) for name, x in numbers.items()} | {TORQUES: tau, "last.before": np.zeros(0)}
     given |= {} if found.held is None else {"last.held_rows": found.held}
     return given | {f"last.{name}": x for name, x in state_arrays(chain, state).items()}

@@ -11,6 +11,7 @@ from examples.benchmarks import four_bar
 from scipy.optimize import brentq
 
 import holdfast as hf
+from holdfast.spatial import rotation
 from tests.derivatives.chains import random_chain
 from tests.systems import random_system
 from tests.systems.as_chain import Problem, as_chain
@@ -56,10 +57,13 @@ class Rolled:
         poses = [grasp.frame for grasp in self.p.chain.grasps.values()]
         shifts = np.reshape(d.get("grasp_pose", np.zeros(6 * len(poses))), (-1, 6))
         moved = [np.concatenate([f.wxyz_xyz[:4], f.p + x[3:]]) for f, x in zip(poses, shifts, strict=True)]
+        turns = np.reshape(d.get("base_pose", np.zeros(6 * len(self.p.chain.arms))), (-1, 6))
+        bases = [
+            hf.Pose(rotation.exp(x[:3]) @ arm.base.R, arm.base.p + x[3:]).wxyz_xyz
+            for arm, x in zip(self.p.chain.arms.values(), turns, strict=True)
+        ]
         given = {"gain": np.full(n, 0.5) + d.get("gain", 0.0), "grasp_pose": np.array(moved)}
-        if "base_pose" in d:
-            bases = [arm.base.wxyz_xyz for arm in self.p.chain.arms.values()]
-            given |= {"base_pose": bases + np.pad(d["base_pose"].reshape(-1, 6)[:, 3:], ((0, 0), (4, 0)))}
+        given |= {"base_pose": np.array(bases)} if "base_pose" in d else {}
         given |= {"object_mass": body.mass + d.get("object_mass", 0.0), "object_inertia": np.array(body.inertia)}
         floating = {} if at.base_pose is None else {"floating_pose": at.base_pose, "floating_twist": at.base_twist}
         pose = at.object_pose + np.concatenate([np.zeros(4), np.reshape(d.get("object_pose", np.zeros(6)), 6)[3:]])
@@ -91,7 +95,7 @@ class Rolled:
         for name in names:
             x = found[name]
             direction = random.normal(size=x.shape[1:] if name != "tau" else x.shape)
-            if name.endswith("_pose"):
+            if name in ("object_pose", "grasp_pose"):
                 direction[..., :3] = 0.0  # shifts
             size = np.abs(direction).max() or 1.0
             ends = [self.value(self.tape({name: direction / size}, k * far)) for k in (1, -1, 2, -2)]

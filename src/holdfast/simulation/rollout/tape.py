@@ -154,7 +154,7 @@ class Tape:
         require_names("tape: final", ends or state, (*state, *memory))
         require_names("tape: along", passed or state, (*state, *memory, "tau", *results_of(chain)))
         names = (*state, *law.parameters) if by is None else tuple(by)
-        require_names("tape: by", names, self._known())
+        require_names("tape: by", names, arguments_of(self.rollout))
         self._require_unique(passed)
         code = {name: f"{CONTROL}{name}" if name in law.parameters else name for name in names}
         code |= {MEMORY: BEFORE} if MEMORY in names else {}
@@ -263,14 +263,6 @@ class Tape:
 
     # ---- what is known ----
 
-    def _known(self) -> tuple[str, ...]:
-        """Return what gradients may be by."""
-        kernel, law = self.rollout.kernel, self.rollout.law
-        links = [name for name in OF_LINKS if name in kernel.externals]
-        chains = [name for name in CHAINS if name != "base_pose" or not self.rollout.base_motion]
-        memory = [MEMORY] if len(law.memory) else []
-        return (*state_fields(self.rollout.chain), *memory, *law.parameters, STEP, *chains, *links)
-
     def _scheduled(self, schedule: Mapping[str, Any], count: int) -> dict[str, Array]:
         """Return what is given step by step, by the machine code's names."""
         checks.instance(schedule, Mapping, "tape: schedule", StateError)
@@ -297,6 +289,15 @@ class Tape:
                     f"tape: along: {name}: expected forces that are unique, got a chain whose grasps hold it more than"
                     " once; a step returns one choice of them, which has no derivative"
                 )
+
+
+def arguments_of(rollout: Rollout) -> tuple[str, ...]:
+    """Return what gradients through a rollout may be by."""
+    kernel, law = rollout.kernel, rollout.law
+    links = [name for name in OF_LINKS if name in kernel.externals]
+    chains = [name for name in CHAINS if name != "base_pose" or not rollout.base_motion]
+    memory = [MEMORY] if len(law.memory) else []
+    return (*state_fields(rollout.chain), *memory, *law.parameters, STEP, *chains, *links)
 
 
 def _of_rows(
