@@ -124,12 +124,12 @@ class CompiledLaw:
             x["t"][...] = t
             for name, field in self._fields.items():
                 x[name][...] = getattr(state, field)
-            if "memory" not in x:
-                self._own.run()
-                return x["tau"].copy(), memory
-            x["memory"][...] = self.law.memory if memory is None else memory
+            if "memory" in x:
+                x["memory"][...] = self.law.memory if memory is None else memory
             self._own.run()
-            return x["tau"].copy(), x["kept"].copy()
+            if not np.isfinite(x["tau"]).all():
+                raise self._refusal(x)
+            return x["tau"].copy(), x["kept"].copy() if "memory" in x else memory
 
     def torques(
         self,

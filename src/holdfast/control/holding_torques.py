@@ -135,6 +135,7 @@ def holding_torques(
     idle, wished = joint_places(chain, undriven), _wished(motion, internal)
     if not len(idle) and not chain.floats:
         found = balanced(motion, state.qd, alpha, wished)
+        checks.finite(np.array([*found.tau, found.left, found.size]), "holding torques")
         _require_followed(motion, found.missed, alpha)
         _require_balance(chain, float(found.left), float(found.size), idle)
         return found.tau

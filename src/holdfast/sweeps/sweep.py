@@ -11,7 +11,7 @@ from os import PathLike
 from typing import Any
 
 from holdfast.control.controller import ControlLaw
-from holdfast.errors import StateError
+from holdfast.errors import HoldfastError, StateError
 from holdfast.io.files import file_path
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.state import State
@@ -141,6 +141,9 @@ def carry_out(
         place.keep_beside(kept or {})
         settled = plan.settled(place.generic_rank)
         _compute_missing(settled, place, workers, cluster, ahead, progress)
+    except HoldfastError:
+        place.withdraw()
+        raise
     finally:
         place.close()
     return Sweep(settled, place.folder)
