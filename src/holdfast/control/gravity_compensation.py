@@ -16,7 +16,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, require_fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +56,9 @@ class GravityCompensation(Frozen):
         """Return the torques (n,) [N m or N]; the memory is not used.
 
         Raises:
-            StateError: they overflow.
+            StateError: they overflow, or the state is none of the chain.
         """
+        require_fit(self.chain, state)
         found = by_machine_code(self, t, state, memory)
         if found is not None:
             return found

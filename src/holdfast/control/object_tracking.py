@@ -18,7 +18,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, concatenate
-from holdfast.state import State
+from holdfast.state import State, require_fit
 
 
 class ObjectPath(Protocol):
@@ -76,8 +76,9 @@ class ObjectTracking(Frozen):
         """Return the torques (n,) [N m or N]; the memory is not used.
 
         Raises:
-            StateError: they overflow.
+            StateError: they overflow, or the state is none of the chain.
         """
+        require_fit(self.chain, state)
         found = by_machine_code(self, t, state, memory)
         if found is not None:
             return found

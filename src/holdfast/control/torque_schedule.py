@@ -87,8 +87,10 @@ class TorqueSchedule(Frozen):
         """Return the torques (n,) [N m or N]; the memory is the other controller's.
 
         Raises:
+            ModelError: t is no finite number.
             StateError: they overflow.
         """
+        t = checks.number(t, "schedule: t")
         found, memory = (0.0, memory) if self.beside is None else torques_and_memory(self.beside(t, state, memory))
         others = np.asarray(found)
         piece = int(np.searchsorted(self.knots, t, side="right")) - 1

@@ -25,7 +25,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, shaped_inputs
 
 STATE_AND_TORQUES = ("q", "qd", "tau", "object_pose", "object_twist")
 
@@ -55,6 +55,7 @@ class Derivatives(Frozen):
         return self.parts[name]
 
 
+@np.errstate(all="ignore")  # what overflows is refused
 def forward_dynamics_vjp(
     chain: ClosedChain,
     state: State,
@@ -112,9 +113,10 @@ def forward_dynamics_vjp(
     names = tuple(by) if springs is None else tuple(dict.fromkeys((*by, *springs.text.results)))
     found, shapes = backward(at, bars, names, also), gradient_shapes(chain)
     more = {} if springs is None else springs.gradient({name: found[name] for name in springs.text.results})
-    return Derivatives(result, {name: (found[name] + more.get(name, 0.0)).reshape(shapes[name]) for name in by})
+    return _finite(result, {name: (found[name] + more.get(name, 0.0)).reshape(shapes[name]) for name in by})
 
 
+@np.errstate(all="ignore")  # what overflows is refused
 def forward_dynamics_jvp(
     chain: ClosedChain,
     state: State,
@@ -153,11 +155,12 @@ def forward_dynamics_jvp(
     given = directions(what, along, gradient_shapes(chain))
     springs = spring_rates(VariedCase(chain, state, with_link_wrenches(chain, inputs), {}), list(along))
     if isinstance(given, dict):
-        return Derivatives(result, _forward(at, given, springs, least))
+        return _finite(result, _forward(at, given, springs, least))
     each = [_forward(at, one, springs, least) for one in given]
-    return Derivatives(result, {name: np.array([one[name] for one in each]) for name in results_of(chain)})
+    return _finite(result, {name: np.array([one[name] for one in each]) for name in results_of(chain)})
 
 
+@np.errstate(all="ignore")  # what overflows is refused
 def forward_dynamics_jacobian(
     chain: ClosedChain,
     state: State,
@@ -203,9 +206,20 @@ def forward_dynamics_jacobian(
             columns |= {(o, name): np.array([one[o].ravel() for one in found]) for o in of}
     else:
         columns = jacobian(at, of, by, np.eye(units_needed(chain, by)))
-    return Derivatives(
+    return _finite(
         result, {(o, b): x.T.reshape(*np.shape(result_named(result, o)), *shapes[b]) for (o, b), x in columns.items()}
     )
+
+
+def _finite(result: ForwardResult, parts: Mapping[Any, Array]) -> Derivatives:
+    """Return derivatives that are finite.
+
+    Raises:
+        StateError: naming those that are not.
+    """
+    for name, x in parts.items():
+        checks.finite(x, f"derivatives: {' by '.join(name) if isinstance(name, tuple) else name}")
+    return Derivatives(result, parts)
 
 
 def _forward(
@@ -240,7 +254,7 @@ def _point(
 
 def with_link_wrenches(chain: ClosedChain, inputs: Inputs | None) -> Inputs:
     """Return inputs in which everything has a number: link wrenches that are not given are zero."""
-    given = (inputs or Inputs()).shaped(chain)
+    given = shaped_inputs(chain, inputs)
     if given.link_wrenches is not None:
         return given
     links = sum(arm.joint_count for arm in chain.arms.values())
@@ -275,13 +289,16 @@ def directions(
 
 
 def require_names(what: str, names: Any, known: Sequence[str]) -> None:
-    """Refuse names that are not among those known, or none.
+    """Refuse names that are not among those known, one given twice, or none.
 
     Raises:
         StateError: naming them.
     """
-    if isinstance(names, str) or not isinstance(names, Collection) or not len(names):
-        raise StateError(f"{what}: expected some of {', '.join(known)}, got {names!r}")
+    lone = isinstance(names, str) or (isinstance(names, np.ndarray) and not names.ndim)
+    if lone or not isinstance(names, Collection) or not len(names):
+        raise StateError(f"{what}: expected some of {', '.join(known)}, got {checks.short(names)}")
     for name in names:
-        if name not in known:
-            raise StateError(f"{what}: no {name!r}.{checks.did_you_mean(str(name), known)}")
+        if not isinstance(name, str) or name not in known:
+            raise StateError(f"{what}: no {checks.short(name)}.{checks.did_you_mean(str(name), known)}")
+    if len(set(names)) < len(names):
+        raise StateError(f"{what}: expected each name once, got {', '.join(names)}")

@@ -22,7 +22,7 @@ from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.simulation.stepper import ReferenceStepper
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, shaped_inputs
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +159,7 @@ def _held(chain: ClosedChain, inputs: Inputs | None) -> Inputs:
     """
     if chain.springs:
         raise MethodNotApplicable("linearise: a step of a chain with springs between bodies is not there yet")
-    shaped = (inputs or Inputs()).shaped(chain)
+    shaped = shaped_inputs(chain, inputs)
     for name in ("base_twists", "base_accelerations", "trunk_base_twist", "trunk_base_acceleration"):
         x = getattr(shaped, name)
         if x is not None and x.any():

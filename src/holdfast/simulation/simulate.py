@@ -37,7 +37,7 @@ from holdfast.simulation.stops import ALIKE, MOST_STEPS, step_times, stops
 from holdfast.simulation.trajectory import Trajectory, array_names, stacked
 from holdfast.simulation.verification import LOOKS
 from holdfast.simulation.zero_order_hold import zero_order_hold
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, require_fit
 
 
 @np.errstate(all="ignore")  # a run that diverges ends in a StateError, not in warnings
@@ -127,7 +127,7 @@ def simulate(
     checks.instance(name, str, "simulation: name")
     named = scheme_named(scheme)
     grid = step_times(duration, step)
-    state.fits(chain)
+    require_fit(chain, state)
     ordered = in_order(events, chain, float(grid[-1]))
     jumps, happening = [*breakpoints], [one.t for one in ordered]
     hold = zero_order_hold(sample_time, delay, float(grid[-1]), [*jumps, *happening])

@@ -191,8 +191,7 @@ def whole_steps(duration: float, step: float) -> int:
 
 def stop_margins(least_margin: float, stop_at_limits: bool) -> StopMargins:
     """Return the margins below which systems stop."""
-    if not isinstance(stop_at_limits, bool | np.bool_):
-        raise StateError(f"stop_at_limits: expected True or False, got {stop_at_limits!r}")
+    checks.flag(stop_at_limits, "stop_at_limits", StateError)
     return {
         SLIPPED: number("least_margin", least_margin, infinite=True),
         LIMITED: 0.0 if stop_at_limits else -np.inf,
