@@ -214,7 +214,10 @@ def of_exported_code():
     for name in ("1x", "a b", "\u00e9", "x" * 300, "a;b"):
         yield Try(["export-c", "short.toml", "--out", "x", "--function", "project", "--name", name]), "name"
     for option, value in (("--of", "qddd"), ("--by", "p")):
-        yield Try(["export-c", "short.toml", "--out", "x", "--function", "forward_dynamics_jacobian", option, value]), ""
+        yield (
+            Try(["export-c", "short.toml", "--out", "x", "--function", "forward_dynamics_jacobian", option, value]),
+            "",
+        )
     for option in ("--target", "--scheme"):
         yield Try(["export-c", "short.toml", "--out", "x", option, "z80"]), "invalid choice"
     yield Try(["export-c", "short.toml", "--out", "x", "--set", "simulation.stp=1"]), "Did you mean 'step'?"

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import sys
 
-from tests.fuzz import compiled_calls  # noqa: F401 (adds its calls)
-from tests.fuzz.calls import CALLS
 from tests.fuzz.fuzzed import fuzzed
+from tests.fuzz.table import every_call
 
 
 def main(count: int = 3000, seed: int = 0) -> int:
     """Return the exit code."""
-    ends, faults = fuzzed(range(seed, seed + count), list(CALLS), say=lambda fault: print(fault, flush=True))
+    names = every_call()
+    ends, faults = fuzzed(range(seed, seed + count), names, say=lambda fault: print(fault, flush=True))
     for how, times in ends.most_common():
         print(f"{times:6d}  {how}")
-    print(f"{count:6d}  cases of {len(CALLS)} calls from seed {seed}, {len(faults)} faults")
+    print(f"{count:6d}  cases of {len(names)} calls from seed {seed}, {len(faults)} faults")
     return 1 if faults else 0
 
 

@@ -31,7 +31,9 @@ def fuzzed(
             ends[ended(lambda name=name, given=given: CALLS[name].make(**given))] += 1
         except Fault as fault:
             ends["FAULT"] += 1
-            placed = "; ".join(f"{'.'.join(map(str, where))} = {' '.join(repr(x)[:100].split())}" for where, x in changes)
+            placed = "; ".join(
+                f"{'.'.join(map(str, where))} = {' '.join(repr(x)[:100].split())}" for where, x in changes
+            )
             faults.append(f"seed {seed}, {name}, {placed}: {fault}")
             say(faults[-1])
     return ends, faults

@@ -47,7 +47,20 @@ THINGS = (
     {"q": 1.0},
     {1: 2.0},
 )
-NAMES = ("q", "qdd", "tau", "grasp_wrench", "object_pose", "position", "rk4", "base", "trunk", "world", "object", "left")
+NAMES = (
+    "q",
+    "qdd",
+    "tau",
+    "grasp_wrench",
+    "object_pose",
+    "position",
+    "rk4",
+    "base",
+    "trunk",
+    "world",
+    "object",
+    "left",
+)
 COUNTS = (0, -1, 3, 1.5, "3", float("nan"), True, None, 2**40, 10**30)
 
 

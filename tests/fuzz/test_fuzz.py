@@ -5,27 +5,17 @@ from __future__ import annotations
 import pytest
 
 from tests.fuzz.calls import CALLS
-from tests.fuzz.fuzzed import fuzzed
 from tests.fuzz.ended import ended
+from tests.fuzz.fuzzed import fuzzed
+from tests.fuzz.table import QUICK, every_call
 
-SOME = [name for name in CALLS if not name.startswith(("linearise", "forward_dynamics_jacobian", "assemble"))]
 CASES, PARTS = 3000, 6
-MACHINE_CODE = ("jax", "gymnasium", "pyarrow", "mujoco", "pandas", "xarray")
-
-
-def everything() -> list[str]:
-    """Return the names of all calls, those of machine code and files too."""
-    for module in MACHINE_CODE:
-        pytest.importorskip(module, reason=f"needs {module}: pip install 'holdfast[dev]'")
-    from tests.fuzz import compiled_calls  # noqa: F401 (adds its calls)
-
-    return list(CALLS)
 
 
 @pytest.mark.parametrize("part", range(4))
 def test_some_wrong_calls(part):
     """A few hundred of what needs no machine code."""
-    ends, faults = fuzzed(range(part, 240, 4), SOME)
+    ends, faults = fuzzed(range(part, 240, 4), QUICK)
     assert not faults, "\n".join(faults)
     assert ends["answered"] and ends["StateError"] and ends["ModelError"]
 
@@ -33,7 +23,7 @@ def test_some_wrong_calls(part):
 @pytest.mark.slow
 def test_sound_calls_are_answered():
     """As they are in the table, so that what is spoilt is what is refused."""
-    for name in everything():
+    for name in every_call():
         assert ended(lambda one=CALLS[name]: one.make(**one.given())) == "answered", name
 
 
@@ -41,6 +31,6 @@ def test_sound_calls_are_answered():
 @pytest.mark.parametrize("part", range(PARTS))
 def test_3000_wrong_calls(part):
     """Of all there are, in parts that can go side by side."""
-    ends, faults = fuzzed(range(part, CASES, PARTS), everything())
+    ends, faults = fuzzed(range(part, CASES, PARTS), every_call())
     print(dict(ends))
     assert not faults, "\n".join(faults)

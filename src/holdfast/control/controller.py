@@ -192,7 +192,8 @@ def given_law(controller: Any, parameters: Mapping[str, ArrayLike] | None) -> An
 def _shape(name: str, shape: Sequence[int]) -> Shape:
     """Return a parameter's shape as a tuple, or refuse it."""
     if not isinstance(shape, tuple | list) or not all(isinstance(k, int | np.integer) and k >= 0 for k in shape):
-        raise ModelError(f"control law: parameter '{name}': expected a shape such as (), (3,), got {checks.short(shape)}")
+        got = checks.short(shape)
+        raise ModelError(f"control law: parameter '{name}': expected a shape such as (), (3,), got {got}")
     return tuple(int(k) for k in shape)
 
 

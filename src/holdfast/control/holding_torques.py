@@ -157,7 +157,7 @@ def joint_places(chain: ClosedChain, names: Iterable[str]) -> Array:
         StateError: no such joint.
     """
     places = {name: k for k, name in enumerate(chain.joint_names())}
-    if isinstance(names, str) or not isinstance(names, Iterable) or checks.is_masked(names):
+    if not checks.is_listed(names):
         raise StateError(f"undriven: expected names of joints, got {checks.short(names)}")
     names = list(names)
     for name in names:
@@ -187,6 +187,6 @@ def _require_followed(motion: ChainMotion, missed: list[Missed], alpha: Array) -
     ]
     if short:
         raise StateError(
-            f"acceleration: expected one that the arms can follow at this state, got {checks.place(alpha)}: {', '.join(short)}. Try"
-            " a state at rest, or holdfast.diagnose for the singular directions"
+            f"acceleration: expected one that the arms can follow at this state, got {checks.place(alpha)}:"
+            f" {', '.join(short)}. Try a state at rest, or holdfast.diagnose for the singular directions"
         )

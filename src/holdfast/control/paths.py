@@ -59,7 +59,8 @@ class RestToRest(Frozen):
         put(self, "displacement", checks.numbers(self.displacement, (3,), "path: displacement"))
         put(self, "turn", checks.numbers(self.turn, (3,), "path: turn"))
         if self.turn.dtype != object and np.abs(self.turn).max() > FARTHEST_TURN:
-            raise ModelError(f"path: turn: expected at most {FARTHEST_TURN:g} rad, got {checks.short(self.turn.tolist())}")
+            got = checks.short(self.turn.tolist())
+            raise ModelError(f"path: turn: expected at most {FARTHEST_TURN:g} rad, got {got}")
         put(self, "begin", checks.number(self.begin, "path: begin", at_least=0.0))
         put(self, "duration", checks.number(self.duration, "path: duration", above=0.0))
 

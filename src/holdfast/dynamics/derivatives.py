@@ -294,8 +294,7 @@ def require_names(what: str, names: Any, known: Sequence[str]) -> None:
     Raises:
         StateError: naming them.
     """
-    lone = isinstance(names, str) or (isinstance(names, np.ndarray) and not names.ndim)
-    if lone or not isinstance(names, Collection) or not len(names):
+    if not checks.is_listed(names) or not isinstance(names, Collection) or not len(names):
         raise StateError(f"{what}: expected some of {', '.join(known)}, got {checks.short(names)}")
     for name in names:
         if not isinstance(name, str) or name not in known:

@@ -17,6 +17,8 @@ from holdfast.spatial.scalar import Array
 
 STATUSES = np.array([status.name for status in RolloutStatus], dtype=object)
 
+LARGEST = 1e9  # in SI units, as in scenes: far beyond what means anything, and its powers are numbers
+
 
 class Episodes:
     """Episodes of a task: each has its systems in the machine code of its phase.
@@ -119,6 +121,8 @@ class Episodes:
             if x.shape not in (shapes[name], (self.count, *shapes[name])):
                 expected = f"{shapes[name]} or ({self.count}, *{shapes[name]})"
                 raise StateError(f"options: {name}: expected shape {expected}, got {x.shape}")
+            if x.size and np.abs(x).max() > LARGEST:
+                raise StateError(f"options: {name}: expected numbers up to {LARGEST:g}, got {checks.short(value)}")
             found[name] = np.broadcast_to(x, (self.count, *shapes[name]))
         return found
 

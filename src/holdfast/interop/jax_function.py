@@ -65,7 +65,7 @@ def to_jax(
         checks.instance(names, (list, tuple), f"to_jax: {what}", StateError)
         for name in names:
             if name not in known:
-                raise StateError(f"to_jax: {what}: no {name!r}.{checks.did_you_mean(str(name), known)}")
+                raise StateError(f"to_jax: {what}: no {checks.short(name)}.{checks.did_you_mean(str(name), known)}")
     if not of:
         raise StateError(f"to_jax: of: expected some results of {', '.join(RESULTS)}, got none")
     if "object_mass" in parameters and "object_inertia" not in parameters:

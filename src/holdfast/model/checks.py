@@ -125,6 +125,11 @@ def flag(value: Any, what: str, error: type[HoldfastError] = ModelError) -> bool
     return bool(value)
 
 
+def is_listed(value: Any) -> bool:
+    """Return whether something has items one after another: a text has not, nor has an array without axes."""
+    return isinstance(value, Iterable) and not isinstance(value, str | bytes) and getattr(value, "ndim", 1) > 0
+
+
 def limit(value: Any, what: str) -> float:
     """Return a limit > 0, infinite where there is none."""
     infinite = isinstance(value, float | np.floating) and value == math.inf

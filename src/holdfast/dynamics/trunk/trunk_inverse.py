@@ -75,6 +75,6 @@ def require_undriven(found: TrunkTorques) -> None:
     """
     if not float(np.abs(found.base).max()) <= UNDRIVEN * float(found.largest):
         raise StateError(
-            f"base_acceleration: the floating base has no drive, but would need the wrench {checks.place(found.base)} (moment, force"
-            " about its origin) to accelerate so; try the accelerations and wrenches of forward_dynamics"
+            f"base_acceleration: the floating base has no drive, but would need the wrench {checks.place(found.base)}"
+            " (moment, force about its origin) to accelerate so; try the accelerations and wrenches of forward_dynamics"
         )

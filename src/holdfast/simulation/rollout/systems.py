@@ -137,7 +137,7 @@ class RolloutSystems:
             StateError: no such system, or one whose inputs were faulty.
         """
         if isinstance(system, bool) or not isinstance(system, int | np.integer) or not 0 <= system < len(self):
-            raise StateError(f"system: expected a number from 0 to {len(self) - 1}, got {system!r}")
+            raise StateError(f"system: expected a number from 0 to {len(self) - 1}, got {checks.short(system)}")
         return State(**{field: self.arrays[name][system] for name, field in state_fields(self.chain).items()})
 
     @property
@@ -192,8 +192,12 @@ class RolloutSystems:
         return changed
 
     def copy(self, rows: Any = None) -> RolloutSystems:
-        """Return the systems, or some of them by number or truth value, apart from these."""
-        which = slice(None) if rows is None else rows
+        """Return the systems, or some of them by number or truth value, apart from these.
+
+        Raises:
+            StateError: no such systems.
+        """
+        which = slice(None) if rows is None else self._rows(rows)
         arrays = {name: x[which].copy() for name, x in self.arrays.items()}
         made = RolloutSystems(self.chain, arrays, self.begin[which].copy(), self.step_length[which].copy())
         made.call_inputs = {name: x if len(x) == 1 else x[which] for name, x in self.call_inputs.items()}
@@ -201,6 +205,22 @@ class RolloutSystems:
         if self.started_from is not None:
             made.started_from = {name: x[which].copy() for name, x in self.started_from.items()}
         return made
+
+    def _rows(self, rows: Any) -> Any:
+        """Return which systems, as an index that keeps the first axis."""
+        if (isinstance(rows, np.ndarray) and rows.ndim == 1 and rows.dtype.kind in "ib") or isinstance(rows, slice):
+            which = rows
+        else:
+            which = np.atleast_1d(checks.real_array(rows, "rows", "numbers of systems", StateError))
+            which = which.astype(int) if not which.size else which
+        try:
+            np.empty(len(self))[which]
+        except IndexError as cause:
+            raise StateError(
+                f"rows: expected numbers from 0 to {len(self) - 1} or {len(self)} truth values, got"
+                f" {checks.short(rows)}"
+            ) from cause
+        return which
 
     def freed(self, rows: Array) -> RolloutSystems:
         """Return copies of some systems that go on from where they stand."""
@@ -217,6 +237,20 @@ class RolloutSystems:
     def __getstate__(self) -> dict[str, Any]:
         """Return what is pickled: a law may be a function without a name, and slopes can be found anew."""
         return vars(self) | {"under": ()}
+
+
+def require_recorded(names: Any) -> None:
+    """Refuse what are no names of arrays that systems have.
+
+    Raises:
+        StateError: naming the first.
+    """
+    if not checks.is_listed(names):
+        raise StateError(f"record: expected names of arrays, got {checks.short(names)}")
+    known = [name for name, x in vars(RolloutSystems).items() if isinstance(x, property)]
+    for name in names:
+        if name not in known:
+            raise StateError(f"record: no array {checks.short(name)}.{checks.did_you_mean(str(name), known)}")
 
 
 def fates(systems: RolloutSystems) -> str:
