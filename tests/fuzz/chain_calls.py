@@ -77,7 +77,7 @@ of_chain("forward_dynamics", hf.forward_dynamics, tau=_tau, inputs=_inputs, chec
 of_chain("forward_dynamics checked", hf.forward_dynamics, tau=_tau, inputs=_inputs, method=lambda p: "sequential")
 of_chain("diagnose", hf.diagnose)
 of_chain("close", hf.close, hold_object=_no)
-of_chain("project", hf.project, inputs=_inputs)
+of_chain("project", lambda *x, **more: hf.project(*x, **more)[0], inputs=_inputs)
 of_chain("project_velocity", dynamics.project_velocity, inputs=_inputs, hold_object=_no, hold_base=_no)
 of_chain("closure", dynamics.closure, inputs=_inputs)
 of_chain("contact_attitudes", dynamics.contact_attitudes, parameters=lambda p: "quaternion")

@@ -18,6 +18,7 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.trunk.trunk_motion import standing
 from holdfast.errors import StateError
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
@@ -99,7 +100,10 @@ def closure(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> d
         StateError: a state or inputs of the wrong shape for the chain.
     """
     require_fit(chain, state)
-    return residuals_at(chain, state, shaped_inputs(chain, inputs))
+    found = residuals_at(chain, state, shaped_inputs(chain, inputs))
+    for gap in found.values():
+        checks.finite(np.append(gap.position, gap.velocity), "closure")
+    return found
 
 
 def residuals_at(chain: ClosedChain, state: State, inputs: Inputs) -> dict[str, GraspResidual]:

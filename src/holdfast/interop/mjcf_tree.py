@@ -49,9 +49,11 @@ def find_base(source: str, model: Any, name: str | None) -> int:
     """
     if name is None:
         return 0
+    if not isinstance(name, str):
+        raise SceneError(f"{source}: base: expected the name of a body, got {checks.short(name)}")
     names = {body_name(model, b): b for b in range(model.nbody)}
     if name not in names:
-        raise SceneError(f"{source}: base: no body '{name}'.{checks.did_you_mean(str(name), names)}")
+        raise SceneError(f"{source}: base: no body '{name}'.{checks.did_you_mean(name, names)}")
     return names[name]
 
 

@@ -169,7 +169,7 @@ def plan_of(
     whole_steps(length, h)
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < LARGEST_SEED:
         raise StateError(f"seed: expected an integer >= 0, got {checks.short(seed)}")
-    return Plan(
+    plan = Plan(
         rollout,
         state,
         parsed_samples(rollout, parameters, runs),
@@ -181,6 +181,8 @@ def plan_of(
         parsed_outputs(outputs),
         {name: x if name != "least_margin" else float(x) for name, x in options.items()},  # pyright: ignore[reportArgumentType]
     )
+    plan.rows(0, 1)  # distributions say now what does not fit
+    return plan
 
 
 @functools.cache

@@ -172,10 +172,10 @@ def step_lengths(step: Any, count: int) -> Array:
         StateError: it is not positive, or of another shape.
     """
     try:
-        h = np.asarray(step, dtype=float)
-    except (TypeError, ValueError):
+        h = checks.numbers(step, None, "step", StateError)
+    except StateError:
         h = np.array(np.nan)
-    if not (np.isfinite(h).all() and (h > 0).all()) or h.shape not in ((), (count,)):
+    if not (h > 0).all() or h.shape not in ((), (count,)):
         raise StateError(
             f"step: expected one positive number of seconds, or one for each system, got {checks.short(step)}"
         )
