@@ -86,9 +86,9 @@ def not_numbers(x: Any, where: str, depth: int = 0) -> Iterator[str]:
         if x.dtype.kind in "fc" and np.isnan(x).any():
             yield where
     elif isinstance(x, CompiledResult):
-        good = np.isin(np.atleast_1d(np.asarray(x.status)), ANSWERED)
+        good = np.isin(np.asarray(x.status), ANSWERED)  # of one system the call raises
         for name in ("qdd", "grasp_wrench", "object_acceleration", "base_wrench"):
-            yield from not_numbers(np.reshape(getattr(x, name), (len(good), -1))[good], f"{where}.{name}")
+            yield from not_numbers(np.asarray(getattr(x, name))[good if np.ndim(x.status) else ...], f"{where}.{name}")
     elif isinstance(x, RolloutSystems):
         for name, array in x.arrays.items():
             yield from not_numbers(array[x.running], f"{where}.{name}")

@@ -116,6 +116,7 @@ def estimate(system: Equations, look: Unknowns, kinds: Array, given: Array | Non
 
 def combinations(J: Array, largest: float) -> tuple[Array, Array]:
     """Return bases of what cannot be told, (p, d), and of what can, (p, k)."""
+    checks.finite(J, "identify: what the recordings tell")
     _, singular, Vt = np.linalg.svd(J, full_matrices=True)
     count = int((singular * largest >= 1.0).sum())
     return Vt[count:].T, Vt[:count].T

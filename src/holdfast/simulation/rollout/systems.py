@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from os import PathLike
@@ -46,6 +47,9 @@ def _carried(key: str, meaning: str) -> Any:
         return read_only(systems.arrays.get(key, np.zeros((len(systems), 0))))
 
     return property(read, doc=meaning)
+
+
+PASSIVE = {"passive_rate", "passive_cell"}  # found where steps may be too long: how fast joints settle, and where
 
 
 class RolloutSystems:
@@ -200,7 +204,7 @@ class RolloutSystems:
         which = slice(None) if rows is None else self._rows(rows)
         arrays = {name: x[which].copy() for name, x in self.arrays.items()}
         made = RolloutSystems(self.chain, arrays, self.begin[which].copy(), self.step_length[which].copy())
-        made.call_inputs = {name: x if len(x) == 1 else x[which] for name, x in self.call_inputs.items()}
+        made.call_inputs = {name: x if len(x) == 1 else np.array(x[which]) for name, x in self.call_inputs.items()}
         made.under = self.under
         if self.started_from is not None:
             made.started_from = {name: x[which].copy() for name, x in self.started_from.items()}
@@ -208,19 +212,14 @@ class RolloutSystems:
 
     def _rows(self, rows: Any) -> Any:
         """Return which systems, as an index that keeps the first axis."""
-        if (isinstance(rows, np.ndarray) and rows.ndim == 1 and rows.dtype.kind in "ib") or isinstance(rows, slice):
-            which = rows
-        else:
-            which = np.atleast_1d(checks.real_array(rows, "rows", "numbers of systems", StateError))
-            which = which.astype(int) if not which.size else which
-        try:
-            np.empty(len(self))[which]
-        except IndexError as cause:
-            raise StateError(
-                f"rows: expected numbers from 0 to {len(self) - 1} or {len(self)} truth values, got"
-                f" {checks.short(rows)}"
-            ) from cause
-        return which
+        with suppress(IndexError, ValueError, TypeError):
+            which = rows if isinstance(rows, slice) else np.atleast_1d(rows)
+            which = which.astype(int) if np.size(which) == 0 else which
+            if np.empty(len(self))[which].ndim == 1 and np.ndim(which) < 2:
+                return which
+        raise StateError(
+            f"rows: expected numbers from 0 to {len(self) - 1} or {len(self)} truth values, got {checks.short(rows)}"
+        )
 
     def freed(self, rows: Array) -> RolloutSystems:
         """Return copies of some systems that go on from where they stand."""
@@ -233,6 +232,43 @@ class RolloutSystems:
         for name, x in other.arrays.items():
             self.arrays[name][rows] = x
         self.begin[rows], self.step_length[rows] = other.begin, other.step_length
+
+    def reset(self, rows: Any, other: RolloutSystems) -> None:
+        """Set some systems to others that `Rollout.start` returned, arguments of calls included. O(rows).
+
+        An argument that was the same for all gets a row for each system where it is another there.
+
+        Args:
+            rows: which, by number or truth value.
+            other: as many, of the same rollout.
+
+        Raises:
+            StateError: no such systems, of another number or of another rollout, or given what these were not.
+        """
+        checks.instance(other, RolloutSystems, "reset: other", StateError)
+        which = np.arange(len(self))[self._rows(rows)]
+        if len(which) != len(other):
+            raise StateError(f"reset: expected {len(which)} systems for as many rows, got {len(other)}")
+        here, there = self.arrays.keys(), other.arrays.keys()
+        alike = all(self.arrays[name].shape[1:] == other.arrays[name].shape[1:] for name in here & there)
+        if not alike or (here ^ there) - PASSIVE:
+            raise StateError("reset: expected systems of the same rollout, got others; try its `start`")
+        for name in sorted(self.call_inputs.keys() ^ other.call_inputs.keys()):
+            raise StateError(f"reset: expected {name.removeprefix('control.')} given to both or to none")
+        for name in here:
+            self.arrays[name][which] = other.arrays.get(name, np.nan)  # what is PASSIVE is found anew
+        self.begin[which], self.step_length[which] = other.begin, other.step_length
+        for name, x in other.call_inputs.items():
+            mine = self.call_inputs[name]
+            if len(mine) == 1 and not (len(x) == 1 and np.array_equal(x, mine)):
+                mine = self.call_inputs[name] = np.repeat(mine, len(self), axis=0)
+            if len(mine) == len(self):
+                mine[which] = x
+        if self.started_from is not None and other.started_from is not None:
+            for name, x in other.started_from.items():
+                self.started_from[name][which] = x
+        else:
+            self.started_from = None
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what is pickled: a law may be a function without a name, and slopes can be found anew."""
