@@ -81,6 +81,11 @@ FOUND = {
         hf.ModelError,
         "breakpoints: expected times, got 3",
     ),
+    "where to begin": (
+        lambda: hf.assemble(CHAIN.arms, CHAIN.held_object, CHAIN.grasps, q={"arm1": np.full(4, 1e200)}),
+        hf.StateError,
+        "q of 'arm1': expected at most 100000 rad or m",
+    ),
     "a rank": (lambda: hf.compile_rollout(CHAIN, generic_rank=99), hf.StateError, "rollout: generic_rank: expected"),
 }  # fmt: skip
 

@@ -43,6 +43,7 @@ class LargestMargin(NamedTuple):
     tau: Array
 
 
+@np.errstate(all="ignore")  # what overflows is refused
 def largest_margin(
     chain: ClosedChain,
     state: State,

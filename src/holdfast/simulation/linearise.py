@@ -74,6 +74,7 @@ def linearise(
     generic_rank: int | None = ...,
     scheme: str = ...,
 ) -> DiscreteLinearisation: ...
+@np.errstate(all="ignore")  # what overflows is refused
 def linearise(
     chain: ClosedChain,
     state: State,
@@ -145,6 +146,7 @@ def linearise(
     inverse = np.linalg.pinv(T_end)
     A = np.array([_rates(chain, linear, column) for column in T.T]).reshape(-1, len(T)) @ inverse.T
     B = np.array([_rates(chain, linear, np.zeros(len(T)), unit) for unit in np.eye(chain.joint_count)]) @ inverse.T
+    checks.finite(np.append(A, B), "linearise")
     return DiscreteLinearisation(state, end, A.T, B.T, T, T_end, h)
 
 
