@@ -8,7 +8,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the library, which Python is to compile once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo style test test-slow test-portable acceptance bars lint counts capabilities bench drift pictures robots docs clean
+.PHONY: demo style test test-slow test-portable acceptance fuzz bars lint counts capabilities bench drift pictures robots docs clean
 
 demo: $(VENV)/.plot
 	$(BIN)/holdfast simulate examples/two_pandas.toml --out results/two_pandas --overwrite
@@ -32,6 +32,12 @@ test-portable: $(VENV)/.dev
 # The issue's full-size checks: thousands of random systems, multiprecision sweeps.
 acceptance: $(VENV)/.dev
 	$(BIN)/python -m pytest -m long -n 2 --dist worksteal -rP --timeout 3600
+
+# Wrong arguments for every public call (CASES=100000 SEED=3000 for more and others).
+CASES ?= 3000
+SEED ?= 0
+fuzz: $(VENV)/.dev
+	HOLDFAST_COMPILE=quick $(BIN)/python -m tests.fuzz $(CASES) $(SEED)
 
 # A million runs by two workers of Dask beside bare rollouts (RUNS=100000 for fewer; leave the machine alone meanwhile).
 RUNS ?= 1000000

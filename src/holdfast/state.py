@@ -89,6 +89,29 @@ class State(Frozen):
             raise StateError("state: base_pose: expected none, as the chain has no floating base")
 
 
+def require_fit(chain: Any, state: Any) -> None:
+    """Refuse what is no chain, what is no state, and a state of another chain.
+
+    Raises:
+        ModelError, StateError: naming what came instead.
+    """
+    checks.instance(chain, ClosedChain, "chain")
+    checks.instance(state, State, "state", StateError)
+    state.fits(chain)
+
+
+def shaped_inputs(chain: ClosedChain, inputs: Inputs | None) -> Inputs:
+    """Return what acts on a chain as checked arrays of its shapes; nothing by default.
+
+    Raises:
+        StateError: no inputs, or those of another chain.
+    """
+    if inputs is None:
+        return Inputs().shaped(chain)
+    checks.instance(inputs, Inputs, "inputs", StateError)
+    return inputs.shaped(chain)
+
+
 def exact_state(parts: Mapping[str, Array]) -> State:
     """Return a state of arrays that another state had, to the bit.
 

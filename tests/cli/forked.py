@@ -11,7 +11,7 @@ from pathlib import Path
 SERVER = """
 import importlib, json, os, signal, sys, traceback
 import holdfast.cli.commands, holdfast.cli.solve, holdfast.cli.simulate, holdfast.cli.view, holdfast.cli.diagnose
-import holdfast.cli.results
+import holdfast.cli.results, holdfast.cli.sweep, holdfast.cli.export_c
 
 for name in sys.argv[1:]:
     importlib.import_module(name)

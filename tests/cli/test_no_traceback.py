@@ -20,7 +20,26 @@ from tests.scenario.test_robot import scene
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="needs fork and POSIX shells")
 
 LONG = "x" * 300
+SWEEP = """
+[sweep]
+count = 2
+parameters.object_mass = { type = "uniform", low = 2.0, high = 4.0 }
+parameters.object_inertia = "scale"
+"""
 MESHED = TWO_ARMED.replace("package://two_armed/finger.stl", "finger.stl")
+# folders of a sweep with one file spoilt
+SPOILT = {
+    "cut_manifest": ("sweep.json", b'{"format": "holdfast-sweep", "format_ver'),
+    "no_manifest": ("sweep.json", b"[]"),
+    "listed_plan": ("sweep.json", b'{"format": "holdfast-sweep", "format_version": 1, "generic_rank": 3, "plan": []}'),
+    "true_rank": ("sweep.json", b'{"format": "holdfast-sweep", "format_version": 1, "generic_rank": true, "plan": {}}'),
+    "listed_robots": ("robots.json", b"[1]"),
+    "robots_elsewhere": ("robots.json", b'{"left": {"file": "../../etc/passwd", "base": "a", "tip": "b"}}'),
+    "no_robots": ("robots.json", b"{}"),
+    "cut_scene": ("scene.toml", b"arms = ["),
+    "another_scene": ("scene.toml", b"name = 1"),
+    "bytes_scene": ("scene.toml", b"\xff\xfe"),
+}
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +50,7 @@ def made(tmp_path_factory):
     (folder / "robots" / "two.urdf").write_text(MESHED)
     (folder / "robots" / "finger.stl").write_bytes(stl_bytes()[:-7])
     (folder / "short.toml").write_text(scene(arm="q = [0.1, 1.1, 0.12]"))
+    (folder / "swept.toml").write_text(scene(arm="q = [0.1, 1.1, 0.12]") + SWEEP)
     (folder / "cases.json").write_text(json.dumps([small_case()]))
     (folder / "latin.toml").write_bytes('name = "Prüfung"'.encode("latin-1"))
     (folder / "latin.json").write_bytes('{"name": "Prüfung"}'.encode("latin-1"))
@@ -40,19 +60,24 @@ def made(tmp_path_factory):
     (folder / "a_folder").mkdir()
     (folder / "a_folder" / "something").touch()
     os.mkfifo(folder / "pipe")
-    (done,) = run_all([Try(["simulate", "short.toml", "--out", "result", "--no-plots"])], folder)
-    assert done.code == 0, done.err
+    tries = [["simulate", "short.toml", "--out", "result", "--no-plots"], ["sweep", "swept.toml", "--out", "store"]]
+    for done in run_all([Try(one) for one in tries], folder):
+        assert done.code == 0, done.err
     shutil.copytree(folder / "result", folder / "broken")
     (folder / "broken" / "meta.json").write_bytes(b"\xff\xfe{}")
+    for name, (file, content) in SPOILT.items():
+        shutil.copytree(folder / "store", folder / name)
+        (folder / name / file).write_bytes(content)
     return folder
 
 
 def cases():
     """Return tries that are refused, and a part of what is said."""
     inputs = ("none", "a_folder", "latin.toml", "latin.json", "zeros", "empty", "deep.json", "pipe", "/dev/zero", LONG)
-    for command in ("solve", "diagnose", "simulate", "view", "plot", "export"):
-        # diagnose reads its file as solve does, export its folder as plot does
-        for given in ("none", "broken") if command in ("diagnose", "export") else (*inputs, ".", "/", "broken"):
+    for command in ("solve", "diagnose", "simulate", "view", "plot", "export", "sweep", "export-c"):
+        # diagnose reads its file as solve does, export its folder as plot does, export-c its scene as sweep does
+        few = command in ("diagnose", "export", "export-c")
+        for given in ("none", "broken") if few else (*inputs, ".", "/", "broken"):
             yield Try([command, given]), ""
         yield Try([command, ""]), "expected"
         yield Try([command]), "Missing"
@@ -89,7 +114,7 @@ def cases():
     for rate, said in (("nan", ""), ("inf", ""), ("-1", ": expected > 0"), ("0", ": expected > 0"), ("x", "")):
         yield Try(["view", "result", "--rate", rate, "--export", "rate.html"]), f"rate{said}"
     yield Try(["simulate", "short.toml", "--resume", "--overwrite"]), "one of them"
-    for command in ("solve", "diagnose", "simulate", "view"):
+    for command in ("solve", "diagnose", "simulate", "view", "sweep", "export-c"):
         yield Try([command, "-"]), "stdin" if command == "solve" else ""  # it is empty
     for command in ("simulate", "plot"):
         yield Try([command, "short.toml" if command == "simulate" else "result", "--out", "-"]), "single files only"
@@ -124,10 +149,79 @@ def cases():
         yield Try(["simulate", "short.toml", "--set", change]), said
     yield Try(["view", "short.toml", "--set", "simulation.stp=1"]), "Did you mean 'step'?"
     yield Try(["simulate", "short.toml", "--out", "result", "--resume"]), "nothing to resume"
+    yield from of_sweeps()
+    yield from of_exported_code()
     yield Try(["export", "result", "--format", "parquet"], missing=("pyarrow",)), "holdfast[parquet]"
     yield Try(["export", "result", "--format", "mcap"], missing=("mcap_ros2", "mcap")), "holdfast[ros]"
     yield Try(["plot", "result"], missing=("matplotlib",)), "holdfast[plot]"
     yield Try(["view", "result", "--export", "no.html"], missing=("viser",)), "holdfast[view]"
+
+
+def of_sweeps():
+    """Return tries of `sweep` that are refused, and a part of what is said."""
+    yield Try(["sweep", "short.toml"]), "sweep: expected a table"
+    yield Try(["sweep", "cases.json"]), "not valid TOML"
+    for name in SPOILT:
+        yield Try(["sweep", name]), ""
+        yield Try(["sweep", name, "--run", "0"]), name
+    for out in ("/", ".", "a_folder", "empty", "empty/under", LONG, "/proc/none", "/dev/null", "pipe", "result"):
+        yield Try(["sweep", "swept.toml", "--out", out]), ""
+    yield Try(["sweep", "swept.toml", "--out", "-"]), "single files only"
+    yield Try(["sweep", "swept.toml", "--out", ""]), "expected"
+    yield Try(["sweep", "swept.toml", "--out", "store", "--set", "sweep.seed=1"]), "another plan: seed"
+    yield Try(["sweep", "store", "--out", "x"]), "--out: expected a scene"
+    yield Try(["sweep", "store", "--set", "sweep.seed=1"]), "--set: expected a scene"
+    for number in ("-1", "2", "9" * 30, "x", "1.5", "nan"):
+        yield Try(["sweep", "store", "--run", number]), "run"
+    yield Try(["sweep", "swept.toml", "--run", "0"]), "expected the folder of a sweep"
+    yield Try(["sweep", "store", "--run", "0", "--workers", "2"]), "without --workers"
+    for workers in ("0", "-1", "9" * 30, "x", "1.5"):
+        yield Try(["sweep", "swept.toml", "--out", "x", "--workers", workers]), "workers"
+    for address in ("nowhere", "tcp://", "http://127.0.0.1:1", "tcp://127.0.0.1:99999", "\x1b[31m"):
+        yield Try(["sweep", "swept.toml", "--out", "x", "--cluster", address]), ""
+    for change, said in (
+        ("sweep.count=0", "count: expected"),
+        ("sweep.count=-1", "count: expected"),
+        ("sweep.count=1.5", "count"),
+        ("sweep.count=" + "9" * 15, "count: expected a number up to"),
+        ("sweep.chunk=0", "chunk: expected"),
+        ("sweep.seed=-1", "seed: expected"),
+        ('sweep.outputs=["object_pos"]', "Did you mean 'object_pose'?"),
+        ('sweep.outputs=["object_pose", "object_pose"]', "every name once"),
+        ("sweep.parameters.object_mas=1", "Did you mean 'object_mass'?"),
+        ("sweep.parameters.object_mass=nan", "expected a finite number"),
+        ("sweep.parameters.object_mass=[]", "object_mass: expected"),
+        ("sweep.parameters.object_mass=-1", "object_mass"),
+        ("sweep.parameters.object_mass.low=9", "low <= high"),
+        ("sweep.parameters.object_mass.high=1e999", "expected a finite number"),
+        ("sweep.parameters.object_mass.type='normal'", "unknown field `low`"),
+        ("sweep.parameters.object_mass.type='gamma'", "gamma"),
+        ("sweep.parameters.gravity=[[0.0], [0.0, 1.0]]", "gravity: expected"),
+        ("sweep.parameters.object_inertia='x'", "scale"),
+        ("simulation.duration=0.0123", "whole number of steps"),
+        ("simulation.on_slip='release'", "on_slip"),
+    ):
+        yield Try(["sweep", "swept.toml", "--out", "x", "--set", change]), said
+    yield Try(["sweep", "swept.toml", "--out", "x"], missing=("pyarrow",)), "holdfast[parquet]"
+    yield Try(["sweep", "swept.toml", "--out", "x", "--cluster", "local"], missing=("distributed",)), "holdfast[dask]"
+
+
+def of_exported_code():
+    """Return tries of `export-c` that are refused, and a part of what is said."""
+    for out in ("/", ".", "empty", "empty/under", LONG, "/proc/none", "/dev/null", "pipe"):
+        yield Try(["export-c", "short.toml", "--function", "project", "--out", out, "--overwrite"]), ""
+    yield Try(["export-c", "short.toml", "--out", "-"]), "single files only"
+    yield Try(["export-c", "short.toml", "--out", "x", "--function", "forward"]), "forward_dynamics"
+    for name in ("1x", "a b", "\u00e9", "x" * 300, "a;b"):
+        yield Try(["export-c", "short.toml", "--out", "x", "--function", "project", "--name", name]), "name"
+    for option, value in (("--of", "qddd"), ("--by", "p")):
+        yield (
+            Try(["export-c", "short.toml", "--out", "x", "--function", "forward_dynamics_jacobian", option, value]),
+            "",
+        )
+    for option in ("--target", "--scheme"):
+        yield Try(["export-c", "short.toml", "--out", "x", option, "z80"]), "invalid choice"
+    yield Try(["export-c", "short.toml", "--out", "x", "--set", "simulation.stp=1"]), "Did you mean 'step'?"
 
 
 def fine():
@@ -147,6 +241,10 @@ def fine():
     yield Try(["simulate", "short.toml", "--out", "again", "--resume", "--no-plots"])  # nothing is there: it begins
     yield Try(["view", "result", "--export", "damaged_mesh.html"])
     yield Try(["export", "result", "--out", "table.csv"])
+    yield Try(["sweep", "swept.toml", "--out", "store"])  # nothing is missing there
+    yield Try(["sweep", "store", "--json"], environment=bare, unset=("HOME",))
+    yield Try(["sweep", "store", "--run", "1"], environment=bare)
+    yield Try(["sweep", "swept.toml", "--out", "swept_bare"], environment=bare | nonsense)
     yield Try(["diagnose", "short.toml", "--set", "object.mass=2", "--set", 'name="other"', "--json"])
 
 

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast import dynamics
+from holdfast import control, dynamics
 from tests.control.two_pandas import two_pandas
 
 CHAIN, STATE = two_pandas()
 ZERO = np.zeros(14)
+PATH = control.RestToRest(STATE.object_pose, [0.1, 0.0, 0.0])
 FOUND = hf.forward_dynamics(CHAIN, STATE, ZERO)
 FAST = hf.State(STATE.q, np.full(14, 1e200), STATE.object_pose, np.full(6, 1e200))
 FAR = hf.State(STATE.q, STATE.qd, [1, 0, 0, 0, 1e308, 1e308, 1e308], FAST.object_twist)
@@ -27,6 +28,10 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "inverse dynamics": lambda: hf.inverse_dynamics(CHAIN, FAST, ZERO, FOUND.grasp_wrench),
     "split": lambda: hf.forces.split(CHAIN, STATE, np.full((2, 6), 1e308)),
     "last joint wrenches": lambda: hf.forces.last_joint_wrenches(CHAIN, FAST, FOUND),
+    "holding torques": lambda: hf.holding_torques(CHAIN, FAST),
+    "object tracking": lambda: control.ObjectTracking(CHAIN, PATH)(0.5, FAST, None),
+    "gravity compensation": lambda: control.GravityCompensation(CHAIN, 10.0, 1e308)(0.0, FAST, None),
+    "torque schedule": lambda: control.TorqueSchedule([0.0], [np.full((14, 2), 1e300)])(1e300, STATE, None),
     "the accelerations": lambda: hf.forward_dynamics(CHAIN, FAST, ZERO, check=False),
 }
 

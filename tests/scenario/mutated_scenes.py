@@ -15,8 +15,10 @@ from typing import Any
 
 from tests.io.mutations import Where, at, places
 from tests.robots.two_armed import TWO_ARMED
-from tests.scenario.test_build import MORE, TEXT, with_schedule
+from tests.scenario.test_anchors import BESIDE_A_PANDA, SWAYING
+from tests.scenario.test_build import MORE, TEXT, through, with_schedule
 from tests.scenario.test_robot import scene as scene_of_urdf
+from tests.scenario.test_trunk_scenes import FLYER, TORSO
 from tests.systems import mutated_text
 from tests.systems.mutated_text import bytes_flipped, recoded
 from tests.systems.random_scenes import random_scene
@@ -30,11 +32,34 @@ FULL = TEXT.replace("step = 0.002", 'step = 0.02\nscheme = "dop853"\nrtol = 1e-6
     "[object]", SWAY + "\n[object]", 1
 )
 SAMPLED = "duration = 0.004\nlargest_drift = 1e-8\nsample_time = 3e-3\ndelay = 5e-4"
+SPRUNG = (
+    through()
+    .replace("duration = 2.0", 'duration = 0.004\nscheme = "imex"')
+    .replace("box = [0.3, 0.2, 0.2]", "sphere = 0.15")
+    + """
+[[springs]]
+a = { body = "left", link = 6, point = [0, 0, 0.1] }
+b = { body = "object" }
+stiffness = 40
+length = 0.2
+damping = 1.5
+
+[[springs]]
+a = { body = "world", point = [0, 0, 2] }
+b = { body = "object", point = [0, 0, 0.1] }
+stiffness = 5
+"""
+)
+SWAYED = BESIDE_A_PANDA.replace("anchor = true\n", f"anchor = true\n{SWAYING}", 1)
+BUSHED = SHORT.replace(
+    'kind = "rigid"', 'kind = "bushing"\nstiffness = [100, 100, 100, 4e4, 4e4, 4e4]\ndamping = [1, 1, 1, 40, 40, 40]', 1
+)
 SEEDS = (
     *(SHORT, FULL + MORE, FULL.replace("rigid", "ball").replace('"dop853"', '"midpoint"')),
     *(with_schedule().replace("duration = 2.0", SAMPLED), scene_of_urdf()),
     scene_of_urdf(urdf=", locked = { lift = 0.1 }", arm="q = [0.3, 1.0, 0.1]\ntip = { rpy = [0, 0, 1] }"),
     *(random_scene(seed) for seed in (0, 1, 4, 6, 8, 9, 12)),
+    *(TORSO, FLYER, BESIDE_A_PANDA, SWAYED, SPRUNG, BUSHED),
 )
 SOUND = [tomllib.loads(text) for text in SEEDS]
 

@@ -8,10 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.assembly.starts import preferred_configuration, preferred_configurations, starting_configurations
+from holdfast.assembly.starts import (
+    preferred_configuration,
+    preferred_configurations,
+    preferred_positions,
+    starting_configurations,
+)
 from holdfast.dynamics.closing import close
 from holdfast.dynamics.trunk.trunk_motion import standing
-from holdfast.errors import ClosureError, ModelError, StateError
+from holdfast.errors import ClosureError, ModelError
 from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.spatial.pose import Pose
@@ -77,7 +82,7 @@ def _trunk_configuration(chain: ClosedChain, given: Any) -> Array:
     """Return the trunk's preferred joint positions: those given, or the middle of the limits; 0 without any."""
     assert chain.trunk is not None
     if given is not None:
-        return checks.numbers(given, (chain.trunk.joint_count,), f"q of '{TRUNK}'", StateError)
+        return preferred_positions(given, chain.trunk.joint_count, TRUNK)
     serial = chain.trunk.serial
     return np.zeros(0) if serial is None else preferred_configuration(serial)
 

@@ -131,6 +131,7 @@ class AssemblyReport(Frozen):
         return "\n".join(lines)
 
 
+@np.errstate(all="ignore")  # a reach beyond all numbers is infinite
 def assembly_report(chain: ClosedChain, state: State) -> AssemblyReport:
     """Return how the arms of a closed chain stand: reach used, nearest joint limit, closure, mobility.
 

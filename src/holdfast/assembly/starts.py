@@ -18,6 +18,7 @@ from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 
+FARTHEST_PREFERRED = 1e5  # rad or m: as far as machine code takes angles
 WIDEST = np.pi  # rad, or m: how far from 0 an unlimited joint is searched
 
 
@@ -38,9 +39,7 @@ def preferred_configurations(chain: ClosedChain, given: Mapping[str, Any] | None
         if name not in chain.arms:
             raise ModelError(f"q: no arm '{name}'.{checks.did_you_mean(str(name), chain.arms)}")
     return {
-        name: checks.numbers(given[name], (arm.joint_count,), f"q of '{name}'", StateError)
-        if name in given
-        else preferred_configuration(arm)
+        name: preferred_positions(given[name], arm.joint_count, name) if name in given else preferred_configuration(arm)
         for name, arm in chain.arms.items()
     }
 
@@ -118,3 +117,16 @@ def _middle_of_reach(chain: ClosedChain) -> Array:
     reach = min(longest_reach(arm) for arm in held)
     lift = reach / 3 if np.isfinite(reach) else 0.0
     return np.mean([shoulder(arm) for arm in held], axis=0) + lift * up
+
+
+def preferred_positions(given: Any, count: int, name: str) -> Array:
+    """Return the joint positions that an arm or a trunk had best have, (count,).
+
+    Raises:
+        StateError: of another number, not finite, or so far that nothing is near.
+    """
+    q = checks.numbers(given, (count,), f"q of '{name}'", StateError)
+    if q.dtype != object and np.abs(q).max(initial=0.0) > FARTHEST_PREFERRED:
+        got = checks.short(q.tolist())
+        raise StateError(f"q of '{name}': expected at most {FARTHEST_PREFERRED:g} rad or m, got {got}")
+    return q

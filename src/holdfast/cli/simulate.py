@@ -12,7 +12,7 @@ from holdfast.cli.console import print_document, stdout
 from holdfast.cli.results import opened_scene, scene_name
 from holdfast.cli.standard import refuse_standard
 from holdfast.cli.streams import say
-from holdfast.errors import MissingExtra, ResultError, SingularChainError, StateError
+from holdfast.errors import ClosureError, MissingExtra, ResultError, SingularChainError, StateError
 from holdfast.io.result_folder import ResultWriter, run_meta
 from holdfast.io.result_reader import load_result
 from holdfast.progress import of_time, progress_bar
@@ -82,7 +82,7 @@ def simulate(
         writer = ResultWriter(folder, meta, scenario.text, robots=robots, overwrite=overwrite)
     try:
         run = _run(scenario, writer)
-    except (SingularChainError, StateError) as cause:
+    except (ClosureError, SingularChainError, StateError) as cause:
         raise type(cause)(f"{scene}: {cause}") from cause
     if run is None:
         return _interrupted(scenario, writer, as_json)

@@ -160,7 +160,7 @@ def _asked(functions: Sequence[str], laws: Mapping[str, object]) -> list[str]:
     checks.instance(laws, Mapping, "export: laws")
     for one in functions:
         if one not in EXPORTED:
-            raise ModelError(f"export: functions: no {one!r}.{checks.did_you_mean(str(one), EXPORTED)}")
+            raise ModelError(f"export: functions: no {checks.short(one)}.{checks.did_you_mean(str(one), EXPORTED)}")
     for law in laws:
         if not isinstance(law, str) or not _NAME.fullmatch(law) or law in EXPORTED:
             raise ModelError(f"export: laws: expected a name of its own in lower-case letters, got {checks.short(law)}")

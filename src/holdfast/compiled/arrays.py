@@ -11,6 +11,7 @@ from holdfast.compiled.result import CompiledResult
 from holdfast.compiler.kernel import address_of
 from holdfast.compiler.schedule import External
 from holdfast.errors import StateError
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.real_numbers import real_array
 from holdfast.spatial.scalar import Array
@@ -33,7 +34,7 @@ def floats(name: str, value: Any, shape: tuple[int, ...]) -> Array:
 def require_threads(threads: Any) -> None:
     """Raise a StateError unless `threads` is an integer of at least 1."""
     if not isinstance(threads, int) or isinstance(threads, bool) or threads < 1:
-        raise StateError(f"threads: expected an integer >= 1, got {threads!r}")
+        raise StateError(f"threads: expected an integer >= 1, got {checks.short(threads)}")
 
 
 def batch_of(found: Mapping[str, Array], externals: Mapping[str, External]) -> int | None:

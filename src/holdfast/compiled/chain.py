@@ -21,13 +21,13 @@ from holdfast.compiled.functions import ChainFunctions
 from holdfast.compiled.kernels import kernel
 from holdfast.compiled.parameters import parameters_of, parse_parameters, require_floating
 from holdfast.compiled.result import CompiledResult
-from holdfast.compiled.structure import Options, Structure, optional_parameters
+from holdfast.compiled.structure import Options, Structure, optional_parameters, require_rank
 from holdfast.compiler.kernel import Bound
 from holdfast.compiler.schedule import External
 from holdfast.compiler.targets import Builtin
 from holdfast.dynamics.closed.tip_response import Route
 from holdfast.dynamics.methods import method_named
-from holdfast.errors import MethodNotApplicable, StateError
+from holdfast.errors import MethodNotApplicable
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.progress import busy
@@ -75,16 +75,10 @@ def compile(
         CompileError: The machine code cannot be made on this computer.
     """
     checks.instance(chain, ClosedChain, "compile: chain")
-    if generic_rank is not None:
-        whole = isinstance(generic_rank, int | np.integer) and not isinstance(generic_rank, bool)
-        if not whole or not 0 <= generic_rank <= chain.constraint_row_count:
-            raise StateError(
-                f"compile: generic_rank: expected an integer from 0 to {chain.constraint_row_count}, the rows of the"
-                f" grasps, or None, got {checks.short(generic_rank)}"
-            )
+    require_rank(generic_rank, chain, "compile")
     checks.instance(method, str, "compile: method", MethodNotApplicable)
     if dtype != "float64":
-        raise MethodNotApplicable(f"compile: dtype: expected float64, got {dtype!r}")
+        raise MethodNotApplicable(f"compile: dtype: expected float64, got {checks.short(dtype)}")
     if method not in ("sequential", *get_args(Route)):
         name = method_named(method).name
         raise MethodNotApplicable(

@@ -182,7 +182,7 @@ class ChainDerivatives:
             StateError: A name, shape or number is wrong.
         """
         if kind not in ("vjp", "jvp", "jacobian"):
-            raise StateError(f"bind_derivatives: expected vjp, jvp or jacobian, got {kind!r}")
+            raise StateError(f"bind_derivatives: expected vjp, jvp or jacobian, got {checks.short(kind)}")
         code = self._derivatives(kind, of, by, arrays_or_parameters)
         return BoundDerivatives(self, code, arrays_or_parameters)  # type: ignore[arg-type]
 
@@ -202,7 +202,7 @@ class ChainDerivatives:
                 raise StateError(f"{what}: expected some {side} of {', '.join(known)}, got none")
             for name in names:
                 if name not in known:
-                    raise StateError(f"{what}: {side}: no {name!r}.{checks.did_you_mean(str(name), known)}")
+                    raise StateError(f"{what}: {side}: no {checks.short(name)}.{checks.did_you_mean(str(name), known)}")
         return Request(kind, tuple(n for n in results if n in of), tuple(n for n in arguments if n in by))
 
     def _derivatives(

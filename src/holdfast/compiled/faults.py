@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -48,7 +49,7 @@ def fault(found: Mapping[str, Array], largest: Array) -> StateError | None:
         if not np.isfinite(x).all():
             return StateError(f"{name.rpartition('.')[2]}: expected finite numbers, got {x[~np.isfinite(x)][0]}")
         if name in _POSES:
-            length = float(np.linalg.norm(x[:4]))
+            length = math.hypot(*x[:4])
             return StateError(f"{name}: expected a unit quaternion (w, x, y, z) first, got length {length:.9g}")
         worst = float(np.abs(x[~_sound(name, x, largest)]).max())
         return StateError(f"{name}: expected at most {LARGEST_ARGUMENT:g} rad, got {worst:.6g}")

@@ -16,6 +16,7 @@ from holdfast.compiled.kernels import kernel
 from holdfast.compiled.parameters import parameters_of, parse_parameters, require_floating
 from holdfast.compiled.structure import Options
 from holdfast.compiler.kernel import Bound
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 
@@ -66,7 +67,7 @@ class CompiledFunction:
 
         Raises:
             StateError: A shape is wrong or a parameter is unknown; for a single system, also if a number is not
-                finite, an angle exceeds 1e5 rad or a quaternion is not of unit length.
+                finite, an angle exceeds 1e5 rad, a quaternion is not of unit length or a result overflows.
         """
         arrays.require_threads(threads)
         inputs = {
@@ -96,7 +97,7 @@ class CompiledFunction:
             if changed:
                 bound.prepare()
             bound.run()
-            return {name: bound.arrays[name].copy() for name in self._results}
+            return {name: checks.finite(bound.arrays[name].copy(), name) for name in self._results}
 
     def _many(
         self, inputs: Mapping[str, Array], changed: Mapping[str, Array], batch: int, threads: int

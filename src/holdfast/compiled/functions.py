@@ -330,7 +330,7 @@ class ChainFunctions:
         function = self._function(name)
         found = function((q,), parameters, threads)["frame"]
         for arm, part in function.parts["frame"].items():
-            frames = found[..., part].reshape(*found.shape[:-1], -1, 12)
+            frames = found[..., part].reshape(*found.shape[:-1], (part.stop - part.start) // 12, 12)
             yield arm, Frames(frames[..., :9].reshape(*frames.shape[:-1], 3, 3), frames[..., 9:])
 
     def _energy(self, name: str, given: tuple[Any, ...], parameters: Mapping[str, Any], threads: int) -> Any:

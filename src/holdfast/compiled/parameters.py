@@ -122,7 +122,9 @@ def _with_inertia(given: Mapping[str, Any], chain: ClosedChain) -> Mapping[str, 
     inertia = given.get("object_inertia")
     if isinstance(inertia, str):
         if inertia != "scale" or "object_mass" not in given:
-            raise StateError(f"object_inertia: expected (3, 3) numbers, or 'scale' beside object_mass, got {inertia!r}")
+            raise StateError(
+                f"object_inertia: expected (3, 3) numbers, or 'scale' beside object_mass, got {checks.short(inertia)}"
+            )
         mass = np.array(real_array(given["object_mass"], "object_mass", "real numbers", StateError), dtype=float)
         with np.errstate(all="ignore"):  # a mass that is not finite raises an error later
             scaled = (mass / chain.held_object.mass)[..., None, None] * chain.held_object.inertia

@@ -8,6 +8,7 @@ import secrets
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -43,6 +44,20 @@ class Options:
     implicit: bool = False
 
 
+def require_rank(generic_rank: Any, chain: ClosedChain, what: str) -> None:
+    """Refuse what is no rank of a chain's grasp constraint.
+
+    Raises:
+        StateError: naming what could be one.
+    """
+    whole = isinstance(generic_rank, int | np.integer) and not isinstance(generic_rank, bool)
+    if generic_rank is not None and not (whole and 0 <= generic_rank <= chain.constraint_row_count):
+        raise StateError(
+            f"{what}: generic_rank: expected an integer from 0 to {chain.constraint_row_count}, the rows of the"
+            f" grasps, or None, got {checks.short(generic_rank)}"
+        )
+
+
 def optional_parameters(parameters: Sequence[str], what: str, route: Route = "auto") -> Options:
     """Return the options for the optional parameters that a user requests.
 
@@ -56,8 +71,10 @@ def optional_parameters(parameters: Sequence[str], what: str, route: Route = "au
     """
     checks.instance(parameters, (list, tuple, set, frozenset), f"{what}: parameters", StateError)
     for name in parameters:
-        if name not in OPTIONAL:
-            raise StateError(f"{what}: no optional parameter {name!r}.{checks.did_you_mean(str(name), OPTIONAL)}")
+        if not isinstance(name, str) or name not in OPTIONAL:
+            raise StateError(
+                f"{what}: no optional parameter {checks.short(name)}.{checks.did_you_mean(str(name), OPTIONAL)}"
+            )
     return Options(route, "link_inertia" in parameters, "link_wrench" in parameters)
 
 

@@ -30,9 +30,10 @@ def clipped(controller: Controller | ControlLaw, chain: ClosedChain) -> Controll
         chain: whose joints it drives.
 
     Raises:
-        ModelError: the controller is no function.
+        ModelError: the controller is no function, or the chain none.
     """
     require_controller(controller)
+    checks.instance(chain, ClosedChain, "clipped: chain")
     limits = np.array([joint.effort_limit for joint in chain.all_joints])
     if not isinstance(controller, ControlLaw):
         return Clipped(controller, limits)
@@ -88,9 +89,7 @@ class ClippedTorque(Frozen):
 
 def within(tau: Any, limits: Array) -> Array:
     """Return torques clipped to their limits, (n,)."""
-    given = tau if isinstance(tau, np.ndarray) and tau.dtype == object else np.asarray(tau)
-    if given.dtype != object:
-        given = checks.numbers(given, limits.shape, "controller: torques", StateError)
+    given = checks.numbers(tau, limits.shape, "controller: torques", StateError)
     return array(
         [x if math.isinf(most) else maximum(-most, minimum(most, x)) for x, most in zip(given, limits, strict=True)]
     )

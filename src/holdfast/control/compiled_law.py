@@ -24,7 +24,7 @@ from holdfast.errors import FrozenError, HoldfastError, MethodNotApplicable, Mod
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
-from holdfast.state import State
+from holdfast.state import State, require_fit
 
 ROOMS = (
     "forces",
@@ -115,8 +115,9 @@ class CompiledLaw:
         """Return torques (n,) and memory, as any controller.
 
         Raises:
-            StateError: a parameter that was not given.
+            StateError: a parameter that was not given, a state of another chain, or torques that are not finite.
         """
+        require_fit(self.chain, state)
         if self._own is None or not np.abs(state.q).max(initial=0.0) <= LARGEST:
             return self.law.given(self.values).on_floats(t, state, memory)  # it says what is missing
         with self._lock:
@@ -124,12 +125,12 @@ class CompiledLaw:
             x["t"][...] = t
             for name, field in self._fields.items():
                 x[name][...] = getattr(state, field)
-            if "memory" not in x:
-                self._own.run()
-                return x["tau"].copy(), memory
-            x["memory"][...] = self.law.memory if memory is None else memory
+            if "memory" in x:
+                x["memory"][...] = self.law.memory if memory is None else memory
             self._own.run()
-            return x["tau"].copy(), x["kept"].copy()
+            if not np.isfinite(x["tau"]).all():
+                raise self._refusal(x)
+            return x["tau"].copy(), x["kept"].copy() if "memory" in x else memory
 
     def torques(
         self,

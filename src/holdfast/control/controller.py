@@ -103,8 +103,9 @@ class ControlLaw(Frozen):
         """Return the torques on floats, as any controller does: (t, state, memory) -> (torques, memory).
 
         Raises:
-            StateError: the law has parameters, which a controller is not given.
+            StateError: the law has parameters, which a controller is not given; or no state.
         """
+        checks.instance(state, State, "control law: state", StateError)
         found = by_machine_code(self, t, state, memory)
         return self.given({}).on_floats(t, state, memory) if found is None else found
 
@@ -117,6 +118,7 @@ class ControlLaw(Frozen):
         Raises:
             StateError: one is missing, unknown, of another shape or not finite.
         """
+        checks.instance(values, Mapping, "control law: values", StateError)
         for name in values:
             if name not in self.parameters:
                 raise StateError(
@@ -147,7 +149,12 @@ class GivenLaw(Frozen):
     values: Mapping[str, Array]
 
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
-        """Return torques (n,) and memory, as any controller does."""
+        """Return torques (n,) and memory, as any controller does.
+
+        Raises:
+            StateError: no state.
+        """
+        checks.instance(state, State, "control law: state", StateError)
         found = by_machine_code(self, t, state, memory)
         return self.on_floats(t, state, memory) if found is None else found
 
@@ -185,7 +192,8 @@ def given_law(controller: Any, parameters: Mapping[str, ArrayLike] | None) -> An
 def _shape(name: str, shape: Sequence[int]) -> Shape:
     """Return a parameter's shape as a tuple, or refuse it."""
     if not isinstance(shape, tuple | list) or not all(isinstance(k, int | np.integer) and k >= 0 for k in shape):
-        raise ModelError(f"control law: parameter '{name}': expected a shape such as (), (3,), got {shape!r}")
+        got = checks.short(shape)
+        raise ModelError(f"control law: parameter '{name}': expected a shape such as (), (3,), got {got}")
     return tuple(int(k) for k in shape)
 
 

@@ -16,7 +16,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, require_fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,12 +51,19 @@ class GravityCompensation(Frozen):
         """Return the controller of a chain whose grasps have changed."""
         return replace(self, chain=chain)
 
+    @np.errstate(all="ignore")  # what overflows is refused
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
-        """Return the torques (n,) [N m or N]; the memory is not used."""
+        """Return the torques (n,) [N m or N]; the memory is not used.
+
+        Raises:
+            StateError: they overflow, or the state is none of the chain.
+        """
+        require_fit(self.chain, state)
         found = by_machine_code(self, t, state, memory)
         if found is not None:
             return found
         none, configuration = np.zeros(self.chain.joint_count), state.at_rest()
         wrenches = commanded_wrenches(self.chain, configuration, np.zeros(6), self.squeeze)
         motion = chain_motion(self.chain, configuration, none, Inputs().shaped(self.chain))
-        return torques(motion, none, wrenches) - self.joint_damping * state.qd, memory
+        tau = torques(motion, none, wrenches) - self.joint_damping * state.qd
+        return checks.finite(tau, "gravity compensation"), memory

@@ -22,7 +22,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_wrench
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, require_fit
 
 DEPENDENT = 1e-12  # of the largest singular value
 
@@ -129,12 +129,13 @@ def holding_torques(
         StateError: wrong shapes, an acceleration that the arms cannot follow, a load that the
             grasps or the driven joints cannot bear, an unknown joint.
     """
-    state.fits(chain)
+    require_fit(chain, state)
     alpha = np.zeros(6) if acceleration is None else checks.numbers(acceleration, (6,), "acceleration", StateError)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), Inputs().shaped(chain))
     idle, wished = joint_places(chain, undriven), _wished(motion, internal)
     if not len(idle) and not chain.floats:
         found = balanced(motion, state.qd, alpha, wished)
+        checks.finite(np.array([*found.tau, found.left, found.size]), "holding torques")
         _require_followed(motion, found.missed, alpha)
         _require_balance(chain, float(found.left), float(found.size), idle)
         return found.tau
@@ -156,9 +157,11 @@ def joint_places(chain: ClosedChain, names: Iterable[str]) -> Array:
         StateError: no such joint.
     """
     places = {name: k for k, name in enumerate(chain.joint_names())}
+    if not checks.is_listed(names):
+        raise StateError(f"undriven: expected names of joints, got {checks.short(names)}")
     names = list(names)
     for name in names:
-        if name not in places:
+        if not isinstance(name, str) or name not in places:
             raise StateError(f"undriven: no joint '{name}'.{checks.did_you_mean(str(name), places)}")
     return np.array([places[name] for name in names], dtype=int)
 
@@ -171,7 +174,7 @@ def _wished(motion: ChainMotion, internal: Any) -> Array:
     wished = checks.numbers(internal, (len(chain.arms), 6), "internal", StateError)
     for name, f in zip(chain.names, wished, strict=True):
         if name not in chain.grasps and f.any():
-            raise StateError(f"internal: arm '{name}' holds nothing, expected zeros, got {f}")
+            raise StateError(f"internal: arm '{name}' holds nothing, expected zeros, got {checks.place(f)}")
     return wished
 
 
@@ -184,6 +187,6 @@ def _require_followed(motion: ChainMotion, missed: list[Missed], alpha: Array) -
     ]
     if short:
         raise StateError(
-            f"acceleration: expected one that the arms can follow at this state, got {alpha}: {', '.join(short)}. Try"
-            " a state at rest, or holdfast.diagnose for the singular directions"
+            f"acceleration: expected one that the arms can follow at this state, got {checks.place(alpha)}:"
+            f" {', '.join(short)}. Try a state at rest, or holdfast.diagnose for the singular directions"
         )

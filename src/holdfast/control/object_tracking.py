@@ -18,7 +18,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array, concatenate
-from holdfast.state import State
+from holdfast.state import State, require_fit
 
 
 class ObjectPath(Protocol):
@@ -71,16 +71,22 @@ class ObjectTracking(Frozen):
         """Return the controller of a chain whose grasps have changed."""
         return replace(self, chain=chain)
 
-    @np.errstate(all="ignore")  # torques that overflow are refused by whoever takes them
+    @np.errstate(all="ignore")  # what overflows is refused
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
-        """Return the torques (n,) [N m or N]; the memory is not used."""
+        """Return the torques (n,) [N m or N]; the memory is not used.
+
+        Raises:
+            StateError: they overflow, or the state is none of the chain.
+        """
+        require_fit(self.chain, state)
         found = by_machine_code(self, t, state, memory)
         if found is not None:
             return found
         chain = self.chain
         acceleration = self.commanded_acceleration(t, state)
         wrenches = commanded_wrenches(chain, state, acceleration, self.squeeze)
-        return computed_torque(chain, state, acceleration, wrenches, self.joint_damping), memory
+        tau = computed_torque(chain, state, acceleration, wrenches, self.joint_damping)
+        return checks.finite(tau, "object tracking"), memory
 
     def commanded_acceleration(self, t: float, state: State) -> Array:
         """Return [omega_dot; v_dot] of C that the object is to have, (6,) world axes."""

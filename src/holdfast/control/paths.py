@@ -7,12 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from holdfast.errors import ModelError
 from holdfast.model import checks
 from holdfast.spatial import rotation
 from holdfast.spatial.converted import REQUIRED, ArrayField, making
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import Pose, PoseField
 from holdfast.spatial.scalar import Array, Scalar, maximum, minimum
+
+FARTHEST_TURN = 1e5  # [rad]: as far as machine code takes angles
 
 
 class Target(NamedTuple):
@@ -55,15 +58,27 @@ class RestToRest(Frozen):
         put(self, "start", checks.pose(self.start, "path: start"))
         put(self, "displacement", checks.numbers(self.displacement, (3,), "path: displacement"))
         put(self, "turn", checks.numbers(self.turn, (3,), "path: turn"))
+        if self.turn.dtype != object and np.abs(self.turn).max() > FARTHEST_TURN:
+            got = checks.short(self.turn.tolist())
+            raise ModelError(f"path: turn: expected at most {FARTHEST_TURN:g} rad, got {got}")
         put(self, "begin", checks.number(self.begin, "path: begin", at_least=0.0))
         put(self, "duration", checks.number(self.duration, "path: duration", above=0.0))
 
     def at(self, t: Scalar) -> Target:
-        """Return the target at time t [s]."""
+        """Return the target at time t [s].
+
+        Raises:
+            ModelError: no finite number.
+            StateError: a motion that overflows.
+        """
+        t = checks.number(t, "path: t")
         s, rate, acceleration = quintic((t - self.begin) / self.duration)
         way = np.concatenate([self.turn, self.displacement])
-        pose = Pose(rotation.exp(s * self.turn) @ self.start.R, self.start.p + s * self.displacement)
-        return Target(pose, rate / self.duration * way, acceleration / self.duration / self.duration * way)
+        with np.errstate(all="ignore"):  # what overflows is refused
+            twist, acceleration = rate / self.duration * way, acceleration / self.duration / self.duration * way
+            place = self.start.p + s * self.displacement
+            checks.finite(np.concatenate([twist, acceleration, place]), "path")
+        return Target(Pose(rotation.exp(s * self.turn) @ self.start.R, place), twist, acceleration)
 
 
 def quintic(x: Scalar) -> tuple[Scalar, Scalar, Scalar]:

@@ -98,7 +98,12 @@ class PoseSpline(Frozen):
         return PoseSpline(given, begin + float(fastest) * unscaled.times)
 
     def at(self, t: Scalar) -> Target:
-        """Return the target at time t [s]."""
+        """Return the target at time t [s].
+
+        Raises:
+            ModelError: no finite number.
+        """
+        t = checks.number(t, "path: t")
         begins, spans = self.times[:-1], np.diff(self.times)
         c, R, begin, span = self._pieces[0], self.poses[0].R, begins[0], spans[0]
         for k in range(1, len(spans)):
@@ -161,7 +166,8 @@ def polynomial(c: Array, x: Scalar) -> tuple[Array, Array, Array]:
 
 def _poses(given: Any) -> tuple[Pose, ...]:
     """Return checked poses."""
-    if isinstance(given, Pose) or not isinstance(given, Sequence | np.ndarray) or isinstance(given, str):
+    listed = isinstance(given, Sequence) or (isinstance(given, np.ndarray) and given.ndim > 0)
+    if not listed or isinstance(given, Pose | str):
         raise ModelError(f"path: poses: expected a list of poses, got {type(given).__name__}")
     if len(given) < 2:
         raise ModelError(f"path: poses: expected two or more, got {len(given)}")

@@ -68,23 +68,37 @@ class TorqueSchedule(Frozen):
             times: (k,) increasing [s].
             torques: (k, n) [N m or N].
             beside: as for the class.
+
+        Raises:
+            ModelError: times that do not increase, or torques that do not fit them.
         """
-        t, tau = np.array(times, dtype=float), np.array(torques, dtype=float)
+        t, tau = (checks.numbers(x, None, f"schedule: {name}") for x, name in ((times, "times"), (torques, "torques")))
         if t.ndim != 1 or tau.ndim != 2 or len(t) != len(tau) or not len(t):
             raise ModelError(f"schedule: expected times (k,) and torques (k, n), got {t.shape} and {tau.shape}")
-        slopes = np.diff(tau, axis=0) / np.diff(t)[:, None]
+        if (np.diff(t) <= 0.0).any():
+            raise ModelError(f"schedule: times: expected increasing ones, got {checks.short(t.tolist())}")
+        with np.errstate(over="ignore"):  # refused below
+            slopes = np.diff(tau, axis=0) / np.diff(t)[:, None]
         slopes = np.vstack([slopes, np.zeros((1, tau.shape[1]))])
         return cls(t, [np.column_stack([value, slope]) for value, slope in zip(tau, slopes, strict=True)], beside)
 
+    @np.errstate(all="ignore")  # what overflows is refused
     def __call__(self, t: float, state: State, memory: Any) -> tuple[Array, Any]:
-        """Return the torques (n,) [N m or N]; the memory is the other controller's."""
+        """Return the torques (n,) [N m or N]; the memory is the other controller's.
+
+        Raises:
+            ModelError: t is no finite number.
+            StateError: they overflow.
+        """
+        t = checks.number(t, "schedule: t")
         found, memory = (0.0, memory) if self.beside is None else torques_and_memory(self.beside(t, state, memory))
         others = np.asarray(found)
         piece = int(np.searchsorted(self.knots, t, side="right")) - 1
         if piece < 0:
             return others + np.zeros(len(self.coefficients[0])), memory
         table = self.coefficients[piece]
-        return others + table @ (t - self.knots[piece]) ** np.arange(table.shape[1]), memory
+        tau = others + table @ (t - self.knots[piece]) ** np.arange(table.shape[1])
+        return checks.finite(tau, "torque schedule"), memory
 
     @frozen_property
     def breakpoints(self) -> Array:

@@ -11,11 +11,12 @@ from holdfast.dynamics.consistency import residuals
 from holdfast.dynamics.constraint import constraint_rows, coordinate_sizes
 from holdfast.dynamics.indeterminate import NULL_SINGULAR_VALUE
 from holdfast.dynamics.projection import Change, moved, quickened
-from holdfast.errors import ClosureError
+from holdfast.errors import ClosureError, StateError
+from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.model.tip_direction import advice_for
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
 CLOSED = 1e-13  # rad, and lengths relative to the arms' reach: the iteration stops below this residual
 ACCEPTED = 1e-10  # same units: a state with a residual below this counts as closed
@@ -58,7 +59,7 @@ def close(
     Raises:
         ClosureError: if some arms cannot reach their grasps; the message names them and their residuals.
     """
-    guess.fits(chain)
+    require_fit(chain, guess)
     low, high = np.array([joint.position_limits for joint in chain.all_joints]).reshape(-1, 2).T
     if not limits:
         low, high = np.full_like(low, -np.inf), np.full_like(high, np.inf)
@@ -99,19 +100,20 @@ def project_velocity(
     Raises:
         StateError: a state or inputs of the wrong shape for the chain.
     """
-    state.fits(chain)
+    require_fit(chain, state)
     held = _held_columns(chain, hold_object=hold_object, hold_trunk=hold_object, hold_base=hold_base)
     return _with_velocities(chain, state, held, inputs)
 
 
 def _with_velocities(chain: ClosedChain, state: State, hold: Array, inputs: Inputs | None) -> State:
     """Return `project_velocity` with some coordinates held; `hold` is a mask over the constraint's columns."""
-    motion = chain_motion(chain, state, np.zeros(chain.joint_count), (inputs or Inputs()).shaped(chain))
+    motion = chain_motion(chain, state, np.zeros(chain.joint_count), shaped_inputs(chain, inputs))
     if not any(c.rows for c in motion.contacts):
         return state
     n, sizes = chain.joint_count, coordinate_sizes(motion)
-    gap = np.concatenate([c.velocity_gap for c in motion.contacts])
-    U, s, Vt = np.linalg.svd(_velocity_rows(motion, hold), full_matrices=False)
+    gap, rows = np.concatenate([c.velocity_gap for c in motion.contacts]), _velocity_rows(motion, hold)
+    checks.finite(np.append(rows, gap), "the velocities of the grasps")
+    U, s, Vt = np.linalg.svd(rows, full_matrices=False)
     rank = int((s > NULL_SINGULAR_VALUE * s[0]).sum())
     position_gap = np.abs(_position_gaps(motion, state)).max(initial=0.0)
     if rank > 0 and s[rank - 1] < NULL_PER_GAP * position_gap * s[0]:
@@ -128,6 +130,8 @@ def _with_velocities(chain: ClosedChain, state: State, hold: Array, inputs: Inpu
 
 def _held_columns(chain: ClosedChain, *, hold_object: bool, hold_trunk: bool, hold_base: bool) -> Array:
     """Return the mask of columns of `ConstraintRows.matrix` that must not move, (n + 6,) or (n + 12,) booleans."""
+    for name, flag in (("hold_object", hold_object), ("hold_trunk", hold_trunk), ("hold_base", hold_base)):
+        checks.flag(flag, name, StateError)
     n, held = chain.joint_count, np.zeros(chain.velocity_count, dtype=bool)
     held[n : n + 6] = hold_object
     held[n + 6 :] = hold_base or hold_trunk
@@ -219,6 +223,7 @@ def _inward_step(rows: Array, gap: Array, damping: float, lowest: Array, highest
         highest: (n,) True where a joint is at its upper limit.
     """
     n, rows = len(lowest), rows.copy()
+    checks.finite(np.append(rows, gap), "closing the grasps")
     while True:
         U, s, Vt = np.linalg.svd(rows, full_matrices=False)
         step = -Vt.T @ (s / (s**2 + damping**2) * (U.T @ gap))

@@ -18,11 +18,12 @@ from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.dynamics.closed.contact import Contact, contact
 from holdfast.dynamics.trunk.trunk_motion import standing
 from holdfast.errors import StateError
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import rotate
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
 POSITION_TOLERANCE = 1e-6  # m and rad
 VELOCITY_TOLERANCE = 1e-6  # relative to max(1, |qd|)
@@ -98,8 +99,11 @@ def closure(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> d
     Raises:
         StateError: a state or inputs of the wrong shape for the chain.
     """
-    state.fits(chain)
-    return residuals_at(chain, state, (inputs or Inputs()).shaped(chain))
+    require_fit(chain, state)
+    found = residuals_at(chain, state, shaped_inputs(chain, inputs))
+    for gap in found.values():
+        checks.finite(np.append(gap.position, gap.velocity), "closure")
+    return found
 
 
 def residuals_at(chain: ClosedChain, state: State, inputs: Inputs) -> dict[str, GraspResidual]:

@@ -7,17 +7,18 @@ R_tip^T R_contact. Its rate follows from the relative angular velocity omega_obj
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.closed.contact import Contact
 from holdfast.errors import StateError
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
 Parameters = Literal["quaternion", "euler"]
 EULER_SINGULAR = 1e-6  # cos(pitch) below which the rates of yaw and roll are not defined
@@ -43,6 +44,7 @@ class ContactAttitude(NamedTuple):
         return self.F @ self.W
 
 
+@np.errstate(all="ignore")  # what overflows is refused
 def contact_attitudes(
     chain: ClosedChain,
     state: State,
@@ -60,14 +62,18 @@ def contact_attitudes(
         inputs: base motion, if the bases move.
 
     Raises:
-        StateError: if Euler angles are requested where they are singular.
+        StateError: if Euler angles are requested where they are singular, other parameters, or rates that overflow.
     """
-    state.fits(chain)
-    motion = chain_motion(chain, state, np.zeros(chain.joint_count), (inputs or Inputs()).shaped(chain))
+    require_fit(chain, state)
+    if parameters not in get_args(Parameters):
+        known = " or ".join(map(repr, get_args(Parameters)))
+        raise StateError(f"contact_attitudes: parameters: expected {known}, got {checks.short(parameters)}")
+    motion = chain_motion(chain, state, np.zeros(chain.joint_count), shaped_inputs(chain, inputs))
     result = {}
     for name, c in zip(chain.grasps, motion.contacts, strict=True):
         R = motion.arms[name].at.tip.R.T @ c.R
         free = _free_axes(c)
+        checks.finite(np.append(R, c.W), "contact attitudes")
         if parameters == "quaternion":
             theta = rotation.to_quaternion(R)
             result[name] = ContactAttitude(theta, quaternion_rate_map(theta) @ free, c.W)

@@ -26,7 +26,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, shaped_inputs
 
 STATE_AND_TORQUES = ("q", "qd", "tau", "object_pose", "object_twist")
 
@@ -56,6 +56,7 @@ class Derivatives(Frozen):
         return self.parts[name]
 
 
+@np.errstate(all="ignore")  # what overflows is refused
 def forward_dynamics_vjp(
     chain: ClosedChain,
     state: State,
@@ -111,9 +112,10 @@ def forward_dynamics_vjp(
         bars, also = least.backward(at, bars)
     springs = spring_rates(VariedCase(chain, state, with_link_wrenches(chain, inputs), {}), by)
     found, shapes = with_pulled(springs, by, lambda names: backward(at, bars, names, also)), gradient_shapes(chain)
-    return Derivatives(result, {name: found[name].reshape(shapes[name]) for name in by})
+    return _finite(result, {name: found[name].reshape(shapes[name]) for name in by})
 
 
+@np.errstate(all="ignore")  # what overflows is refused
 def forward_dynamics_jvp(
     chain: ClosedChain,
     state: State,
@@ -152,11 +154,12 @@ def forward_dynamics_jvp(
     given = directions(what, along, gradient_shapes(chain))
     springs = spring_rates(VariedCase(chain, state, with_link_wrenches(chain, inputs), {}), list(along))
     if isinstance(given, dict):
-        return Derivatives(result, _forward(at, given, springs, least))
+        return _finite(result, _forward(at, given, springs, least))
     each = [_forward(at, one, springs, least) for one in given]
-    return Derivatives(result, {name: np.array([one[name] for one in each]) for name in results_of(chain)})
+    return _finite(result, {name: np.array([one[name] for one in each]) for name in results_of(chain)})
 
 
+@np.errstate(all="ignore")  # what overflows is refused
 def forward_dynamics_jacobian(
     chain: ClosedChain,
     state: State,
@@ -198,9 +201,20 @@ def forward_dynamics_jacobian(
     rates = dict.fromkeys(changed, lambda at, tangents: _forward(at, tangents, springs, least))
     size = max(units_needed(chain, by), *(math.prod(shapes[name]) for name in changed), 0)
     columns = jacobian(at, of, by, np.eye(size), rates)
-    return Derivatives(
+    return _finite(
         result, {(o, b): x.T.reshape(*np.shape(result_named(result, o)), *shapes[b]) for (o, b), x in columns.items()}
     )
+
+
+def _finite(result: ForwardResult, parts: Mapping[Any, Array]) -> Derivatives:
+    """Return derivatives that are finite.
+
+    Raises:
+        StateError: naming those that are not.
+    """
+    for name, x in parts.items():
+        checks.finite(x, f"derivatives: {' by '.join(name) if isinstance(name, tuple) else name}")
+    return Derivatives(result, parts)
 
 
 def _forward(
@@ -234,7 +248,7 @@ def _point(
 
 def with_link_wrenches(chain: ClosedChain, inputs: Inputs | None) -> Inputs:
     """Return inputs in which everything has a number: link wrenches that are not given are zero."""
-    given = (inputs or Inputs()).shaped(chain)
+    given = shaped_inputs(chain, inputs)
     if given.link_wrenches is not None:
         return given
     links = sum(arm.joint_count for arm in chain.arms.values())
@@ -269,13 +283,15 @@ def directions(
 
 
 def require_names(what: str, names: Any, known: Sequence[str]) -> None:
-    """Refuse names that are not among those known, or none.
+    """Refuse names that are not among those known, one given twice, or none.
 
     Raises:
         StateError: naming them.
     """
-    if isinstance(names, str) or not isinstance(names, Collection) or not len(names):
-        raise StateError(f"{what}: expected some of {', '.join(known)}, got {names!r}")
+    if not checks.is_listed(names) or not isinstance(names, Collection) or not len(names):
+        raise StateError(f"{what}: expected some of {', '.join(known)}, got {checks.short(names)}")
     for name in names:
-        if name not in known:
-            raise StateError(f"{what}: no {name!r}.{checks.did_you_mean(str(name), known)}")
+        if not isinstance(name, str) or name not in known:
+            raise StateError(f"{what}: no {checks.short(name)}.{checks.did_you_mean(str(name), known)}")
+    if len(set(names)) < len(names):
+        raise StateError(f"{what}: expected each name once, got {', '.join(names)}")

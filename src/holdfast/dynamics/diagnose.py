@@ -18,7 +18,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.grasp import Grasp
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
-from holdfast.state import State
+from holdfast.state import State, require_fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +86,7 @@ class Diagnosis(Frozen):
         return "\n".join(lines)
 
 
+@np.errstate(all="ignore")  # what overflows is refused
 def diagnose(chain: ClosedChain, state: State) -> Diagnosis:
     """Return rank, mobility, singular directions and indeterminate forces of a configuration.
 
@@ -105,7 +106,7 @@ def diagnose(chain: ClosedChain, state: State) -> Diagnosis:
     Reference:
         `docs/theory/singular.md`; the rank is the number of pivots that the object filter keeps.
     """
-    state.fits(chain)
+    require_fit(chain, state)
     still = state.at_rest()
     motion = chain_at_rest(chain, still)
     rank, condition = rank_of.constraint_pivots(chain, still)

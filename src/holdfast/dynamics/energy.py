@@ -12,7 +12,7 @@ from holdfast.dynamics.arm.forward_kinematics import Kinematics, forward_kinemat
 from holdfast.dynamics.arm.velocity import link_twists
 from holdfast.dynamics.closed.bushing_wrenches import Stretched, bushing_energy, bushings
 from holdfast.dynamics.closed.spring_wrenches import Stretch, stretches
-from holdfast.dynamics.result import ForwardResult
+from holdfast.dynamics.result import ForwardResult, require_result_of
 from holdfast.dynamics.trunk.trunk_motion import Standing, standing
 from holdfast.errors import StateError
 from holdfast.model import checks
@@ -24,7 +24,7 @@ from holdfast.spatial.inertia import RigidInertia
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array, Scalar, concatenate, each
 from holdfast.spatial.spatial_vector import rotate, shift_wrench, unrotate
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
 
 class Body(NamedTuple):
@@ -61,7 +61,7 @@ class Body(NamedTuple):
 
 def bodies(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> Iterator[Body]:
     """Yield the trunk's bodies from the base outward, then the links arm by arm, base to tip, then the object."""
-    at = standing(chain, state, (inputs or Inputs()).shaped(chain))
+    at = standing(chain, state, shaped_inputs(chain, inputs))
     yield from trunk_bodies(chain, at)
     for arm, part, base_twist in zip(at.arms, chain.arm_joints, at.base_twists, strict=True):
         yield from links(arm, state.q[part], state.qd[part], base_twist)
@@ -102,8 +102,8 @@ def kinetic_energy(chain: ClosedChain, state: State, inputs: Inputs | None = Non
     Raises:
         StateError: a state or inputs of the wrong shape for the chain.
     """
-    state.fits(chain)
-    found = total_kinetic_energy(chain, state, (inputs or Inputs()).shaped(chain))
+    require_fit(chain, state)
+    found = total_kinetic_energy(chain, state, shaped_inputs(chain, inputs))
     return float(checks.finite(found, "kinetic energy"))
 
 
@@ -138,7 +138,7 @@ def potential_energy(chain: ClosedChain, state: State) -> float:
     Raises:
         StateError: a state of the wrong shape for the chain.
     """
-    state.fits(chain)
+    require_fit(chain, state)
     return float(checks.finite(total_potential_energy(chain, state), "potential energy"))
 
 
@@ -195,7 +195,7 @@ def centre_of_mass(chain: ClosedChain, state: State) -> Array:
     Raises:
         StateError: a state of the wrong shape for the chain.
     """
-    state.fits(chain)
+    require_fit(chain, state)
     sums = total_mass_moment(chain, state)
     return checks.finite(sums[1:] / sums[0], "centre of mass")
 
@@ -229,9 +229,9 @@ def momentum(chain: ClosedChain, state: State, about: ArrayLike | None = None, i
     Raises:
         StateError: wrong shape of `about` or the inputs.
     """
-    state.fits(chain)
+    require_fit(chain, state)
     point = np.zeros(3) if about is None else checks.numbers(about, (3,), "about", StateError)
-    return checks.finite(total_momentum(chain, state, (inputs or Inputs()).shaped(chain), point), "momentum")
+    return checks.finite(total_momentum(chain, state, shaped_inputs(chain, inputs), point), "momentum")
 
 
 def total_momentum(chain: ClosedChain, state: State, inputs: Inputs, about: Array) -> Array:
@@ -289,10 +289,11 @@ def power(
     Raises:
         StateError: a state, torques or inputs of the wrong shape for the chain.
     """
-    state.fits(chain)
+    require_fit(chain, state)
     torques = checks.numbers(tau, (chain.joint_count,), "tau", StateError)
+    require_result_of(chain, result)
     base = checks.numbers(result.base_wrench, (len(chain.arms), 6), "result: base_wrench", StateError)
-    found = power_of(chain, state, torques, base, (inputs or Inputs()).shaped(chain), result.trunk_base_wrench)
+    found = power_of(chain, state, torques, base, shaped_inputs(chain, inputs), result.trunk_base_wrench)
     return Power(*map(float, checks.finite(np.array(found), "power")))
 
 

@@ -15,7 +15,7 @@ from holdfast.dynamics.varied_case import VariedCase
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Scalar
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, require_fit
 
 OF_INERTIAS = ("object_mass", "object_com", "object_inertia", "link_mass", "link_com", "link_inertia")
 PLACES = ("q", "object_pose")
@@ -189,7 +189,7 @@ def potential_energy_jacobian(
 def _case(text: Text, chain: ClosedChain, state: State, inputs: Inputs | None) -> tuple[VariedCase, float]:
     """Return what an energy's text is given, and the energy there."""
     checks.instance(chain, ClosedChain, "chain")
-    state.fits(chain)
+    require_fit(chain, state)
     case = case_of(chain, state, inputs, {})
     with np.errstate(all="ignore"):
         return case, float(text.of(case)[0])

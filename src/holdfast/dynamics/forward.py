@@ -22,7 +22,7 @@ from holdfast.errors import MethodNotApplicable, ModelError, StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
 
 @np.errstate(all="ignore")  # what overflows is refused below
@@ -66,11 +66,9 @@ def forward_dynamics(
         SingularChainError: if the configuration is singular, so that the constraint's rank drops.
         MethodNotApplicable: if the chosen algorithm does not cover this chain.
     """
-    checks.instance(chain, ClosedChain, "chain")
-    checks.instance(state, State, "state", StateError)
-    state.fits(chain)
+    require_fit(chain, state)
     tau = checks.numbers(tau, (chain.joint_count,), "tau", StateError)
-    given = (inputs or Inputs()).shaped(chain)
+    given = shaped_inputs(chain, inputs)
     motion = chain_motion(chain, state, tau, given)
     if check:
         require_closed(motion, state)

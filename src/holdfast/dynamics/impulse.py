@@ -38,7 +38,7 @@ from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import shift_twist
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
 ALONG_NORMAL = 1e-3  # sine of the angle below which a hinge's axis leaves no direction for the normal
 
@@ -99,8 +99,8 @@ def attach(
         ClosureError: the tip is not at the grasp; `here`, and the grasp cannot give way; or the bases move so
             that no velocities keep every grasp.
     """
-    state.fits(chain)
-    given = (inputs or Inputs()).shaped(chain)
+    require_fit(chain, state)
+    given = shaped_inputs(chain, inputs)
     closed = chain.with_grasp(name, grasp)
     before = chain_motion(chain, state, np.zeros(chain.joint_count), given)
     require_closed(before, state)
@@ -124,6 +124,7 @@ def release(chain: ClosedChain, name: str) -> ClosedChain:
     Raises:
         ModelError: no such grasp.
     """
+    checks.instance(chain, ClosedChain, "chain")
     return chain.without_grasp(name)
 
 

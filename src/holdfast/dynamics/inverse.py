@@ -12,7 +12,7 @@ from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array, concatenate, each
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
 SAME = 1e-9  # of a bushing's wrench: what is given is the one that it exerts
 
@@ -47,10 +47,10 @@ def inverse_dynamics(
         StateError: wrong shapes, a wrench on an arm that holds nothing, one that a bushing does not exert, or a
             floating base that would need a drive.
     """
-    state.fits(chain)
+    require_fit(chain, state)
     qdd = checks.numbers(qdd, (chain.joint_count,), "qdd", StateError)
     f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
-    motion = chain_motion(chain, state, np.zeros(chain.joint_count), (inputs or Inputs()).shaped(chain))
+    motion = chain_motion(chain, state, np.zeros(chain.joint_count), shaped_inputs(chain, inputs))
     for i, name in enumerate(chain.names):
         if name not in chain.grasps and f[i].any():
             raise StateError(f"grasp_wrench: arm '{name}' holds nothing, expected zeros, got {f[i]}")
@@ -88,7 +88,8 @@ def _without_known(motion: ChainMotion, f: Array) -> Array:
         off = np.abs(f[i] - arm.known).max()
         if f[i].any() and off > SAME * max(1.0, float(np.abs(arm.known).max())):
             raise StateError(
-                f"grasp_wrench: arm '{name}' holds by a bushing, which exerts {arm.known} in this state, got {f[i]};"
+                f"grasp_wrench: arm '{name}' holds by a bushing, which exerts {checks.place(arm.known)} in this state,"
+                f" got {checks.place(f[i])};"
                 " try zeros, which stand for that"
             )
         left[i] = 0.0

@@ -46,6 +46,7 @@ def link_frames(at: Kinematics) -> list[Pose]:
     return [Pose.unchecked(R, at.tip.p - reach) for R, reach in zip(at.R, at.reach, strict=True)]
 
 
+@np.errstate(all="ignore")  # what overflows is refused
 def tip_jacobian(arm: Arm, q: ArrayLike) -> Array:
     """Return J (6, N) with [omega; v] = J qd of the tip frame about its origin, world axes: J = B^T phi^T H^T (5.1b).
 
@@ -56,11 +57,12 @@ def tip_jacobian(arm: Arm, q: ArrayLike) -> Array:
         q: (N,) joint positions, base to tip [rad or m].
 
     Raises:
-        StateError: positions of a wrong number, or not finite.
+        StateError: positions of a wrong number, not finite, or beyond what float64 can square.
     """
-    return np.asarray(jacobian(arm, _configuration(arm, q)), dtype=float)
+    return checks.finite(np.asarray(jacobian(arm, _configuration(arm, q)), dtype=float), "tip Jacobian")
 
 
+@np.errstate(all="ignore")  # what overflows is refused
 def joint_mass_matrix(arm: Arm, q: ArrayLike) -> Array:
     """Return M (N, N) with 1/2 qd^T M qd the arm's kinetic energy, drives' inertia included (5.1a). O(N^2).
 
@@ -69,10 +71,11 @@ def joint_mass_matrix(arm: Arm, q: ArrayLike) -> Array:
         q: (N,) joint positions, base to tip [rad or m].
 
     Raises:
-        StateError: positions of a wrong number, or not finite.
+        StateError: positions of a wrong number, not finite, or beyond what float64 can square.
     """
-    return np.asarray(mass_matrix(arm, _configuration(arm, q))[0], dtype=float)
+    return checks.finite(np.asarray(mass_matrix(arm, _configuration(arm, q))[0], dtype=float), "joint mass matrix")
 
 
 def _configuration(arm: Arm, q: ArrayLike) -> Kinematics:
+    checks.instance(arm, Arm, "arm")
     return forward_kinematics(arm, checks.numbers(q, (arm.joint_count,), "q", StateError))

@@ -31,7 +31,7 @@ from holdfast.spatial import rotation
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.vector import skew
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, shaped_inputs
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ def linearised_dynamics(
         check=check,
         generic_rank=generic_rank,
     )
-    T = basis_at(chain, state, (inputs or Inputs()).shaped(chain))
+    T = basis_at(chain, state, shaped_inputs(chain, inputs))
     T = T if basis is None else turned_towards(T, basis)
     n, half = chain.joint_count, chain.velocity_count
     parts = [slice(0, n), *(slice(k, k + 6) for k in range(n, half, 6))]

@@ -7,14 +7,14 @@ from numpy.typing import ArrayLike
 
 from holdfast.dynamics.closed.spring_wrenches import with_springs
 from holdfast.dynamics.energy import Body, bodies
-from holdfast.dynamics.result import ForwardResult
+from holdfast.dynamics.result import ForwardResult, require_result_of
 from holdfast.errors import StateError
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array, concatenate
 from holdfast.spatial.spatial_vector import shift_wrench
 from holdfast.spatial.vector import cross
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
 
 @np.errstate(all="ignore")  # what overflows is refused below
@@ -39,10 +39,11 @@ def momentum_rate(
     Raises:
         StateError: wrong shape of `about` or the inputs.
     """
-    state.fits(chain)
+    require_fit(chain, state)
+    require_result_of(chain, result)
     checks.numbers(result.base_wrench, (len(chain.arms), 6), "result: base_wrench", StateError)
     point = np.zeros(3) if about is None else checks.numbers(about, (3,), "about", StateError)
-    given = with_springs(chain, state, (inputs or Inputs()).shaped(chain))
+    given = with_springs(chain, state, shaped_inputs(chain, inputs))
     return checks.finite(rate_of(chain, result, given, list(bodies(chain, state)), point), "momentum rate")
 
 

@@ -10,12 +10,14 @@ from numpy.typing import ArrayLike
 from holdfast.dynamics.closed.chain_motion import chain_motion
 from holdfast.dynamics.consistency import require_closed
 from holdfast.errors import MethodNotApplicable
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.spatial_vector import twist_shift
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, shaped_inputs
 
 
+@np.errstate(all="ignore")  # what overflows is refused
 def state_from_joints(
     chain: ClosedChain,
     q: ArrayLike,
@@ -43,13 +45,14 @@ def state_from_joints(
         MethodNotApplicable: a grasp is not rigid, or there is none.
         StateError: the joints do not close the chains.
     """
+    checks.instance(chain, ClosedChain, "chain")
     others = [f"'{name}' is a {grasp.kind} grasp" for name, grasp in chain.grasps.items() if grasp.free]
     if others or not chain.grasps:
         raise MethodNotApplicable(
             f"state_from_joints: needs rigid grasps, but {'; '.join(others[:3]) or 'there is none'}; give the object's"
             " pose, or try holdfast.close"
         )
-    given = (inputs or Inputs()).shaped(chain)
+    given = shaped_inputs(chain, inputs)
     start = State(q, qd, np.r_[1.0, np.zeros(6)], base_pose=base_pose, base_twist=base_twist)
     start.fits(chain)
     arms = chain_motion(chain, start, np.zeros(chain.joint_count), given).arms
@@ -58,6 +61,7 @@ def state_from_joints(
     pose = tip @ chain.grasps[first].frame.inverse()
     A = np.concatenate([twist_shift(pose.R @ grasp.frame.p) for grasp in chain.grasps.values()])
     V = np.concatenate([twist for _, twist in tips.values()])
+    checks.finite(np.append(A, V), "state_from_joints")
     state = replace(start, object_pose=pose.wxyz_xyz, object_twist=np.linalg.lstsq(A, V, rcond=None)[0])
     if check:
         require_closed(chain_motion(chain, state, np.zeros(chain.joint_count), given), state)

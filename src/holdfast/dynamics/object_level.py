@@ -9,13 +9,15 @@ from holdfast.dynamics.closed.object_motion import object_motion
 from holdfast.dynamics.closed.rest_response import rest_response
 from holdfast.dynamics.constraint import constraint_rows
 from holdfast.errors import SingularChainError
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
-from holdfast.state import State
+from holdfast.state import State, require_fit
 
 IMMOBILE = 1e-9  # of the largest scaled mobility: the object does not move there
 
 
+@np.errstate(all="ignore")  # what overflows is refused
 def object_mobility(chain: ClosedChain, state: State) -> Array:
     """Return the closed chain's mobility at C, (6, 6), world axes: the filter's final P.
 
@@ -32,8 +34,8 @@ def object_mobility(chain: ClosedChain, state: State) -> Array:
     Reference:
         `docs/theory/sequential_filter.md`.
     """
-    state.fits(chain)
-    return rest_response(chain_at_rest(chain, state)).mobility
+    require_fit(chain, state)
+    return checks.finite(rest_response(chain_at_rest(chain, state)).mobility, "object mobility")
 
 
 def object_inertia(chain: ClosedChain, state: State) -> Array:
@@ -76,5 +78,5 @@ def motion_basis(chain: ClosedChain, state: State) -> Array:
     Raises:
         StateError: a state of the wrong shape for the chain.
     """
-    state.fits(chain)
+    require_fit(chain, state)
     return constraint_rows(chain_at_rest(chain, state)).motions

@@ -18,7 +18,7 @@ from holdfast.dynamics.rank import constraint_pivots, may_mislead, rank_and_held
 from holdfast.errors import ClosureError
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
 ROUNDS = 8
 
@@ -41,8 +41,8 @@ def project(chain: ClosedChain, state: State, inputs: Inputs | None = None) -> t
     Reference:
         `docs/theory/simulation.md`.
     """
-    state.fits(chain)
-    given = (inputs or Inputs()).shaped(chain)
+    require_fit(chain, state)
+    given = shaped_inputs(chain, inputs)
     tau = np.zeros(chain.joint_count)
     motion = chain_motion(chain, state, tau, given)
     held, before, size = None, np.inf, np.inf

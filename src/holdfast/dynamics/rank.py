@@ -23,6 +23,7 @@ from holdfast.dynamics.object_level import motion_basis
 from holdfast.dynamics.projection import CLOSED, FARTHEST, moved
 from holdfast.dynamics.result import Status
 from holdfast.errors import ClosureError, SingularChainError, StateError
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
@@ -66,9 +67,15 @@ class Pivots(NamedTuple):
     condition: float
 
 
+@np.errstate(all="ignore")  # what overflows is refused
 def constraint_pivots(chain: ClosedChain, state: State) -> Pivots:
-    """Return rank and condition of [J, -A, H^T] at a configuration, as forward dynamics finds them."""
+    """Return rank and condition of [J, -A, H^T] at a configuration, as forward dynamics finds them.
+
+    Raises:
+        StateError: they overflow.
+    """
     found = rest_response(chain_at_rest(chain, state))
+    checks.finite(np.append(found.object_acceleration, found.weakest_pivot), "the rank of the constraint")
     return Pivots(int(found.rank), 1.0 / float(found.weakest_pivot))
 
 

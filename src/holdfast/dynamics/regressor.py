@@ -37,7 +37,7 @@ from holdfast.spatial.inertia import of_parameters
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import acceleration_gradient, rotate, unrotate
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
 UNIT_BODIES = [of_parameters(unit) for unit in np.eye(10)]
 
@@ -110,6 +110,7 @@ def inertial_parameters(body: HeldObject | Link) -> Array:
 
 
 @np.errstate(all="ignore")  # what overflows is refused below
+@np.errstate(all="ignore")  # what overflows is refused
 def regressor(
     chain: ClosedChain,
     state: State,
@@ -134,19 +135,19 @@ def regressor(
 
     Raises:
         ModelError: no chain.
-        StateError: wrong shapes.
+        StateError: wrong shapes, or numbers that overflow.
 
     Reference:
         Atkeson, An and Hollerbach 1986; `docs/theory/derivatives.md`.
     """
     checks.instance(chain, ClosedChain, "regressor: chain")
     checks.instance(state, State, "regressor: state", StateError)
-    state.fits(chain)
+    require_fit(chain, state)
     qdd = checks.numbers(qdd, (chain.joint_count,), "qdd", StateError)
     alpha = checks.numbers(object_acceleration, (6,), "object_acceleration", StateError)
     checks.instance(inputs, (Inputs, type(None)), "regressor: inputs", StateError)
     base = acceleration_of_base(chain, base_acceleration)
-    given = (inputs or Inputs()).shaped(chain)
+    given = shaped_inputs(chain, inputs)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), given)
     pushed = with_springs(chain, state, given).object_wrench
     assert pushed is not None
@@ -163,6 +164,8 @@ def regressor(
     links = {name: own for name, (_, _, own) in rows.items()}
     under = {name: rows[name][0] for name in chain.mounted_on}
     of_floating = {name: six for name, (_, six, _) in rows.items() if len(six)}
+    for x in (Y, pushed, drives, of_base, *links.values(), *under.values(), *of_floating.values()):
+        checks.finite(x, "regressor")
     return Regressor(Y, pushed, links, drives, under, of_floating, of_base)
 
 

@@ -120,6 +120,7 @@ def require_result_of(chain: ClosedChain, result: Any) -> None:
     Raises:
         StateError: naming what differs.
     """
+    checks.instance(result, ForwardResult, "result", StateError)
     expected = (chain.joint_count,), (len(chain.arms), 6)
     got = np.shape(result.qdd), np.shape(result.grasp_wrench)
     if got != expected:

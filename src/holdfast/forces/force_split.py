@@ -16,7 +16,7 @@ from holdfast.model.grasp import Grasp
 from holdfast.spatial.linalg import least_solution
 from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import rotate, shift_wrench
-from holdfast.state import State
+from holdfast.state import State, require_fit
 
 SMALLEST_FORCE = 1e-9  # of the sum of the grasp forces: below it no share is defined
 
@@ -54,7 +54,7 @@ def split(chain: ClosedChain, state: State, grasp_wrench: ArrayLike, length: flo
     Raises:
         StateError: wrong shape.
     """
-    state.fits(chain)
+    require_fit(chain, state)
     f = checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
     places = [_firm(place) for place in contact_places(chain, state)]
     offsets = [place.offset for place in places]
@@ -65,8 +65,9 @@ def split(chain: ClosedChain, state: State, grasp_wrench: ArrayLike, length: flo
         net = sum((shift_wrench(o, f[i]) for i, o in zip(rows, offsets, strict=True)), start=np.zeros(6))
         motion[rows] = motion_wrenches(places, net, L)
         internal[rows] = f[rows] - motion[rows]
-    checks.finite(np.stack([motion, internal]), "split")
-    return Split(motion, internal, _load_share(motion[:, 3:]), L)
+    share = _load_share(motion[:, 3:])
+    checks.finite(np.concatenate([*motion, *internal, [] if share is None else share]), "split")
+    return Split(motion, internal, share, L)
 
 
 class Splitter:

@@ -21,7 +21,7 @@ from holdfast.forces.margins import conditions, grasp_margins
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.scalar import Array
 from holdfast.spatial.spatial_vector import unrotate
-from holdfast.state import State
+from holdfast.state import State, require_fit
 
 
 class MarginRange(NamedTuple):
@@ -56,7 +56,7 @@ def margin_range(chain: ClosedChain, state: State, result: ForwardResult) -> Mar
     Raises:
         StateError: a result of another chain, or one without forces.
     """
-    state.fits(chain)
+    require_fit(chain, state)
     require_result_of(chain, result)
     now = grasp_margins(chain, state, result.grasp_wrench)
     if result.status is not Status.INDETERMINATE_FORCES:

@@ -22,7 +22,7 @@ from holdfast.forces.margin_interval import affine_margins
 from holdfast.forces.margins import grasp_margins
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
 LOADING = 1e-9  # of wrenches of size 1: less is rounding
 
@@ -43,6 +43,7 @@ class LargestMargin(NamedTuple):
     tau: Array
 
 
+@np.errstate(all="ignore")  # what overflows is refused
 def largest_margin(
     chain: ClosedChain,
     state: State,
@@ -68,10 +69,10 @@ def largest_margin(
     Raises:
         StateError: a result of another chain, or one without forces.
     """
-    state.fits(chain)
+    require_fit(chain, state)
     require_result_of(chain, result)
     now = grasp_margins(chain, state, result.grasp_wrench)
-    given = (inputs or Inputs()).shaped(chain)
+    given = shaped_inputs(chain, inputs)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), given)
     tau = inverse_dynamics(chain, state, result.qdd, result.grasp_wrench, given, result.base_acceleration)
     N = undriven(motion, internal_wrenches(motion))

@@ -28,7 +28,7 @@ from holdfast.model.grasp import Grasp
 from holdfast.model.wrench_condition import Condition, largest_force_and_moment
 from holdfast.spatial.scalar import Array, Scalar, array, minimum
 from holdfast.spatial.spatial_vector import unrotate
-from holdfast.state import State
+from holdfast.state import State, require_fit
 
 
 class JointMargins(NamedTuple):
@@ -85,7 +85,7 @@ def grasp_margins(chain: ClosedChain, state: State, grasp_wrench: ArrayLike) -> 
     Raises:
         StateError: wrong shape.
     """
-    state.fits(chain)
+    require_fit(chain, state)
     return margins_of_grasps(
         chain, state, checks.numbers(grasp_wrench, (len(chain.arms), 6), "grasp_wrench", StateError)
     )
@@ -141,7 +141,7 @@ def joint_margins(chain: ClosedChain, state: State, tau: ArrayLike) -> JointMarg
     Raises:
         StateError: wrong shapes.
     """
-    state.fits(chain)
+    require_fit(chain, state)
     efforts = checks.numbers(tau, (chain.joint_count,), "tau", StateError)
     return margins_of_joints(joint_limits(chain), state.q, state.qd, efforts)
 

@@ -14,7 +14,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK, ClosedChain
 from holdfast.spatial.scalar import Array, array
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench, unrotate
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, require_fit, shaped_inputs
 
 
 def wrist_wrenches(chain: ClosedChain, state: State, result: ForwardResult) -> Array:
@@ -31,7 +31,8 @@ def wrist_wrenches(chain: ClosedChain, state: State, result: ForwardResult) -> A
     Raises:
         StateError: a state of the wrong shape for the chain, or a result of another chain.
     """
-    state.fits(chain)
+    require_fit(chain, state)
+    require_result_of(chain, result)
     wrenches = checks.numbers(result.grasp_wrench, (len(chain.arms), 6), "result: grasp_wrench", StateError)
     return across_tips(chain, state, wrenches)
 
@@ -60,9 +61,9 @@ def last_joint_wrenches(chain: ClosedChain, state: State, result: ForwardResult,
     Raises:
         StateError: a state or inputs of the wrong shape for the chain, or a result of another chain.
     """
-    state.fits(chain)
+    require_fit(chain, state)
     require_result_of(chain, result)
-    motion = chain_motion(chain, state, np.zeros(chain.joint_count), (inputs or Inputs()).shaped(chain))
+    motion = chain_motion(chain, state, np.zeros(chain.joint_count), shaped_inputs(chain, inputs))
     found, trunk, betas = [], motion.trunk, []
     if trunk is not None:
         betas = trunk.accelerations(TrunkAcceleration(result.qdd[chain.joints[TRUNK]], result.base_acceleration))

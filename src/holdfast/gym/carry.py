@@ -142,7 +142,7 @@ class CarryTask(Frozen, Task):
         put(self, "chain", chain)
         put(self, "state", state)
         if self.commands not in ("object", "joint"):
-            raise ModelError(f"{what}: commands: expected 'object' or 'joint', got {self.commands!r}")
+            raise ModelError(f"{what}: commands: expected 'object' or 'joint', got {checks.short(self.commands)}")
         common_setting(self, what)
         for name, count in {"displacement": 3, "turn": 3, "acceleration": 6}.items():
             put(self, name, spread(getattr(self, name), count, f"{what}: {name}"))

@@ -53,6 +53,7 @@ class TaskEnv(gymnasium.Env[Array, Array]):
         Raises:
             StateError: an option that the task has not, or a payload that no system can have.
         """
+        require_seed(seed)
         super().reset(seed=seed)
         self.episodes.begin(np.array([0]), [self.np_random], options)
         self._ready = True
@@ -154,10 +155,21 @@ def systems_of(episodes: Episodes, row: int) -> RolloutSystems:
     return episodes.systems[episodes.phase[row]].copy([row])
 
 
+def require_seed(seed: Any) -> None:
+    """Refuse what seeds no generator.
+
+    Raises:
+        StateError: it is neither None nor an integer >= 0.
+    """
+    whole = isinstance(seed, int | np.integer) and not isinstance(seed, bool)
+    if seed is not None and not (whole and seed >= 0):
+        raise StateError(f"seed: expected None or an integer >= 0, got {checks.short(seed)}")
+
+
 def require_no_rendering(render_mode: str | None) -> None:
     """Refuse a render mode."""
     if render_mode is not None:
-        raise MethodNotApplicable(f"render_mode: expected None, got {render_mode!r}; {NOT_RENDERED}")
+        raise MethodNotApplicable(f"render_mode: expected None, got {checks.short(render_mode)}; {NOT_RENDERED}")
 
 
 NOT_RENDERED = "environments draw nothing; try holdfast.simulate(...).show() or plot() on `env.state`"

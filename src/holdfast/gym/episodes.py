@@ -17,6 +17,8 @@ from holdfast.spatial.scalar import Array
 
 STATUSES = np.array([status.name for status in RolloutStatus], dtype=object)
 
+LARGEST = 1e9  # in SI units, as in scenes: far beyond what means anything, and its powers are numbers
+
 
 class Episodes:
     """Episodes of a task: each has its systems in the machine code of its phase.
@@ -68,7 +70,7 @@ class Episodes:
             for name, x in self.task.draw(generator).items():
                 self.drawn[name][row] = given[name][row] if name in given else x
         self.steps[rows], self.phase[rows], self.actions[rows] = 0, 0, 0.0
-        put(self.systems[0], rows, self._started(0, rows))
+        self.systems[0].reset(rows, self._started(0, rows))
         self._look(rows)
 
     def step(self, rows: Array, actions: Array) -> None:
@@ -119,6 +121,8 @@ class Episodes:
             if x.shape not in (shapes[name], (self.count, *shapes[name])):
                 expected = f"{shapes[name]} or ({self.count}, *{shapes[name]})"
                 raise StateError(f"options: {name}: expected shape {expected}, got {x.shape}")
+            if x.size and np.abs(x).max() > LARGEST:
+                raise StateError(f"options: {name}: expected numbers up to {LARGEST:g}, got {checks.short(value)}")
             found[name] = np.broadcast_to(x, (self.count, *shapes[name]))
         return found
 
@@ -137,7 +141,7 @@ class Episodes:
             return rollout.take_over(systems.copy(some), **found, threads=self.threads)
 
         made = in_rows(rollout, len(rows), take_over)
-        put(self.systems[phase], rows, made)
+        self.systems[phase].reset(rows, made)
         self.phase[rows] = phase
 
     def _given(self, phase: int, rows: Array) -> dict[str, Array]:
@@ -173,7 +177,7 @@ class Episodes:
             part, task.step, steps=task.steps_per_action, action=task.commanded(self.actions[rows]), **options
         )
         if not every:
-            put(systems, rows, part)
+            systems.reset(rows, part)
 
     def _look(self, rows: Array) -> None:
         """Look at some episodes, each in its phase."""
@@ -210,12 +214,5 @@ def in_rows(rollout: Rollout, count: int, make: Any) -> RolloutSystems:
     for name, x in found.call_inputs.items():
         found.call_inputs[name] = np.tile(x, (count, *[1] * (x.ndim - 1))) if len(x) == 1 else x
     for row, one in enumerate(every):
-        put(found, np.array([row]), one)
+        found.reset([row], one)
     return found
-
-
-def put(systems: RolloutSystems, rows: Array, others: RolloutSystems) -> None:
-    """Set some systems to others, with the arguments of the calls that these were made by, row by row in both."""
-    systems.put(rows, others)
-    for name, x in others.call_inputs.items():
-        systems.call_inputs[name][rows] = x

@@ -30,7 +30,7 @@ def common_setting(task: Any, what: str) -> None:
         put(task, name, not_negative(task, name, what))
     steps = task.steps_per_action
     if isinstance(steps, bool) or not isinstance(steps, int | np.integer) or steps < 1:
-        raise ModelError(f"{what}: steps_per_action: expected an integer >= 1, got {steps!r}")
+        raise ModelError(f"{what}: steps_per_action: expected an integer >= 1, got {checks.short(steps)}")
     put(task, "mass_spread", not_negative(task, "mass_spread", what))
     if task.mass_spread >= 1.0:
         raise ModelError(f"{what}: mass_spread: expected less than 1, as masses are positive, got {task.mass_spread:g}")

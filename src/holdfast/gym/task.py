@@ -17,7 +17,7 @@ from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.rollout.rollout import Rollout
 from holdfast.spatial.scalar import Array
-from holdfast.state import State
+from holdfast.state import State, require_fit
 
 if TYPE_CHECKING:
     from holdfast.gym.episodes import Episodes
@@ -174,5 +174,5 @@ def chain_and_state(chain: Any, state: Any, default: Any, what: str) -> tuple[Cl
             f"{what}: state: expected a closed State of the chain, got {type(state).__name__}; try"
             " chain, state = holdfast.assemble(...)"
         )
-    state.fits(chain)
+    require_fit(chain, state)
     return chain, state

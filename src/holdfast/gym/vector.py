@@ -12,7 +12,7 @@ from gymnasium.vector.utils import batch_space
 
 from holdfast.errors import ModelError, StateError
 from holdfast.gym.carry import CarryTask
-from holdfast.gym.environments import not_rendered, require_no_rendering, spaces, systems_of, task_of
+from holdfast.gym.environments import not_rendered, require_no_rendering, require_seed, spaces, systems_of, task_of
 from holdfast.gym.episodes import Episodes
 from holdfast.gym.hand_over import HandOverTask
 from holdfast.gym.task import Task
@@ -133,7 +133,7 @@ class TaskVectorEnv(VectorEnv[Array, Array, Array]):
             StateError: there is no such one.
         """
         if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < self.num_envs:
-            raise StateError(f"number: expected one from 0 to {self.num_envs - 1}, got {number!r}")
+            raise StateError(f"number: expected one from 0 to {self.num_envs - 1}, got {checks.short(number)}")
         return systems_of(self.episodes, int(number)).state(0)
 
     @property
@@ -155,7 +155,7 @@ class TaskVectorEnv(VectorEnv[Array, Array, Array]):
         if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (self.num_envs,) or not mask.any():
             raise StateError(
                 f"options: reset_mask: expected an array of {self.num_envs} truth values, at least one of them true,"
-                f" got {mask!r}"
+                f" got {checks.short(mask)}"
             )
         return np.flatnonzero(mask)
 
@@ -165,7 +165,9 @@ class TaskVectorEnv(VectorEnv[Array, Array, Array]):
             seed = [int(seed) + k for k in range(self.num_envs)]
         seeds = [None] * self.num_envs if seed is None else list(seed) if isinstance(seed, Sequence) else seed
         if not isinstance(seeds, list) or len(seeds) != self.num_envs:
-            raise StateError(f"seed: expected None, an integer, or {self.num_envs} of them, got {seed!r}")
+            raise StateError(f"seed: expected None, an integer, or {self.num_envs} of them, got {checks.short(seed)}")
+        for one in seeds:
+            require_seed(one)
         if not self._generators:
             self._generators, self._seeds = map(list, zip(*(seeding.np_random(None) for _ in seeds), strict=True))
         for row in rows.tolist():
@@ -245,4 +247,6 @@ def mode_of(value: AutoresetMode | str) -> AutoresetMode:
         return AutoresetMode(value)
     except ValueError as cause:
         known = ", ".join(repr(mode.value) for mode in AutoresetMode)
-        raise ModelError(f"autoreset_mode: expected an AutoresetMode, or one of {known}, got {value!r}") from cause
+        raise ModelError(
+            f"autoreset_mode: expected an AutoresetMode, or one of {known}, got {checks.short(value)}"
+        ) from cause

@@ -68,6 +68,8 @@ def base_parameters(matrix: ArrayLike, names: Sequence[str], tolerance: float = 
         ModelError: no matrix of finite numbers, or not a name a column.
     """
     checks.instance(names, (list, tuple), "base_parameters: names")
+    for k, name in enumerate(names):
+        checks.instance(name, str, f"base_parameters: names[{k}]")
     Y = checks.numbers(matrix, None, "base_parameters: matrix")
     if Y.ndim != 2 or Y.shape[1] != len(names) or not Y.size:
         raise ModelError(f"base_parameters: matrix: expected shape (rows, {len(names)}) as named, got {Y.shape}")

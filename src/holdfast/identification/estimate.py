@@ -25,6 +25,7 @@ from holdfast.errors import StateError
 from holdfast.identification.equations import Equations
 from holdfast.identification.noise import channel_sizes, estimated, whitener
 from holdfast.identification.unknowns import Unknowns
+from holdfast.model import checks
 from holdfast.spatial.inertia import of_parameters
 from holdfast.spatial.log_cholesky import numbers_of
 from holdfast.spatial.scalar import Array
@@ -75,6 +76,8 @@ def estimate(system: Equations, look: Unknowns, kinds: Array, given: Array | Non
         given: (channels,) standard deviations; None: they are estimated.
         largest: standard deviation of a combination, in units of its size, above which it is not told.
     """
+    for x in (system.rows, system.measured, system.maps):
+        checks.finite(x, "identify: recordings")
     sizes = channel_sizes(system.measured, kinds)
     noise, theta = HARDLY * sizes if given is None else given, look.start
     held, rows = np.zeros((0, 0)), system.rows
@@ -107,11 +110,13 @@ def estimate(system: Equations, look: Unknowns, kinds: Array, given: Array | Non
     freedoms = max(e.size - Z.shape[1], 1)
     misfit = float((e * e).sum()) / freedoms
     left = system.rows @ values
+    checks.finite(np.append(covariance, left), "identify: the estimate")
     return Estimate(look.plain(theta), covariance, held, left, noise, misfit, correlation, gain < BOUNDED)
 
 
 def combinations(J: Array, largest: float) -> tuple[Array, Array]:
     """Return bases of what cannot be told, (p, d), and of what can, (p, k)."""
+    checks.finite(J, "identify: what the recordings tell")
     _, singular, Vt = np.linalg.svd(J, full_matrices=True)
     count = int((singular * largest >= 1.0).sum())
     return Vt[count:].T, Vt[:count].T

@@ -36,6 +36,7 @@ POORLY = 2.0  # mean square of residuals in units of a given noise: more is said
 Source = Recording | Trajectory | Result | str | PathLike[str]
 
 
+@np.errstate(all="ignore")  # what overflows is refused
 def identify(
     chain: ClosedChain,
     recordings: Source | list[Source] | tuple[Source, ...],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import nnls
 
+from holdfast.model import checks
 from holdfast.spatial.scalar import Array
 
 LEAST = 1e-6  # of a channel's size: noise below this is not believed
@@ -40,6 +41,7 @@ def estimated(maps: Array, residuals: Array, kinds: Array, sizes: Array) -> Arra
     grams = np.einsum("src,srd->scd", scaled, scaled)
     normal = members.T @ (grams**2).sum(axis=0) @ members
     products = np.einsum("src,sr->sc", scaled, residuals)
+    checks.finite(np.append(normal, products**2), "identify: residuals")
     relative = np.sqrt(nnls(normal, (products**2).sum(axis=0) @ members)[0])
     usual = float(np.median(relative[relative > 0.0])) if (relative > 0.0).any() else 0.0
     return sizes * (members @ np.maximum(relative, max(UNEVEN * usual, LEAST)))

@@ -67,6 +67,7 @@ def held_joints(source: str, model: Any, locked: Mapping[str, float] | None) -> 
     Raises:
         SceneError: no such joint, one that cannot be held, or no position.
     """
+    checks.instance(locked, (Mapping, type(None)), f"{source}: locked", SceneError)
     names = {joint_name(model, j): j for j in range(model.njnt)}
     held = {}
     for name, position in (locked or {}).items():

@@ -49,9 +49,11 @@ def find_base(source: str, model: Any, name: str | None) -> int:
     """
     if name is None:
         return 0
+    if not isinstance(name, str):
+        raise SceneError(f"{source}: base: expected the name of a body, got {checks.short(name)}")
     names = {body_name(model, b): b for b in range(model.nbody)}
     if name not in names:
-        raise SceneError(f"{source}: base: no body '{name}'.{checks.did_you_mean(str(name), names)}")
+        raise SceneError(f"{source}: base: no body '{name}'.{checks.did_you_mean(name, names)}")
     return names[name]
 
 
@@ -67,6 +69,8 @@ def find_tip(source: str, model: Any, base: int, name: str | None) -> tuple[int,
             listed = ", ".join(f"'{body_name(model, b)}'" for b in ends)
             raise SceneError(f"{source}: tip: expected one end, got {len(ends)} ({listed}); try tip= with one of them")
         return ends[0], Pose.identity()
+    if not isinstance(name, str):
+        raise SceneError(f"{source}: tip: expected the name of a site or body, got {checks.short(name)}")
     sites = {model.site(s).name: s for s in range(model.nsite) if model.site(s).name}
     if name in sites:
         site = sites[name]
@@ -74,7 +78,7 @@ def find_tip(source: str, model: Any, base: int, name: str | None) -> tuple[int,
         return int(model.site_bodyid[site]), frame
     bodies = {body_name(model, b): b for b in range(model.nbody)}
     if name not in bodies:
-        raise SceneError(f"{source}: tip: no site or body '{name}'.{checks.did_you_mean(str(name), [*sites, *bodies])}")
+        raise SceneError(f"{source}: tip: no site or body '{name}'.{checks.did_you_mean(name, [*sites, *bodies])}")
     return bodies[name], Pose.identity()
 
 

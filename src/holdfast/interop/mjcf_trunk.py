@@ -114,7 +114,7 @@ def load_mjcf_trunk(
 def _ends(robot: MjcfRobot, root: int, tips: Mapping[str, str] | Iterable[str]) -> dict[str, tuple[int, Pose]]:
     """Return the body of each arm's tip, and the tip's pose in its axes."""
     source = robot.source
-    if isinstance(tips, str) or not isinstance(tips, Iterable) or not (given := [*tips]):
+    if not checks.is_listed(tips) or not (given := [*tips]):
         raise SceneError(f"{source}: tips: expected sites or bodies by arm, such as {{'left': 'left_hand', ...}}")
     named = tips if isinstance(tips, Mapping) else {str(tip): tip for tip in given}
     return {name: find_tip(source, robot.model, root, tip) for name, tip in named.items()}

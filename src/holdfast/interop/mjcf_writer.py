@@ -28,7 +28,7 @@ from holdfast.robots.visuals import equal_box, visuals_of, visuals_of_trunk
 from holdfast.spatial import rotation
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.scalar import Array
-from holdfast.state import State
+from holdfast.state import State, require_fit
 
 HARDEST = 0.9999  # the largest impedance MuJoCo accepts; its default, 0.95, is far softer
 SMALLEST = 1e-15  # kg and kg m^2: MuJoCo's own bound on masses and principal moments of moving bodies
@@ -68,7 +68,7 @@ def to_mjcf(chain: ClosedChain, state: State | None = None, *, visuals: bool = T
     for name in chain.joint_names():  # in our order, whatever MuJoCo makes of the bodies'
         _add(drives, "motor", name=name, joint=name)
     if state is not None:
-        state.fits(chain)
+        require_fit(chain, state)
         key = _add(_add(root, "keyframe"), "key", name="state")
         qpos, qvel = coordinates(chain, state)
         key.set("qpos", digits(qpos))

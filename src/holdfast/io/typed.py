@@ -204,7 +204,8 @@ def _hint(kind: Any, path: str, problem: str) -> str:
         pool += [str(config.tag) for config in configs if config.tag_field == leaf]
     else:
         return ""
-    return "." + checks.did_you_mean(found[1], dict.fromkeys(pool)) if pool else ""
+    known = pool and found[1] not in pool  # a field of another kind of table is there, under this very name
+    return "." + checks.did_you_mean(found[1], dict.fromkeys(pool)) if known else ""
 
 
 def _literals(kind: Any) -> list[str]:

@@ -13,6 +13,7 @@ from holdfast.errors import HoldfastError, ModelError, StateError
 from holdfast.spatial.frozen import read_only as read_only
 from holdfast.spatial.pose import Pose
 from holdfast.spatial.real_numbers import ROTATION_TOLERANCE as ROTATION_TOLERANCE
+from holdfast.spatial.real_numbers import is_masked as is_masked
 from holdfast.spatial.real_numbers import numbers as numbers
 from holdfast.spatial.real_numbers import pose_numbers as pose_numbers
 from holdfast.spatial.real_numbers import real_array as real_array
@@ -115,6 +116,18 @@ def instance(value: Any, kind: type | tuple[type, ...], what: str, error: type[H
         kinds = kind if isinstance(kind, tuple) else (kind,)
         expected = " or ".join("None" if k is type(None) else k.__name__ for k in kinds)
         raise error(f"{what}: expected {expected}, got {type(value).__name__}")
+
+
+def flag(value: Any, what: str, error: type[HoldfastError] = ModelError) -> bool:
+    """Return a truth value; numbers, texts and arrays are none."""
+    if not isinstance(value, bool | np.bool_):
+        raise error(f"{what}: expected True or False, got {short(value)}")
+    return bool(value)
+
+
+def is_listed(value: Any) -> bool:
+    """Return whether something has items one after another: a text has not, nor has an array without axes."""
+    return isinstance(value, Iterable) and not isinstance(value, str | bytes) and getattr(value, "ndim", 1) > 0
 
 
 def limit(value: Any, what: str) -> float:

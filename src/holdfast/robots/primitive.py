@@ -53,7 +53,7 @@ class Primitive(Frozen):
         checks.instance(self.kind, str, "primitive: kind")
         checks.instance(self.colour, str, "primitive: colour")
         if self.kind not in get_args(Kind):
-            raise ModelError(f"primitive: kind: expected one of {', '.join(SIZES)}, got {self.kind!r}")
+            raise ModelError(f"primitive: kind: expected one of {', '.join(SIZES)}, got {checks.short(self.kind)}")
         if self.colour not in COLOURS:
             raise ModelError(f"primitive: no colour '{self.colour}'.{checks.did_you_mean(self.colour, COLOURS)}")
         object.__setattr__(self, "pose", checks.pose(self.pose, "primitive: pose"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from holdfast.dynamics.impulse import attach
@@ -56,12 +56,17 @@ def in_order(events: Sequence[Event], chain: ClosedChain, duration: float) -> li
             grip with a grasp, or to let go without one.
     """
     holding = frozenset(chain.grasps)
-    if not isinstance(events, Iterable):
+    if not checks.is_listed(events):
         raise ModelError(f"events: expected a list of Attach and Release, got {type(events).__name__}")
     for event in events:
         if not isinstance(event, Attach | Release):
             raise ModelError(f"events: expected Attach and Release, got {type(event).__name__}")
-        checks.number(event.t, f"{type(event).__name__.lower()} of '{event.arm}': t")
+        what = type(event).__name__.lower()
+        checks.instance(event.arm, str, f"{what}: arm")
+        checks.number(event.t, f"{what} of '{event.arm}': t")
+        if isinstance(event, Attach):
+            checks.instance(event.grasp, Grasp, f"{what} of '{event.arm}': grasp")
+            checks.flag(event.here, f"{what} of '{event.arm}': here")
     ordered = sorted(events, key=lambda event: event.t)
     for event in ordered:
         holding = holding_after(event, holding, chain, duration)

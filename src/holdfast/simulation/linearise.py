@@ -23,7 +23,7 @@ from holdfast.simulation.runge_kutta import scheme as scheme_of
 from holdfast.simulation.stepper import ReferenceStepper
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.scalar import Array
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, shaped_inputs
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +77,7 @@ def linearise(
     base_motion: Mapping[str, BaseMotion] | None = ...,
     t: float = ...,
 ) -> DiscreteLinearisation: ...
+@np.errstate(all="ignore")  # what overflows is refused
 def linearise(
     chain: ClosedChain,
     state: State,
@@ -155,6 +156,7 @@ def linearise(
     inverse = np.linalg.pinv(T_end)
     A = np.array([_rates(chain, linear, column) for column in T.T]).reshape(-1, len(T)) @ inverse.T
     B = np.array([_rates(chain, linear, np.zeros(len(T)), unit) for unit in np.eye(chain.joint_count)]) @ inverse.T
+    checks.finite(np.append(A, B), "linearise")
     return DiscreteLinearisation(state, end, A.T, B.T, T, T_end, h)
 
 
@@ -167,7 +169,7 @@ def _held(chain: ClosedChain, inputs: Inputs | None) -> Inputs:
     Raises:
         StateError: bases move.
     """
-    shaped = (inputs or Inputs()).shaped(chain)
+    shaped = shaped_inputs(chain, inputs)
     for name in ("base_twists", "base_accelerations", "trunk_base_twist", "trunk_base_acceleration"):
         x = getattr(shaped, name)
         if x is not None and x.any():

@@ -150,7 +150,7 @@ class Policy:
             given, known = getattr(self, name), get_args(choices)
             if given not in known:
                 raise ModelError(
-                    f"simulation: {name}: expected one of {', '.join(known)}, got {given!r}."
+                    f"simulation: {name}: expected one of {', '.join(known)}, got {checks.short(given)}."
                     + checks.did_you_mean(str(given), known)
                 )
 

@@ -14,7 +14,7 @@ from holdfast.control.clipped import clipped
 from holdfast.control.compiled_law import CompiledLaws
 from holdfast.control.controller import ControlLaw, Controller, given_law, machine_code, require_controller
 from holdfast.dynamics.near_singular import NEAR, nearly_lost
-from holdfast.errors import HoldfastError, StateError
+from holdfast.errors import HoldfastError, ModelError, StateError
 from holdfast.forces.margins import joint_limits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -38,7 +38,7 @@ from holdfast.simulation.stops import ALIKE, MOST_STEPS, step_times, stops
 from holdfast.simulation.trajectory import Trajectory, array_names, stacked
 from holdfast.simulation.verification import LOOKS
 from holdfast.simulation.zero_order_hold import zero_order_hold
-from holdfast.state import Inputs, State
+from holdfast.state import Inputs, State, require_fit
 
 
 @np.errstate(all="ignore")  # a run that diverges ends in a StateError, not in warnings
@@ -129,9 +129,12 @@ def simulate(
     checks.instance(name, str, "simulation: name")
     named = scheme_named(scheme)
     grid = step_times(duration, step)
-    state.fits(chain)
+    require_fit(chain, state)
     ordered = in_order(events, chain, float(grid[-1]))
-    jumps, happening = [*breakpoints], [one.t for one in ordered]
+    if not checks.is_listed(breakpoints):
+        raise ModelError(f"simulation: breakpoints: expected times, got {checks.short(breakpoints)}")
+    jumps = checks.vector([*breakpoints], "simulation: breakpoints").tolist()
+    happening = [one.t for one in ordered]
     hold = zero_order_hold(sample_time, delay, float(grid[-1]), [*jumps, *happening])
     if hold is None:
         ends = stops(grid, [*jumps, *getattr(controller, "breakpoints", ())], happening, ALIKE * step)

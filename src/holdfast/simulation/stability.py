@@ -191,5 +191,6 @@ def may_be_too_fast(chain: ClosedChain, qd: Array, step: float, scheme: Tableau)
     """
     passive, most = passive_at(chain, qd), USED * scheme.stability_interval
     armature = np.array([joint.armature for joint in chain.all_joints])
-    fast = (step * passive.damping > most * armature) | (step**2 * passive.stiffness > most**2 * armature)
+    with np.errstate(all="ignore"):  # of steps beyond all numbers
+        fast = (step * passive.damping > most * armature) | (step * step * passive.stiffness > most**2 * armature)
     return bool(fast.any())

@@ -216,7 +216,9 @@ def parts_needed(drift: ArrayLike, limit: float, order: int) -> Array:
         limit: of the same.
         order: of the scheme.
     """
-    return np.ceil(np.clip((np.asarray(drift) / limit) ** (1.0 / (order + 1)), 1, MOST_PARTS)).astype(int)
+    with np.errstate(over="ignore"):  # of limits next to nothing
+        times = np.asarray(drift) / limit
+    return np.ceil(np.clip(times ** (1.0 / (order + 1)), 1, MOST_PARTS)).astype(int)
 
 
 def in_parts(stepper: Stepper, now: Instant, until: float, parts: int) -> Advance:

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 import numpy as np
 
 from holdfast.errors import ModelError, StateError
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.simulation.balance import imbalance, momentum_imbalance
 from holdfast.simulation.run_outputs import RunOutputs
@@ -314,6 +315,7 @@ class Trajectory(Frozen, RunOutputs):
         Raises:
             StateError: a time before the first sample or after the last.
         """
+        t = float(checks.numbers(t, (), "run: t", StateError))
         if not self.t[0] <= t <= self.t[-1]:
             raise StateError(f"run: t: expected {self.t[0]:.9g} to {self.t[-1]:.9g} s, got {t:.9g} s")
         k = int(np.searchsorted(self.t, t, side="right")) - 1

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.errors import StateError
+from holdfast.model import checks
 from holdfast.spatial.frozen import Frozen
 from holdfast.spatial.real_numbers import numbers
 from holdfast.spatial.scalar import Array
@@ -61,7 +62,9 @@ class Uniform(Frozen):
         """
         low, high = fitted(f"{name}: low", self.low, shape), fitted(f"{name}: high", self.high, shape)
         if not (low <= high).all():
-            raise StateError(f"{name}: expected low <= high, got Uniform({self.low!r}, {self.high!r})")
+            raise StateError(
+                f"{name}: expected low <= high, got Uniform({checks.short(self.low)}, {checks.short(self.high)})"
+            )
         with np.errstate(over="ignore"):
             return _finite(name, low + (high - low) * u.reshape(-1, *shape))
 
@@ -92,7 +95,7 @@ class Normal(Frozen):
         mean = fitted(f"{name}: mean", self.mean, shape)
         deviation = fitted(f"{name}: deviation", self.deviation, shape)
         if not (deviation >= 0.0).all():
-            raise StateError(f"{name}: expected a deviation >= 0, got {self.deviation!r}")
+            raise StateError(f"{name}: expected a deviation >= 0, got {checks.short(self.deviation)}")
         with np.errstate(over="ignore"):
             return _finite(name, mean + deviation * ndtri(np.maximum(u, 2.0**-54)).reshape(-1, *shape))
 
@@ -128,7 +131,9 @@ class NearPose(Frozen):
         pose = fitted(f"{name}: pose", self.pose, shape)
         size = np.repeat([float(fitted(f"{name}: {n}", getattr(self, n), ())) for n in ("turn", "shift")], 3)
         if not (size >= 0.0).all():
-            raise StateError(f"{name}: expected turn and shift >= 0, got {self.turn!r} and {self.shift!r}")
+            raise StateError(
+                f"{name}: expected turn and shift >= 0, got {checks.short(self.turn)} and {checks.short(self.shift)}"
+            )
         with np.errstate(all="ignore"):
             return _finite(name, _near(name, pose, size * (2.0 * u.reshape(-1, *shape[:-1], 6) - 1.0)))
 

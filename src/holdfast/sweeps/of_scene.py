@@ -142,7 +142,6 @@ def scene_plan(scenario: Scenario) -> Plan:
             stop_at_limits=AT_LIMITS[how["on_limit"]],
             largest_drift=how["largest_drift"],
         )
-        plan.rows(0, 1)  # distributions say now what does not fit
     except HoldfastError as cause:
         raise (at / "sweep").refuse(str(cause)) from cause
     return plan

@@ -160,14 +160,16 @@ def plan_of(
         raise StateError(f"parameters: expected a mapping of names, got {type(parameters).__name__}")
     options = {"least_margin": least_margin, "stop_at_limits": stop_at_limits, "largest_drift": largest_drift}
     stop_margins(least_margin, stop_at_limits)
+    if largest_drift is not None:
+        checks.number(largest_drift, "largest_drift", above=0.0)
     runs = bounded("count", count)
     length, h = number("duration", duration), number("step", step)
     if h <= 0.0:
-        raise StateError(f"step: expected a positive number of seconds, got {step!r}")
+        raise StateError(f"step: expected a positive number of seconds, got {checks.short(step)}")
     whole_steps(length, h)
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < LARGEST_SEED:
-        raise StateError(f"seed: expected an integer >= 0, got {seed!r}")
-    return Plan(
+        raise StateError(f"seed: expected an integer >= 0, got {checks.short(seed)}")
+    plan = Plan(
         rollout,
         state,
         parsed_samples(rollout, parameters, runs),
@@ -179,6 +181,8 @@ def plan_of(
         parsed_outputs(outputs),
         {name: x if name != "least_margin" else float(x) for name, x in options.items()},  # pyright: ignore[reportArgumentType]
     )
+    plan.rows(0, 1)  # distributions say now what does not fit
+    return plan
 
 
 @functools.cache
@@ -240,10 +244,12 @@ def parsed_outputs(outputs: Any) -> tuple[str, ...]:
         StateError: no such attribute of `RolloutSystems`, or one named twice.
     """
     known = [n for n, x in vars(RolloutSystems).items() if isinstance(x, property) and n not in (*OWN, "running")]
+    if not isinstance(outputs, str) and not checks.is_listed(outputs):
+        raise StateError(f"outputs: expected names of arrays, got {checks.short(outputs)}")
     names = (outputs,) if isinstance(outputs, str) else tuple(outputs)
     for name in names:
         if name not in known:
-            raise StateError(f"outputs: no array '{name}'.{checks.did_you_mean(str(name), known)}")
+            raise StateError(f"outputs: no array {checks.short(name)}.{checks.did_you_mean(str(name), known)}")
     if len(set(names)) < len(names):
         raise StateError(f"outputs: expected every name once, got {', '.join(names)}")
     return names
@@ -255,10 +261,7 @@ def bounded(name: str, value: Any, most: int = MOST_RUNS) -> int:
     Raises:
         StateError: it is none.
     """
-    x = whole_number(name, value)
-    if x > most:
-        raise StateError(f"{name}: expected at most {most}, got {x}")
-    return x
+    return whole_number(name, value, most)
 
 
 def find_generic_rank(plan: Plan) -> int:

@@ -172,7 +172,7 @@ class Sweep:
         """
         plan = self.plan
         if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < plan.count:
-            raise StateError(f"run: expected a number from 0 to {plan.count - 1}, got {number!r}")
+            raise StateError(f"run: expected a number from 0 to {plan.count - 1}, got {checks.short(number)}")
         begin, end = plan.bounds(int(number) // plan.chunk)
         systems = plan.rollout.start(**plan.rows(begin, end))  # where several rows hold, they begin as their chunk does
         one = systems.copy([int(number) - begin])
@@ -220,5 +220,5 @@ def _levels(levels: Any) -> Array:
     """
     at = np.atleast_1d(numbers(levels, None, "levels", StateError))
     if not ((at >= 0.0) & (at <= 1.0)).all():
-        raise StateError(f"levels: expected numbers from 0 to 1, got {levels!r}")
+        raise StateError(f"levels: expected numbers from 0 to 1, got {checks.short(levels)}")
     return at

@@ -17,6 +17,7 @@ import json
 import os
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -47,6 +48,8 @@ class Store:
         """
         description = json.loads(json.dumps(plan.description()))
         self.folder, self.digest = folder, digest_of(description)
+        self._made = not os.path.exists(folder)
+        self._written = [] if os.path.exists(folder / LOCK) else [LOCK]
         self._lock = _locked(folder)
         try:
             found = _manifest(folder)
@@ -57,6 +60,7 @@ class Store:
                 _require_same(folder, found["plan"], description)
             self.generic_rank: int | None = None if found is None else found["generic_rank"]
         except BaseException:
+            self.withdraw()
             self.close()
             raise
         self._description = description
@@ -76,6 +80,7 @@ class Store:
             "plan": self._description,
         }
         write_atomically(self.folder / MANIFEST, json.dumps(content, indent=2).encode() + b"\n")
+        self._written.append(MANIFEST)
 
     def keep_beside(self, files: Mapping[str, bytes]) -> None:
         """Write files that are not there yet; they are the same for every call of a plan.
@@ -86,6 +91,7 @@ class Store:
         for name, content in files.items():
             if not (self.folder / name).exists():
                 write_atomically(self.folder / name, content)
+                self._written.append(name)
 
     def holds(self, k: int, rows: int) -> bool:
         """Return whether chunk k is there and whole: a file that cannot be read, or is of another plan, is not."""
@@ -109,6 +115,16 @@ class Store:
                 log.write(json.dumps(line) + "\n")
         except OSError as cause:
             raise ResultError(f"{self.folder / LOG}: cannot be written: {reason_of(cause)}") from cause
+
+    def withdraw(self) -> None:
+        """Take away what a call wrote in a new folder, and that, if it was refused before any run was computed."""
+        if LOCK not in self._written or any(self.folder.glob("runs_*")):
+            return
+        with suppress(OSError):
+            for name in self._written:
+                (self.folder / name).unlink(missing_ok=True)
+            if self._made:
+                self.folder.rmdir()
 
     def close(self) -> None:
         """Let others write here."""

@@ -11,8 +11,9 @@ from os import PathLike
 from typing import Any
 
 from holdfast.control.controller import ControlLaw
-from holdfast.errors import StateError
+from holdfast.errors import HoldfastError, StateError
 from holdfast.io.files import file_path
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.progress import reporting
 from holdfast.state import State
@@ -142,6 +143,9 @@ def carry_out(
         place.keep_beside(kept or {})
         settled = plan.settled(place.generic_rank)
         _compute_missing(settled, place, workers, cluster, ahead, progress)
+    except HoldfastError:
+        place.withdraw()
+        raise
     finally:
         place.close()
     return Sweep(settled, place.folder)
@@ -160,11 +164,13 @@ def _require_workers(workers: Any, cluster: Any) -> None:
     if cluster is None:
         return
     if not isinstance(cluster, str) or not cluster:
-        raise StateError(f"cluster: expected an address such as 'tcp://10.0.0.1:8786', or 'local', got {cluster!r}")
+        raise StateError(
+            f"cluster: expected an address such as 'tcp://10.0.0.1:8786', or 'local', got {checks.short(cluster)}"
+        )
     if by_executor or (cluster != LOCAL and workers != 1):
         raise StateError(
-            f"workers: expected none beside cluster={cluster!r}, which has its own, got {workers!r}; try one of both,"
-            " or cluster='local'"
+            f"workers: expected none beside cluster={checks.short(cluster)}, which has its own, got"
+            f" {checks.short(workers)}; try one of both, or cluster='local'"
         )
     require_dask()
 

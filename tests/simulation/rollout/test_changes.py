@@ -128,3 +128,36 @@ def test_gravity_turned_off():
     assert fall == pytest.approx(-9.81 * 5 * STEP, rel=1e-12)
     rollout.step(systems, STEP, steps=4, gravity=np.zeros(3))
     assert systems.object_twist[0, 5] == pytest.approx(fall, rel=1e-12)
+
+
+def test_reset_of_some():
+    """Systems that begin anew go on as they would alone, under arguments of their own, and the others as before."""
+    rollout, (_, state) = given_torques("one"), problem("one")
+    many, tau = {name: np.tile(x, (4, 1)) for name, x in arrays(state).items()}, np.linspace(0.0, 1.0, 6)
+    systems = rollout.start(**many, tau=tau)
+    rollout.step(systems, STEP, steps=3)
+    kept, copied = systems.copy([0, 3]), systems.copy()
+    fresh = rollout.start(**{name: x[:2] for name, x in many.items()}, tau=2.0 * tau, t=0.5)
+    systems.reset([1, 2], fresh)
+    assert systems.t.tolist() == [3 * STEP, 0.5, 0.5, 3 * STEP] and len(copied.call_inputs["control.tau"]) == 1
+    for some in (systems, kept, fresh):
+        rollout.step(some, STEP, steps=2)
+    for name, x in systems.arrays.items():
+        assert same_bits(x[[0, 3]], kept.arrays[name]) and same_bits(x[1:3], fresh.arrays[name]), name
+
+
+def test_resets_refused():
+    """Of systems that are not there, by another number or under other arguments."""
+    rollout, (_, state) = given_torques("one"), problem("one")
+    systems = rollout.start(**{name: np.tile(x, (3, 1)) for name, x in arrays(state).items()}, tau=np.zeros(6))
+    other = rollout.start(**arrays(state), tau=np.zeros(6))
+    with pytest.raises(StateError, match="rows: expected numbers from 0 to 2"):
+        systems.reset([3], other)
+    with pytest.raises(StateError, match="expected 2 systems for as many rows, got 1"):
+        systems.reset([True, False, True], other)
+    with pytest.raises(StateError, match="object_wrench given to both"):
+        systems.reset([0], rollout.start(**arrays(state), tau=np.zeros(6), object_wrench=np.ones(6)))
+    with pytest.raises(StateError, match="systems of the same rollout"):
+        systems.reset([0], integrating()[0].start(**arrays(integrating()[1]), **given(0.0)))
+    with pytest.raises(StateError, match="other: expected RolloutSystems, got NoneType"):
+        systems.reset([0], None)

@@ -11,6 +11,7 @@ from holdfast.dynamics.arm.newton_euler import newton_euler
 from holdfast.dynamics.closed.chain_motion import ChainMotion
 from holdfast.dynamics.trunk.trunk_motion import TrunkAcceleration
 from holdfast.errors import StateError
+from holdfast.model import checks
 from holdfast.model.closed_chain import TRUNK
 from holdfast.spatial.scalar import Array, Scalar, concatenate, each, maximum
 from holdfast.spatial.spatial_vector import shift_wrench
@@ -84,6 +85,6 @@ def require_undriven(found: TrunkTorques) -> None:
     """
     if not float(np.abs(found.base).max()) <= UNDRIVEN * float(found.largest):
         raise StateError(
-            f"base_acceleration: the floating base has no drive, but would need the wrench {found.base} (moment, force"
-            " about its origin) to accelerate so; try the accelerations and wrenches of forward_dynamics"
+            f"base_acceleration: the floating base has no drive, but would need the wrench {checks.place(found.base)}"
+            " (moment, force about its origin) to accelerate so; try the accelerations and wrenches of forward_dynamics"
         )

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from os import PathLike
 from typing import Unpack
 
+from holdfast.model import checks
 from holdfast.model.trunk import BASE, Trunk
 from holdfast.robots.arms_on_trunk import ArmsOnTrunk, branching, mount_name, shared_counts
 from holdfast.robots.urdf.bodies import FoldedChain, fold, welded_link
@@ -125,7 +126,7 @@ def urdf_trunk(
 
 def _ends(robot: UrdfRobot, tips: Mapping[str, str] | Iterable[str]) -> dict[str, str]:
     """Return the tip link of each arm, checked."""
-    if isinstance(tips, str) or not isinstance(tips, Iterable) or not (given := [*tips]):
+    if not checks.is_listed(tips) or not (given := [*tips]):
         raise robot.element.refuse("tips: expected links by arm, such as {'left': 'left_hand', 'right': 'right_hand'}")
     named = tips if isinstance(tips, Mapping) else {str(tip): tip for tip in given}
     return {name: known_link(robot, tip, f"arm '{name}': tip") for name, tip in named.items()}

@@ -19,6 +19,7 @@ from holdfast.simulation.rollout.traced_step import LIMITED, SLIPPED
 from holdfast.spatial.scalar import Array
 
 StopMargins = Mapping[int, float]  # margins below which a system stops, by the code that it gets
+MOST_STEPS = 10**9  # of one call: days, beyond which a count is a slip
 CHAINS = ("object_wrench", "gravity", "object_mass", "object_com", "object_inertia", "base_pose", "grasp_pose")
 OF_LINKS = (*LINKS, "link_wrench", "trunk_link_wrench")
 _OWN = ("systems", *STATE, *FLOATING, "memory", "t", "step", "steps", "duration", "every")
@@ -145,22 +146,24 @@ def number(name: str, value: Any, infinite: bool = False) -> float:
         StateError: it is none.
     """
     try:
-        x = float(value)
-    except (TypeError, ValueError):
+        x = np.nan if isinstance(value, str | bytes | bool | np.bool_) else float(value)
+    except (TypeError, ValueError, OverflowError):
         x = np.nan
     if np.isnan(x) or not (infinite or np.isfinite(x)):
-        raise StateError(f"{name}: expected a {'' if infinite else 'finite '}number, got {value!r}")
+        raise StateError(f"{name}: expected a {'' if infinite else 'finite '}number, got {checks.short(value)}")
     return x
 
 
-def whole_number(name: str, value: Any) -> int:
-    """Return an integer of at least one.
+def whole_number(name: str, value: Any, most: int | None = None) -> int:
+    """Return an integer of at least one, and at most so many.
 
     Raises:
         StateError: it is none.
     """
     if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < 1:
-        raise StateError(f"{name}: expected an integer >= 1, got {value!r}")
+        raise StateError(f"{name}: expected an integer >= 1, got {checks.short(value)}")
+    if most is not None and value > most:
+        raise StateError(f"{name}: expected at most {most}, got {checks.short(value)}")
     return int(value)
 
 
@@ -171,11 +174,13 @@ def step_lengths(step: Any, count: int) -> Array:
         StateError: it is not positive, or of another shape.
     """
     try:
-        h = np.asarray(step, dtype=float)
-    except (TypeError, ValueError):
+        h = checks.numbers(step, None, "step", StateError)
+    except StateError:
         h = np.array(np.nan)
-    if not (np.isfinite(h).all() and (h > 0).all()) or h.shape not in ((), (count,)):
-        raise StateError(f"step: expected one positive number of seconds, or one for each system, got {step!r}")
+    if not (h > 0).all() or h.shape not in ((), (count,)):
+        raise StateError(
+            f"step: expected one positive number of seconds, or one for each system, got {checks.short(step)}"
+        )
     return np.array(np.broadcast_to(h, (count,)))
 
 
@@ -185,16 +190,16 @@ def whole_steps(duration: float, step: float) -> int:
     Raises:
         StateError: it is no whole number of them.
     """
-    steps = round(duration / step)
+    count = duration / step
+    steps = round(count) if np.isfinite(count) else 0
     if steps < 1 or abs(steps * step - duration) > 1e-9 * duration:
         raise StateError(f"duration: expected a whole number of steps of {step:g} s, got {duration:g} s")
-    return steps
+    return whole_number("duration / step", steps, MOST_STEPS)
 
 
 def stop_margins(least_margin: float, stop_at_limits: bool) -> StopMargins:
     """Return the margins below which systems stop."""
-    if not isinstance(stop_at_limits, bool | np.bool_):
-        raise StateError(f"stop_at_limits: expected True or False, got {stop_at_limits!r}")
+    checks.flag(stop_at_limits, "stop_at_limits", StateError)
     return {
         SLIPPED: number("least_margin", least_margin, infinite=True),
         LIMITED: 0.0 if stop_at_limits else -np.inf,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from holdfast.compiled.structure import optional_parameters
+from holdfast.compiled.structure import optional_parameters, require_rank
 from holdfast.control.controller import ControlLaw, Controller, GivenLaw, held_torques
 from holdfast.control.traced_law import law_of
 from holdfast.errors import ModelError
@@ -51,13 +51,14 @@ def compile_rollout(
     Raises:
         ModelError: no such scheme, or one that estimates errors; a parameter of the law is named as an argument; a base
             motion of no arm, inputs that are no function of (t) or (t, state).
-        StateError: no such optional parameter.
+        StateError: no such optional parameter, or no rank.
         CompileError: (when first started) the law, a base motion or inputs do what cannot be traced; the line is named.
     """
     if scheme_of(scheme).adaptive:
         raise ModelError(f"rollout: scheme: expected 'rk4' or 'midpoint', got '{scheme}'; it is for `simulate`")
     if not isinstance(chain, ClosedChain):
         raise ModelError(f"rollout: chain: expected a ClosedChain, got {type(chain).__name__}")
+    require_rank(generic_rank, chain, "rollout")
     traced = held_torques(chain.joint_count) if law is None else _traced(law, chain)
     if law is not None:
         require_free_names(traced.parameters)

@@ -11,6 +11,7 @@ import numpy as np
 from holdfast.compiled.externals import link_rows, state_fields
 from holdfast.compiled.statuses import system
 from holdfast.errors import StateError
+from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.model.link import Link
 from holdfast.simulation.balance import Sums
@@ -37,7 +38,7 @@ def replayed_run(record: RolloutRecord, number: int, every: int | None = None) -
         )
     begun, count = record.begun, len(record.systems)
     if isinstance(number, bool) or not isinstance(number, int | np.integer) or not 0 <= number < count:
-        raise StateError(f"system: expected a number from 0 to {count - 1}, got {number!r}")
+        raise StateError(f"system: expected a number from 0 to {count - 1}, got {checks.short(number)}")
     stride = begun.every if every is None else whole_number("every", every)
     rollout, at, last = begun.rollout, begun.systems.copy([number]), record.systems.copy([number])
     at.call_inputs, at.under = last.call_inputs, ()  # what `run` was given acts from the start

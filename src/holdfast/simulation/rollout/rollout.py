@@ -19,6 +19,7 @@ from holdfast.model.closed_chain import ClosedChain
 from holdfast.progress import busy, of_time, reporting
 from holdfast.simulation.external_inputs import GivenInputs
 from holdfast.simulation.rollout.arguments import (
+    MOST_STEPS,
     StopMargins,
     call_inputs,
     common_time,
@@ -35,7 +36,7 @@ from holdfast.simulation.rollout.kernel import StepKernel
 from holdfast.simulation.rollout.parts import contradicted, refined, subdivided
 from holdfast.simulation.rollout.starting import closed_systems, hold_rows, located, systems_at
 from holdfast.simulation.rollout.stiff import stiff_systems
-from holdfast.simulation.rollout.systems import Begun, RolloutRecord, RolloutSystems
+from holdfast.simulation.rollout.systems import Begun, RolloutRecord, RolloutSystems, require_recorded
 from holdfast.simulation.rollout.tape import Tape
 from holdfast.simulation.rollout.traced_step import LIMITED, OPEN, SINGULAR, SLIPPED, TOO_LONG
 from holdfast.simulation.rollout.user_functions import Motions, travelling_inputs, travelling_law, travelling_motion
@@ -223,7 +224,7 @@ class Rollout:
         Raises:
             StateError: wrong shapes, unknown names, a step that is not positive.
         """
-        steps, threads = whole_number("steps", steps), whole_number("threads", threads)
+        steps, threads = whole_number("steps", steps, MOST_STEPS), whole_number("threads", threads)
         least = stop_margins(least_margin, stop_at_limits)
         limit = None if largest_drift is None else checks.number(largest_drift, "largest_drift", above=0.0)
         lengths, new = step_lengths(step, len(systems)), call_inputs(self.kernel, given, len(systems))
@@ -300,10 +301,7 @@ class Rollout:
         step = float(step_lengths(step, 1)[0])
         steps = whole_steps(number("duration", duration), step)
         every = whole_number("every", every)
-        for name in record:
-            if not isinstance(getattr(RolloutSystems, name, None), property):
-                known = [n for n, x in vars(RolloutSystems).items() if isinstance(x, property)]
-                raise StateError(f"record: no array '{name}'.{checks.did_you_mean(name, known)}")
+        require_recorded(record)
         at, begin = systems.copy(), common_time(systems)
         stops = {"least_margin": least_margin, "stop_at_limits": stop_at_limits}
         done = np.minimum(np.arange(0, steps + every, every), steps)

@@ -13,7 +13,7 @@ from holdfast.simulation.stability import USED, cell, fastest_passive, may_be_to
 from holdfast.spatial.scalar import Array
 from holdfast.state import State
 
-RATE, CELL = "passive_rate", "passive_cell"  # among a system's arrays: what was found, and where
+RATE, CELL = "passive_rate", "passive_cell"  # among a system's arrays, `systems.PASSIVE`: what was found, and where
 
 # (systems, row) -> the chain, its grasps and bases those of one system, and its state
 Located = Callable[[RolloutSystems, int], tuple[ClosedChain, State]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from os import PathLike
@@ -46,6 +47,9 @@ def _carried(key: str, meaning: str) -> Any:
         return read_only(systems.arrays.get(key, np.zeros((len(systems), 0))))
 
     return property(read, doc=meaning)
+
+
+PASSIVE = {"passive_rate", "passive_cell"}  # found where steps may be too long: how fast joints settle, and where
 
 
 class RolloutSystems:
@@ -137,7 +141,7 @@ class RolloutSystems:
             StateError: no such system, or one whose inputs were faulty.
         """
         if isinstance(system, bool) or not isinstance(system, int | np.integer) or not 0 <= system < len(self):
-            raise StateError(f"system: expected a number from 0 to {len(self) - 1}, got {system!r}")
+            raise StateError(f"system: expected a number from 0 to {len(self) - 1}, got {checks.short(system)}")
         return State(**{field: self.arrays[name][system] for name, field in state_fields(self.chain).items()})
 
     @property
@@ -192,15 +196,30 @@ class RolloutSystems:
         return changed
 
     def copy(self, rows: Any = None) -> RolloutSystems:
-        """Return the systems, or some of them by number or truth value, apart from these."""
-        which = slice(None) if rows is None else rows
+        """Return the systems, or some of them by number or truth value, apart from these.
+
+        Raises:
+            StateError: no such systems.
+        """
+        which = slice(None) if rows is None else self._rows(rows)
         arrays = {name: x[which].copy() for name, x in self.arrays.items()}
         made = RolloutSystems(self.chain, arrays, self.begin[which].copy(), self.step_length[which].copy())
-        made.call_inputs = {name: x if len(x) == 1 else x[which] for name, x in self.call_inputs.items()}
+        made.call_inputs = {name: x if len(x) == 1 else np.array(x[which]) for name, x in self.call_inputs.items()}
         made.under = self.under
         if self.started_from is not None:
             made.started_from = {name: x[which].copy() for name, x in self.started_from.items()}
         return made
+
+    def _rows(self, rows: Any) -> Any:
+        """Return which systems, as an index that keeps the first axis."""
+        with suppress(IndexError, ValueError, TypeError):
+            which = rows if isinstance(rows, slice) else np.atleast_1d(rows)
+            which = which.astype(int) if np.size(which) == 0 else which
+            if np.empty(len(self))[which].ndim == 1 and np.ndim(which) < 2:
+                return which
+        raise StateError(
+            f"rows: expected numbers from 0 to {len(self) - 1} or {len(self)} truth values, got {checks.short(rows)}"
+        )
 
     def freed(self, rows: Array) -> RolloutSystems:
         """Return copies of some systems that go on from where they stand."""
@@ -214,9 +233,60 @@ class RolloutSystems:
             self.arrays[name][rows] = x
         self.begin[rows], self.step_length[rows] = other.begin, other.step_length
 
+    def reset(self, rows: Any, other: RolloutSystems) -> None:
+        """Set some systems to others that `Rollout.start` returned, arguments of calls included. O(rows).
+
+        An argument that was the same for all gets a row for each system where it is another there.
+
+        Args:
+            rows: which, by number or truth value.
+            other: as many, of the same rollout.
+
+        Raises:
+            StateError: no such systems, of another number or of another rollout, or given what these were not.
+        """
+        checks.instance(other, RolloutSystems, "reset: other", StateError)
+        which = np.arange(len(self))[self._rows(rows)]
+        if len(which) != len(other):
+            raise StateError(f"reset: expected {len(which)} systems for as many rows, got {len(other)}")
+        here, there = self.arrays.keys(), other.arrays.keys()
+        alike = all(self.arrays[name].shape[1:] == other.arrays[name].shape[1:] for name in here & there)
+        if not alike or (here ^ there) - PASSIVE:
+            raise StateError("reset: expected systems of the same rollout, got others; try its `start`")
+        for name in sorted(self.call_inputs.keys() ^ other.call_inputs.keys()):
+            raise StateError(f"reset: expected {name.removeprefix('control.')} given to both or to none")
+        for name in here:
+            self.arrays[name][which] = other.arrays.get(name, np.nan)  # what is PASSIVE is found anew
+        self.begin[which], self.step_length[which] = other.begin, other.step_length
+        for name, x in other.call_inputs.items():
+            mine = self.call_inputs[name]
+            if len(mine) == 1 and not (len(x) == 1 and np.array_equal(x, mine)):
+                mine = self.call_inputs[name] = np.repeat(mine, len(self), axis=0)
+            if len(mine) == len(self):
+                mine[which] = x
+        if self.started_from is not None and other.started_from is not None:
+            for name, x in other.started_from.items():
+                self.started_from[name][which] = x
+        else:
+            self.started_from = None
+
     def __getstate__(self) -> dict[str, Any]:
         """Return what is pickled: a law may be a function without a name, and slopes can be found anew."""
         return vars(self) | {"under": ()}
+
+
+def require_recorded(names: Any) -> None:
+    """Refuse what are no names of arrays that systems have.
+
+    Raises:
+        StateError: naming the first.
+    """
+    if not checks.is_listed(names):
+        raise StateError(f"record: expected names of arrays, got {checks.short(names)}")
+    known = [name for name, x in vars(RolloutSystems).items() if isinstance(x, property)]
+    for name in names:
+        if name not in known:
+            raise StateError(f"record: no array {checks.short(name)}.{checks.did_you_mean(str(name), known)}")
 
 
 def fates(systems: RolloutSystems) -> str:

@@ -22,6 +22,7 @@ from holdfast.model import checks
 from holdfast.simulation.rollout.adjoint import BEFORE, AdjointKernel, adjoint_shapes
 from holdfast.simulation.rollout.arguments import (
     CHAINS,
+    MOST_STEPS,
     OF_LINKS,
     fitting,
     kernel_arguments,
@@ -31,7 +32,7 @@ from holdfast.simulation.rollout.arguments import (
 )
 from holdfast.simulation.rollout.starting import located
 from holdfast.simulation.rollout.stiff import stiff_systems
-from holdfast.simulation.rollout.systems import RolloutSystems
+from holdfast.simulation.rollout.systems import RolloutSystems, require_recorded
 from holdfast.simulation.rollout.varied_step import CONTROL
 from holdfast.simulation.runge_kutta import IMEX
 from holdfast.simulation.runge_kutta import scheme as scheme_of
@@ -83,7 +84,7 @@ class Tape:
         given: Mapping[str, Any],
     ) -> None:
         """Take the steps; see `Rollout.tape`."""
-        self.rollout, self.steps = rollout, whole_number("steps", steps)
+        self.rollout, self.steps = rollout, whole_number("steps", steps, MOST_STEPS)
         self._step, self._options, self._given = step, options, given
         self._schedule = self._scheduled(schedule, len(systems))
         carried = rollout.kernel.carried
@@ -95,6 +96,7 @@ class Tape:
         self.every = default if every is None else whole_number("every", every)
         self._came_from = systems.copy().started_from
         at, self._kept, self._starts = systems.copy(), list[KeptStep](), list[RolloutSystems]()
+        require_recorded(record)
         rows: dict[str, list[Array]] = {name: [] for name in record}
         for k in range(self.steps):
             if self.every > 1 and k % self.every == 0:
@@ -103,8 +105,6 @@ class Tape:
             if self.every == 1:
                 self._kept.append(kept)
             for name in record:
-                if not isinstance(getattr(RolloutSystems, name, None), property):
-                    raise StateError(f"record: no array '{name}'.{checks.did_you_mean(name, vars(RolloutSystems))}")
                 rows[name].append(np.array(getattr(at, name)))
         self.systems, self.records = at, {name: np.array(x) for name, x in rows.items()}
 
@@ -148,13 +148,16 @@ class Tape:
             MethodNotApplicable: a cotangent of forces that are not unique.
         """
         chain, law = self.rollout.chain, self.rollout.law
+        for name, x in (("final", final), ("along", along)):
+            checks.instance(x, (Mapping, type(None)), f"tape: {name}", StateError)
         ends, passed = dict(final or {}), dict(along or {})
         state = tuple(state_fields(chain))
         memory = (MEMORY,) if len(law.memory) else ()
         require_names("tape: final", ends or state, (*state, *memory))
         require_names("tape: along", passed or state, (*state, *memory, "tau", *results_of(chain)))
+        threads = whole_number("threads", threads)
+        require_names("tape: by", (*state, *law.parameters) if by is None else by, arguments_of(self.rollout))
         names = (*state, *law.parameters) if by is None else tuple(by)
-        require_names("tape: by", names, arguments_of(self.rollout))
         self._require_unique(passed)
         code = {name: f"{CONTROL}{name}" if name in law.parameters else name for name in names}
         code |= {MEMORY: BEFORE} if MEMORY in names else {}

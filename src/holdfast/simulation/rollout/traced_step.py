@@ -317,6 +317,8 @@ def stop_code(
     left = where(given["held"][()] > 0.5, 0.0, gaps.position)  # what is held is not closed
     fault = where(left <= LEFT_OPEN, fault, float(OPEN))
     fault = where(total < float("inf"), fault, float(BROKEN))
+    for margin in margins:  # infinite where nothing limits, not-a-number where squares of forces overflow
+        fault = where(margin <= float("inf"), fault, float(BROKEN))
     code = system.last("code")[()]
     return where(code > 0.5, code, fault)
 

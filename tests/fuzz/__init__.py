@@ -1,0 +1,1 @@
+"""Random wrong arguments for every public call: nothing but errors of ours comes back."""

@@ -1,0 +1,39 @@
+"""Calls spoilt by seeds: the same seed is the same wrong call, of the same table."""
+
+from __future__ import annotations
+
+import random
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+
+from tests.fuzz.calls import CALLS
+from tests.fuzz.ended import Fault, ended
+from tests.fuzz.odd import spoilt
+
+
+def fuzzed(
+    seeds: Iterable[int], names: Sequence[str], say: Callable[[str], object] = lambda fault: None
+) -> tuple[Counter[str], list[str]]:
+    """Return how often calls ended how, and what no user should have seen.
+
+    Args:
+        seeds: one for each wrong call.
+        names: of the calls to choose among.
+        say: called with every fault.
+    """
+    ends: Counter[str] = Counter()
+    faults: list[str] = []
+    for seed in seeds:
+        dice = random.Random(seed)
+        name = dice.choice(names)
+        given, changes = spoilt(dice, CALLS[name].given())
+        try:
+            ends[ended(lambda name=name, given=given: CALLS[name].make(**given))] += 1
+        except Fault as fault:
+            ends["FAULT"] += 1
+            placed = "; ".join(
+                f"{'.'.join(map(str, where))} = {' '.join(repr(x)[:100].split())}" for where, x in changes
+            )
+            faults.append(f"seed {seed}, {name}, {placed}: {fault}")
+            say(faults[-1])
+    return ends, faults

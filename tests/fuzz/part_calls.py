@@ -1,0 +1,258 @@
+"""Sound calls of parts, paths and controllers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+import holdfast as hf
+from holdfast import control, dynamics
+from tests.fuzz.calls import (
+    Later,
+    call,
+    everything,
+    fixed,
+    named,
+    numbers_of,
+    rigid,
+    state_of,
+    stay,
+)
+
+# Parts.
+
+POSE = [1.0, 0.0, 0.0, 0.0, 0.1, 0.2, 0.3]
+LINK = {"mass": 2.0, "com": np.zeros(3), "inertia": 0.1 * np.eye(3), "name": "body"}
+JOINT = {
+    "kind": "revolute",
+    "axis": np.array([0.0, 0.0, 1.0]),
+    "placement": np.array(POSE),
+    "name": "waist",
+    "position_limits": (-1.0, 1.0),
+    "stiffness": 3.0,
+    "rest": 0.1,
+    "damping": 0.5,
+}
+
+
+@call(
+    "Trunk", joints=[JOINT, {"axis": np.array([0.0, 1.0, 0.0])}], links=[LINK, LINK], base=np.array(POSE), floating=LINK
+)
+def _trunk(joints: Any, links: Any, base: Any, floating: Any) -> Any:
+    made = [hf.Joint(**x) if named(x, hf.Joint) else x for x in joints] if isinstance(joints, list) else joints
+    bodies = [hf.Link(**x) if named(x, hf.Link) else x for x in links] if isinstance(links, list) else links
+    found = hf.Trunk(made, bodies, base, hf.Link(**floating) if named(floating, hf.Link) else floating)
+    return repr(found), found.serial, found.freedoms
+
+
+@call(
+    "Spring",
+    a=("world", np.zeros(3)),
+    b=("arm1", 1, np.ones(3)),
+    stiffness=10.0,
+    length=0.3,
+    damping=1.0,
+    chain=Later(lambda: everything().chain),
+    state=Later(lambda: numbers_of(everything().state)),
+)
+def _spring(chain: Any, state: Any, **given: Any) -> Any:
+    sprung = replace(chain, springs=[hf.Spring(**given)]) if isinstance(chain, hf.ClosedChain) else chain
+    return dynamics.potential_energy(sprung, state_of(state))
+
+
+@call(
+    "bushing",
+    kind="bushing",
+    frame=np.array(POSE),
+    stiffness=np.diag([1.0, 2.0, 3.0, 40.0, 50.0, 60.0]),
+    damping=np.ones(6),
+)
+def _bushing(**given: Any) -> Any:
+    return repr(hf.Grasp(**given))
+
+
+@call("grasp by subspace", kind="subspace", frame=np.array(POSE), motion=np.eye(6)[:, [2, 5]])
+def _subspace(**given: Any) -> Any:
+    return repr(hf.Grasp(**given))
+
+
+@call("screw", kind="screw", frame=np.array(POSE), pitch=0.01)
+def _screw(**given: Any) -> Any:
+    return repr(hf.Grasp(**given))
+
+
+@call("Anchor", base=np.array(POSE), tip=np.array(POSE), name="pin")
+def _anchor(**given: Any) -> Any:
+    return repr(hf.Anchor(**given))
+
+
+@call(
+    "State",
+    q=np.zeros(4),
+    qd=np.zeros(4),
+    object_pose=np.array(POSE),
+    object_twist=np.zeros(6),
+    base_pose=np.array(POSE),
+    base_twist=np.zeros(6),
+)
+def _state(**given: Any) -> Any:
+    return repr(hf.State(**given))
+
+
+@call(
+    "ClosedChain",
+    arms=Later(lambda: dict(everything().chain.arms)),
+    held_object=Later(lambda: everything().chain.held_object),
+    grasps=Later(lambda: dict(everything().chain.grasps)),
+    gravity=np.array([0.0, 0.0, -9.81]),
+    trunk=Later(lambda: everything().chain.trunk),
+    mounts=Later(lambda: dict(everything().chain.mounts)),
+    springs=Later(lambda: list(everything().chain.springs)),
+)
+def _chain(**given: Any) -> Any:
+    return repr(hf.ClosedChain(**given))
+
+
+@call(
+    "assemble",
+    arms=Later(lambda: dict(fixed().chain.arms)),
+    held_object=Later(lambda: fixed().chain.held_object),
+    grasps=Later(lambda: dict(fixed().chain.grasps)),
+    q=Later(lambda: {name: np.zeros(arm.joint_count) for name, arm in fixed().chain.arms.items()}),
+    gravity=np.array([0.0, 0.0, -9.81]),
+)
+def _assemble(**given: Any) -> Any:
+    return hf.assemble(**given)
+
+
+@call(
+    "state_from_joints",
+    chain=Later(lambda: rigid().chain),
+    q=Later(lambda: np.array(rigid().state.q)),
+    qd=Later(lambda: np.zeros(13)),
+    check=False,
+)
+def _from_joints(**given: Any) -> Any:
+    return dynamics.state_from_joints(**given)
+
+
+@call(
+    "attach",
+    chain=Later(lambda: fixed().chain.without_grasp("arm1")),
+    state=Later(lambda: numbers_of(fixed().state)),
+    name="arm1",
+    grasp=Later(lambda: fixed().chain.grasps["arm1"]),
+    here=False,
+    tolerance=1e-6,
+)
+def _attach(state: Any, **given: Any) -> Any:
+    return dynamics.attach(state=state_of(state), **given)
+
+
+@call("inertial_parameters", body=hf.HeldObject.box(1.0, 1.0, 1.0, 1.0))
+def _inertial(body: Any) -> Any:
+    return dynamics.inertial_parameters(body)
+
+
+@call("of one arm", arm=Later(lambda: fixed().chain.arms["arm1"]), q=np.zeros(4))
+def _of_arm(arm: Any, q: Any) -> Any:
+    asked = (dynamics.tip_pose, dynamics.tip_jacobian, dynamics.link_poses, dynamics.joint_mass_matrix)
+    return [ask(arm, q) for ask in asked]
+
+
+# Paths and control.
+
+
+@call(
+    "PoseSpline",
+    poses=[np.array(POSE), hf.Pose.translation(1.0, 0.0, 0.0), hf.Pose.from_rpy(0.0, 0.5, 1.0)],
+    times=np.array([0.0, 1.0, 3.0]),
+    t=0.7,
+)
+def _spline(poses: Any, times: Any, t: Any) -> Any:
+    return control.PoseSpline(poses, times).at(t)
+
+
+@call(
+    "PoseSpline.at_speed", poses=[np.array(POSE), hf.Pose.from_rpy(0.0, 0.5, 1.0)], speed=0.2, turn_rate=0.5, begin=1.0
+)
+def _at_speed(poses: Any, speed: Any, turn_rate: Any, begin: Any) -> Any:
+    return control.PoseSpline.at_speed(poses, speed, turn_rate, begin=begin).at(1.5)
+
+
+@call("RestToRest", start=np.array(POSE), displacement=np.ones(3), turn=np.ones(3), begin=0.1, duration=2.0, t=0.7)
+def _rest(t: Any, **given: Any) -> Any:
+    return control.RestToRest(**given).at(t)
+
+
+@call("CarriedBase", start=np.array(POSE), displacement=np.ones(3), turn=np.ones(3), frame=np.array(POSE), t=0.7)
+def _carried(start: Any, displacement: Any, turn: Any, frame: Any, t: Any) -> Any:
+    return hf.simulation.CarriedBase(control.RestToRest(start, displacement, turn), frame)(t)
+
+
+@call(
+    "TorqueSchedule",
+    knots=np.array([0.0, 1.0]),
+    coefficients=[np.ones((10, 2)), np.ones((10, 3))],
+    t=1.5,
+    state=Later(lambda: numbers_of(fixed().state)),
+)
+def _schedule(knots: Any, coefficients: Any, t: Any, state: Any) -> Any:
+    made = control.TorqueSchedule(knots, coefficients)
+    return made(t, state_of(state), None), made.breakpoints
+
+
+@call("TorqueSchedule.linear", times=np.array([0.0, 1.0]), torques=np.ones((2, 10)), t=0.5)
+def _linear(times: Any, torques: Any, t: Any) -> Any:
+    return control.TorqueSchedule.linear(times, torques)(t, fixed().state, None)
+
+
+@call(
+    "ObjectTracking",
+    squeeze=1.0,
+    stiffness=100.0,
+    damping=20.0,
+    joint_damping=1.0,
+    t=0.5,
+    state=Later(lambda: numbers_of(fixed().state)),
+)
+def _tracking(t: Any, state: Any, **given: Any) -> Any:
+    p = fixed()
+    law = control.ObjectTracking(p.chain, control.RestToRest(p.state.object_frame, [0.1, 0.0, 0.0]), **given)
+    return law(t, state_of(state), None)
+
+
+@call("GravityCompensation", squeeze=1.0, joint_damping=1.0, state=Later(lambda: numbers_of(fixed().state)))
+def _compensation(state: Any, **given: Any) -> Any:
+    return control.GravityCompensation(fixed().chain, **given)(0.0, state_of(state), None)
+
+
+@call(
+    "holding_law",
+    chain=Later(lambda: fixed().chain),
+    each_arm=False,
+    acceleration=np.zeros(6),
+    internal=3.0,
+    state=Later(lambda: numbers_of(fixed().state)),
+)
+def _holding(chain: Any, each_arm: Any, state: Any, **given: Any) -> Any:
+    return control.holding_law(chain, each_arm=each_arm).given(given)(0.0, state_of(state), None)
+
+
+@call(
+    "ControlLaw",
+    memory=np.zeros(2),
+    parameters={"gain": (), "target": (3,)},
+    key="k",
+    values={"gain": 2.0, "target": np.zeros(3)},
+)
+def _law(memory: Any, parameters: Any, key: Any, values: Any) -> Any:
+    law = hf.ControlLaw(stay, memory, parameters, key)
+    return law.given(values)(0.0, fixed().state, None)
+
+
+@call("clipped", chain=Later(lambda: fixed().chain), torques=np.ones(10))
+def _clipped(chain: Any, torques: Any) -> Any:
+    return control.clipped(lambda t, state, memory: (torques, memory), chain)(0.0, fixed().state, None)
