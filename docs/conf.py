@@ -1,18 +1,28 @@
 """Sphinx settings: `make docs` builds the site without network and without warnings."""
 
+import os
 import sys
 from importlib.metadata import version as installed_version
 from importlib.resources import files
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent / "_sphinx"))
+os.environ.setdefault("HOLDFAST_COMPILE", "quick")  # for the notebook that is executed: the same bits, sooner
 
 project = "holdfast"
 author = "the holdfast authors"
 project_copyright = "the holdfast authors, Apache-2.0"
 version = release = installed_version("holdfast")
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton", "docstrings", "mathml"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx_copybutton",
+    "docstrings",
+    "mathml",
+    "notebook",
+]
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["_build", "_sphinx"]
 suppress_warnings = ["myst.header"]  # included pages (changelog, contributing) begin at level 1 of their own

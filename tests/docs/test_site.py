@@ -30,5 +30,9 @@ def test_site(tmp_path):
         text = page.read_text(encoding="utf-8")
         assert not LOADED.findall(text), page.name
         assert "<title>" in text
+    notebook = (tmp_path / "first_run.html").read_text(encoding="utf-8")
+    assert notebook.count("<iframe") == 1 and notebook.count("data:image/png") == 4, (
+        "the page and the pictures it shows"
+    )
     print(f"{len(pages)} pages in {seconds:.0f} s")
     assert seconds < 60

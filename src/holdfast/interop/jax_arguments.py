@@ -19,7 +19,7 @@ def require_names(what: str, names: Sequence[str], known: Sequence[str]) -> tupl
     checks.instance(names, (list, tuple), f"to_jax: {what}", StateError)
     for name in names:
         if name not in known:
-            raise StateError(f"to_jax: {what}: no {name!r}.{checks.did_you_mean(str(name), known)}")
+            raise StateError(f"to_jax: {what}: no {checks.short(name)}.{checks.did_you_mean(str(name), known)}")
     return tuple(dict.fromkeys(names))
 
 

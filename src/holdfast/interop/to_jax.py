@@ -86,7 +86,9 @@ def to_jax(
     require_jax()
     checks.instance(dynamics, (CompiledChain, Rollout), "to_jax: dynamics", StateError)
     checks.instance(forward_mode, bool, "to_jax: forward_mode", StateError)
-    if of is not None and not len(of):
+    checks.instance(of, (list, tuple, type(None)), "to_jax: of", StateError)
+    checks.instance(parameters, (list, tuple), "to_jax: parameters", StateError)
+    if of is not None and not of:
         raise StateError("to_jax: of: expected some results, got none")
     if "object_mass" in parameters and "object_inertia" not in parameters:
         raise StateError(
