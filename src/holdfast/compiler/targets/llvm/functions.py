@@ -11,7 +11,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from holdfast.compiler.program import Program
-from holdfast.compiler.targets.split import LONGEST, Access, Part, SplitProgram, split
+from holdfast.compiler.targets.split import LONGEST, Access, Number, Part, SplitProgram, split
+
+# A number in memory that has not been used for so many operations is loaded again. LLVM would keep it in a register, or
+# rather write it to the stack, a second time, because more numbers are in use than there are registers.
+_FAR = 64
 
 _BINARY = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv"}
 _FUNCTIONS = {"absolute": "fabs", "sqrt": "sqrt"}
@@ -82,43 +86,49 @@ def _suffix(lanes: int) -> str:
 
 
 def _body(part: Part, lanes: int) -> list[str]:
-    """Return the lines of the operations; inputs are loaded at first use, and results are stored when computed."""
+    """Return the lines of the operations; numbers are loaded when they are used, and stored when they are computed."""
     program, sources, wanted = part.program, part.sources, part.wanted
     T, truth, suffix = number_type(lanes), _truth_type(lanes), _suffix(lanes)
     lines: list[str] = []
     names: dict[int, str] = {}
-    first_operation = program.input_size
+    now = first_operation = program.input_size
+    stored: dict[int, Number] = {}  # results and values for later parts that this part has computed
+    used: dict[int, int] = {}  # when each number that is in memory was last used
 
     def read(place: int) -> str:
-        if place in names:
+        if place in names and now - used.get(place, now) <= _FAR:
+            if place in used:
+                used[place] = now
             return names[place]
         kind, _, value = program.instructions[place]
         if kind == "constant":
             names[place] = constant(value, lanes)
             return names[place]
-        assert kind == "input"
-        pointer, number, access = sources[place]
-        lines.append(f"  %i{place} = getelementptr double, ptr %{pointer}, i64 {number * access.step}")
+        own = f"{place}.{now}" if place in names else f"{place}"
+        pointer, number, access = sources[place] if kind == "input" else stored[place]
+        lines.append(f"  %i{own} = getelementptr double, ptr %{pointer}, i64 {number * access.step}")
         if access.splat and lanes > 1:
-            lines.append(f"  %s{place} = load double, ptr %i{place}, align 8")
-            lines.extend(splat(f"%v{place}", f"%s{place}", lanes))
+            lines.append(f"  %s{own} = load double, ptr %i{own}, align 8")
+            lines.extend(splat(f"%v{own}", f"%s{own}", lanes))
         else:
-            lines.append(f"  %v{place} = load {T}, ptr %i{place}, align {8 * lanes}")
-        names[place] = f"%v{place}"
+            lines.append(f"  %v{own} = load {T}, ptr %i{own}, align {8 * lanes}")
+        names[place], used[place] = f"%v{own}", now
         return names[place]
 
     def store(place: int) -> None:
-        for (pointer, number, access), at in wanted[place].items():
-            result = read(place)
+        for target, at in wanted[place].items():
+            (pointer, number, access), result = target, read(place)
             lines.append(f"  %{at} = getelementptr double, ptr %{pointer}, i64 {number * access.step}")
             lines.append(f"  store {T} {result}, ptr %{at}, align {8 * lanes}")
+            stored[place], used[place] = target, now
 
     for place in sorted(p for p in wanted if p < first_operation):
         store(place)
     for place in range(first_operation, len(program.instructions)):
         kind, args, _ = program.instructions[place]
+        now = place
         if kind != "constant":
-            x = [names.get(a) or read(a) for a in args]
+            x = [read(a) for a in args]
             name = names[place] = f"%v{place}"
             if kind in _BINARY:
                 text = f"{_BINARY[kind]} {T} {x[0]}, {x[1]}"
