@@ -100,7 +100,7 @@ class TextRequest(NamedTuple):
             function=self._outputs,
             whole={name: known[name] for name in self.text.results}
             | {f"{FOUND}{name}": shape for name, shape in self.found(chain).items()},
-            by_grasp=True,
+            by_grasp="grasp_wrench" in base.inputs or "grasp_pose" in self.arguments,
             further=given,
             fixed=fixed,
         )
