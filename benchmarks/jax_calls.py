@@ -1,4 +1,4 @@
-"""What a call through JAX costs beside the machine code's own: one system, two Pandas that hold a box.
+"""What a call through JAX costs beside the machine code's own, and a gradient through a rollout: two Pandas with a box.
 
 Run it with HOLDFAST_COMPILE unset, on a quiet machine: `python benchmarks/jax_calls.py`.
 """
@@ -17,17 +17,18 @@ import holdfast as hf
 from holdfast.robots import panda
 
 CALLS, ROUNDS = 2000, 7
+STEP, STEPS, SYSTEMS = 1e-3, 50, 16
 
 
-def seconds(call: Callable[[], Any]) -> float:
+def seconds(call: Callable[[], Any], calls: int = CALLS) -> float:
     """Return the least process time of a call over several rounds [s]."""
     call()
     rounds = []
     for _ in range(ROUNDS):
         begin = time.process_time()
-        for _ in range(CALLS):
+        for _ in range(calls):
             call()
-        rounds.append((time.process_time() - begin) / CALLS)
+        rounds.append((time.process_time() - begin) / calls)
     return min(rounds)
 
 
@@ -67,6 +68,25 @@ def main() -> None:
     through = of(gradient)
     ratio = through / (vjp + dispatch)
     print(f"JAX: gradient               {1e6 * through:6.1f} us, {ratio:.2f} times both together")
+    of_rollouts(hf.compile_rollout(chain, scheme="midpoint"), state, np.asarray(values[2]))
+
+
+def of_rollouts(rollout: Any, state: hf.State, tau: np.ndarray) -> None:
+    """Print milliseconds of a value and its gradient through steps of many systems, by the tape and in JAX."""
+    given = (state.q, state.qd, state.object_pose, state.object_twist)
+    torques = tau + np.random.default_rng(0).normal(size=(SYSTEMS, len(tau)))
+    run = hf.interop.to_jax(rollout, of=["q"], step=STEP, steps=STEPS)
+
+    def by_tape() -> Any:
+        systems = rollout.start(np.tile(state.q, (SYSTEMS, 1)), *given[1:], tau=torques)
+        tape = rollout.tape(systems, STEP, steps=STEPS, record=["q"])
+        return tape.vjp(along={"q": np.ones_like(tape.records["q"])}, by=["tau"]).tau
+
+    whole = jax.jit(jax.value_and_grad(lambda tau: jax.vmap(lambda one: run(*given, tau=one)["q"].sum())(tau).sum()))
+    assert np.allclose(whole(torques)[1], by_tape(), rtol=1e-9, atol=0)
+    own, through = seconds(by_tape, 5), seconds(lambda: jax.block_until_ready(whole(torques)), 5)
+    print(f"rollout of {SYSTEMS} systems, {STEPS} steps: value and gradient by the tape {1e3 * own:.1f} ms, ", end="")
+    print(f"in JAX {1e3 * through:.1f} ms, {through / own:.2f} times as much")
 
 
 if __name__ == "__main__":
