@@ -82,20 +82,20 @@ class Update(NamedTuple):
     Attributes:
         back_substitute: s (6,), the wrench at G of everything behind, and beta (c,) of the trunk's columns, or None ->
             the arm's own, C^T lambda.
+        again: other x and r -> x after the arm, and the way back, by the factors at hand.
         kept: how many of its rows are independent of those before.
         weakest: the smallest pivot kept, relative to a typical one.
         independent: (rows,) 1 for the rows that are kept, where the contact says which are held.
         on_trunk: (c, 1 + c) [load | inertia] that the grasp adds to what the trunk's columns feel: E^T S^-1 (r - C x),
             of a mounted arm.
-        again: other x and r -> x after the arm, and the way back, by the factors at hand.
     """
 
     back_substitute: BackSubstitution
+    again: Callable[[Array, Array], tuple[Array, BackSubstitution]]
     kept: Scalar
     weakest: Scalar
     independent: Array | None = None
     on_trunk: Array | None = None
-    again: Callable[[Array, Array], tuple[Array, BackSubstitution]] | None = None
 
 
 def of_beta(columns: Array, beta: Array | None) -> Array:

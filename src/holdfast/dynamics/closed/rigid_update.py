@@ -29,7 +29,7 @@ def rigid_update(x: Array, P: Array, m: Measurement, size: Array) -> tuple[Array
         nu = ldl_solve(S, r - x)
         return x + P @ nu, lambda s, beta=None: of_beta(nu, beta) - gain @ s
 
-    update = Update(lambda s, beta=None: of_beta(nu, beta) - gain @ s, S.kept, S.weakest, None, on_trunk, again)
+    update = Update(lambda s, beta=None: of_beta(nu, beta) - gain @ s, again, S.kept, S.weakest, None, on_trunk)
     return x + P @ nu, mirrored(gain.T @ m.R), update
 
 

@@ -66,7 +66,7 @@ def row_updates(
             others.append((c, gain, e * inverse))
         return x, back_through(others)
 
-    return x, P, Update(back_through(rows), kept, weakest, independent, on_trunk, again)
+    return x, P, Update(back_through(rows), again, kept, weakest, independent, on_trunk)
 
 
 def back_through(rows: Sequence[tuple[Array, Array, Any]]) -> BackSubstitution:

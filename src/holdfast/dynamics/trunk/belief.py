@@ -9,7 +9,7 @@ import numpy as np
 
 from holdfast.dynamics.closed.factored_mobility import FactoredMobility, factored
 from holdfast.dynamics.closed.measurement import Measurement, Update, of_beta, size_at_centre
-from holdfast.dynamics.closed.object_filter import by_rows
+from holdfast.dynamics.closed.object_filter import sizes_of_rows
 from holdfast.dynamics.closed.rigid_update import rigid_update, terminal_update
 from holdfast.dynamics.closed.row_updates import row_updates
 from holdfast.spatial.scalar import Array, Scalar, array, minimum
@@ -55,7 +55,7 @@ class Belief(NamedTuple):
 
     def factors(self) -> FactoredMobility:
         """Return P in factors."""
-        return self.P if isinstance(self.P, FactoredMobility) else factored(self.P, by_rows(self.size))
+        return self.P if isinstance(self.P, FactoredMobility) else factored(self.P, sizes_of_rows(self.size))
 
     def seen(self, m: Measurement, tolerance: float) -> tuple[Belief, Update]:
         """Return the belief after an arm, and its back-substitution. A rigid one adds in parallel while P is dense."""
