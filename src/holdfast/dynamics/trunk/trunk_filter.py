@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -76,6 +76,61 @@ def trunk_filter(
     about = each(lambda c: c.about(body.centre, body.centripetal), contacts)
     rows = dict(zip(grasps, each(measurement, about, tips.values()), strict=True))
     bases = {name: tip.base for name, tip in {**tips, **lone}.items() if tip.base is not None}
+    free_moments = sum(len(c.grasp.free) for c in contacts)
+    sweep = inward(trunk, rows, bases, body, free_moments, tolerance)
+    wrenches, alpha, accelerations = outward(trunk, sweep, body.wrench)
+
+    belief = sweep.belief
+    found = ObjectSolution(
+        each(wrench_at_contact, about, [wrenches[name] for name in grasps]),
+        acceleration_at_C(body.centre, body.centripetal, alpha),
+        symmetric6(belief.dense()).mobility_shifted(-body.centre).dense(),
+        belief.kept,
+        belief.weakest,
+        [sweep.updates[name].independent for name in rows],
+    )
+    of_base = accelerations.pop(0) if trunk.floats else None
+    accelerating = TrunkAcceleration(concatenate(accelerations), of_base)
+    pivots = concatenate([sweep.crossings[k].pivots for k in stops(trunk)])
+    return TrunkSolution(found, accelerating, trunk.accelerations(accelerating), pivots)
+
+
+class InwardSweep(NamedTuple):
+    """What the inward sweep leaves for the way back.
+
+    Attributes:
+        belief: about the object, when all arms have been seen.
+        order: the arms that hold, by the body that they stand on, -1 for the world.
+        last: the arm that was seen last; None if none holds.
+        updates: by arm.
+        crossings: by body.
+    """
+
+    belief: Belief
+    order: Mapping[int, list[str]]
+    last: str | None
+    updates: Mapping[str, Any]
+    crossings: Mapping[int, Crossing]
+
+
+def inward(
+    trunk: TrunkMotion,
+    rows: Mapping[str, Measurement],
+    bases: Mapping[str, BaseResponse],
+    body: FreeBody,
+    free_moments: int,
+    tolerance: float,
+) -> InwardSweep:
+    """Return the filter after all arms and joints of the trunk, from the outermost body to the world.
+
+    Args:
+        trunk: the trunk in motion.
+        rows: by arm that holds, what it measures.
+        bases: by arm on the trunk, its response at its base.
+        body: the object.
+        free_moments: how many components of the grasps are free; they count as independent rows.
+        tolerance: relative size of a pivot that counts as zero, where the contacts say which rows are held.
+    """
     welded = with_locked_arms(trunk, bases)
     order = {k: in_order(rows, [name for name in rows if on(trunk, name) == k]) for k in range(-1, len(trunk.bodies))}
     everyone = [name for k in reversed(order) for name in order[k]]
@@ -85,12 +140,11 @@ def trunk_filter(
     dense = bool(everyone) and rows[everyone[0]].parallel
     P = body.mobility.dense() if dense else FactoredMobility(body.D, body.w)
     x = np.column_stack([body.acceleration, np.zeros((6, trunk.column_count))])
-    belief = Belief(x, P, size, sum(len(c.grasp.free) for c in contacts), 1.0)
+    belief = Belief(x, P, size, free_moments, 1.0)
     felt, updates, crossings = nothing_felt(trunk.column_count), {}, {}
-    stops = [len(trunk.bodies) - 1] if trunk.by_joints else range(len(trunk.bodies))
-    for k in [*reversed(stops), -1]:
+    for k in [*reversed(stops(trunk)), -1]:
         if k < 0:
-            belief = belief._replace(x=belief.x[:, 0])  # what carries the trunk does not accelerate by more than said
+            belief = belief._replace(x=belief.x[:, 0])  # the acceleration of what carries the trunk is prescribed
         for name, base in bases.items():
             if on(trunk, name) == k:
                 felt = felt.plus(base.wrench, base.Y)
@@ -102,35 +156,39 @@ def trunk_filter(
         if k >= 0:
             crossings[k] = crossed(trunk, k, welded, belief, felt)
             belief, felt = crossings[k].belief, crossings[k].felt
+    return InwardSweep(belief, order, last, updates, crossings)
 
+
+def outward(trunk: TrunkMotion, sweep: InwardSweep, w: Array) -> tuple[dict[str, Array], Array, list[Array]]:
+    """Return by arm its wrench at G, alpha(G), and the accelerations joint by joint, from the world outward.
+
+    Args:
+        trunk: the trunk in motion.
+        sweep: the inward sweep.
+        w: (6,) external wrench on the object about G. Behind the last grasp it is on the trunk's columns already.
+    """
+    last, belief = sweep.last, sweep.belief
     alone = last is not None and on(trunk, last) >= 0  # the trunk, behind the last grasp
-    s, beta, found, accelerations = np.zeros(6) if alone else body.wrench, None, {}, []
-    alpha = None if everyone else belief.x + belief.factors().apply(body.wrench)
-    for k in [-1, *stops]:
+    s, beta, wrenches, accelerations = np.zeros(6) if alone else w, None, {}, []
+    alpha = belief.x + belief.factors().apply(w) if last is None else None
+    for k in [-1, *stops(trunk)]:
         if k >= 0:
-            a, beta = crossings[k].accelerated(np.zeros(6) if beta is None else beta, s)
+            a, beta = sweep.crossings[k].accelerated(np.zeros(6) if beta is None else beta, s)
             accelerations.append(a)
-        for name in reversed(order[k]):
+        for name in reversed(sweep.order[k]):
             if name == last:
-                alpha, found[name] = updates[name].answer(beta)
-                s = body.wrench + found[name]
+                alpha, wrenches[name] = sweep.updates[name].answer(beta)
+                s = w + wrenches[name]
             else:
-                found[name] = updates[name].back_substitute(s, beta)
-                s = s + found[name]
-
+                wrenches[name] = sweep.updates[name].back_substitute(s, beta)
+                s = s + wrenches[name]
     assert alpha is not None
-    answer = ObjectSolution(
-        each(wrench_at_contact, about, [found[name] for name in grasps]),
-        acceleration_at_C(body.centre, body.centripetal, alpha),
-        symmetric6(belief.dense()).mobility_shifted(-body.centre).dense(),
-        belief.kept,
-        belief.weakest,
-        [updates[name].independent for name in rows],
-    )
-    of_base = accelerations.pop(0) if trunk.floats else None
-    accelerating = TrunkAcceleration(concatenate(accelerations), of_base)
-    pivots = concatenate([crossings[k].pivots for k in stops])
-    return TrunkSolution(answer, accelerating, trunk.accelerations(accelerating), pivots)
+    return wrenches, alpha, accelerations
+
+
+def stops(trunk: TrunkMotion) -> list[int]:
+    """Return the bodies at which joints are crossed: all, or the outermost one for all joints at once."""
+    return [len(trunk.bodies) - 1] if trunk.by_joints else list(range(len(trunk.bodies)))
 
 
 def on(trunk: TrunkMotion, name: str) -> int:
