@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 from holdfast.control.clipped import clipped
 from holdfast.control.compiled_law import CompiledLaws
 from holdfast.control.controller import ControlLaw, Controller, given_law, machine_code, require_controller
-from holdfast.dynamics.near_singular import NEAR, nearly_lost
-from holdfast.errors import HoldfastError, StateError
+from holdfast.errors import StateError
 from holdfast.forces.margins import joint_limits
 from holdfast.model import checks
 from holdfast.model.closed_chain import ClosedChain
@@ -24,17 +23,16 @@ from holdfast.simulation.checkpoint import Checkpoint
 from holdfast.simulation.environment import BaseMotion, Environment
 from holdfast.simulation.events import Event, in_order
 from holdfast.simulation.external_inputs import GivenInputs
-from holdfast.simulation.instant import Instant
 from holdfast.simulation.margins import OnLimit, OnSingular, OnSlip, Policy
+from holdfast.simulation.recorded_run import Listeners, recorded_run
 from holdfast.simulation.rollout.compiled_steppers import stepper_for
-from holdfast.simulation.run import next_state, resumed_run, start_of_run
-from holdfast.simulation.run_state import RunState
+from holdfast.simulation.run import resumed_run, start_of_run
 from holdfast.simulation.runge_kutta import scheme as scheme_named
 from holdfast.simulation.sample import Recorder
 from holdfast.simulation.segment import MakeStepper, RunSettings
 from holdfast.simulation.setting import Setting, recorded_base
-from holdfast.simulation.stops import ALIKE, MOST_STEPS, step_times, stops
-from holdfast.simulation.trajectory import Trajectory, array_names, stacked
+from holdfast.simulation.stops import ALIKE, step_times, stops
+from holdfast.simulation.trajectory import Trajectory
 from holdfast.simulation.verification import LOOKS
 from holdfast.simulation.zero_order_hold import zero_order_hold
 from holdfast.state import Inputs, State
@@ -147,45 +145,10 @@ def simulate(
     settings = RunSettings(environment, acting, hold, make, named, tolerance, limit, policy, ordered, ends)
 
     calls = len(ends.times) * (1 if hold else len(named.c) * (LOOKS if joint_limits(chain).limited.any() else 1))
-    samples, recorder = list[Trajectory](), Recorder(0 if environment.base_motion else len(ends.times))
+    recorder = Recorder(0 if environment.base_motion else len(ends.times))
     with laws_by_machine_code(chain, calls):
         at = start_of_run(settings, state) if start is None else resumed_run(settings, start)
-        first = reported = 0 if start is None else len(start.occurrences)
-
-        def keep(at: RunState) -> None:
-            nonlocal reported
-            happened = at.checkpoint.occurrences
-            samples.append(
-                recorder.sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins, happened[reported:])
-            )
-            reported = len(happened)
-            if on_sample is not None:
-                on_sample(samples[-1])
-            if on_checkpoint is not None:
-                on_checkpoint(at.checkpoint)
-
-        if start is None:
-            keep(at)
-        while True:
-            try:
-                later = next_state(at)
-            except HoldfastError as cause:
-                later = f"stopped after t = {at.now.t:.6g} s: {reason(cause, at.now)}"
-            if not isinstance(later, RunState):
-                break
-            if len(samples) > MOST_STEPS + len(ends.times):  # an adaptive scheme could go on for ever
-                later = f"stopped after t = {at.now.t:.6g} s: more than {MOST_STEPS} steps; try a larger rtol"
-                break
-            if later.now.t > at.now.t:
-                keep(later)
-                if progress is not None:
-                    progress(later.now.t)
-            at = later
-    if not samples:  # a run continued from its end
-        none = stacked([recorder.sample(at.now, at.gaps, at.checkpoint.sums, at.times, at.margins)], later)
-        run = replace(none, **{name: getattr(none, name)[:0] for name in array_names()})
-    else:
-        run = replace(stacked(samples, later), occurrences=at.checkpoint.occurrences[first:])
+        run = recorded_run(at, recorder, start is not None, Listeners(progress, on_sample, on_checkpoint))
     moved = {base: recorded_base(base, motion, run.t) for base, motion in environment.base_motion.items()}
     asked = {"scheme": scheme, "on_slip": on_slip, "on_limit": on_limit, "on_singular": on_singular, "rtol": rtol}
     called = getattr(controller, "__qualname__", type(controller).__qualname__)
@@ -208,26 +171,3 @@ def laws_by_machine_code(chain: ClosedChain, calls: int) -> Iterator[None]:
         yield
     finally:
         machine_code.reset(token)
-
-
-SINGULAR = (
-    0.01  # strength of a direction: below it a singular configuration counts as the cause, above it as a possible one
-)
-
-
-def reason(cause: HoldfastError, last: Instant) -> str:
-    """Return why a step failed, with the directions in which the last sample is nearly singular.
-
-    Args:
-        cause: the error that the step raised.
-        last: the chain at the last accepted instant.
-    """
-    lost = nearly_lost(last.chain, last.state, SINGULAR)
-    if lost:
-        what = str(cause).partition("; try ")[0]
-        return (
-            f"{what}. The last configuration is nearly singular, where joint rates and forces grow without bound:"
-            f" {'; '.join(lost)}. Try a motion that keeps away from it"
-        )
-    near = nearly_lost(last.chain, last.state, NEAR)
-    return f"{cause}. The last configuration is also near a singular one: {'; '.join(near)}" if near else str(cause)
