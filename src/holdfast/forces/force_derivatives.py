@@ -58,10 +58,10 @@ def grasp_margins_vjp(
         grasp_margins: (grasps,) the cotangent.
 
     Returns:
-        By argument its gradient, in its shape; `result` holds the margins [N].
+        The gradients by argument, in the shape of the argument; `result` holds the margins [N].
 
     Raises:
-        StateError: wrong names, shapes or numbers.
+        StateError: a name, shape or number is wrong.
     """
     case, found = _margins_case(chain, state, grasp_wrench)
     return text_vjp(MARGINS, case, found, by, {"grasp_margins": grasp_margins})
@@ -78,13 +78,13 @@ def grasp_margins_jvp(
         chain: the chain.
         state: where the object is; only its attitude enters.
         grasp_wrench: (arms, 6) of each arm on the object about the contact point, world axes.
-        along: by argument, how fast it changes, of its gradient's shape; or (d, ...) for d directions.
+        along: rates of the arguments by name, in the shapes of their gradients, or (d, ...) for d directions.
 
     Returns:
         `found.grasp_margins`, (grasps,) or (d, grasps).
 
     Raises:
-        StateError: wrong names, shapes or numbers.
+        StateError: a name, shape or number is wrong.
     """
     case, found = _margins_case(chain, state, grasp_wrench)
     return text_jvp(MARGINS, case, found, along)
@@ -111,7 +111,7 @@ def grasp_margins_jacobian(
         `found["grasp_margins", by]`, (grasps, *shape of the argument's gradient).
 
     Raises:
-        StateError: wrong names, shapes or numbers.
+        StateError: a name, shape or number is wrong.
     """
     case, found = _margins_case(chain, state, grasp_wrench)
     return text_jacobian(MARGINS, case, found, of, by)
@@ -142,10 +142,10 @@ def joint_margins_vjp(
         effort: (n,) that of efforts'.
 
     Returns:
-        By argument its gradient, in its shape; `result` holds the `JointMargins`.
+        The gradients by argument, in the shape of the argument; `result` holds the `JointMargins`.
 
     Raises:
-        StateError: wrong names, shapes or numbers.
+        StateError: a name, shape or number is wrong.
     """
     case, found = _joints_case(chain, state, tau)
     given = zip(JointMargins._fields, (position, rate, effort), strict=True)
@@ -163,13 +163,13 @@ def joint_margins_jvp(
         chain: the chain.
         state: joint positions and rates.
         tau: (n,) drive torques [N m or N].
-        along: by argument, how fast it changes, of its gradient's shape; or (d, ...) for d directions.
+        along: rates of the arguments by name, in the shapes of their gradients, or (d, ...) for d directions.
 
     Returns:
         `found.position`, `found.rate` and `found.effort`, (n,) or (d, n).
 
     Raises:
-        StateError: wrong names, shapes or numbers.
+        StateError: a name, shape or number is wrong.
     """
     case, found = _joints_case(chain, state, tau)
     return text_jvp(OF_LIMITS, case, found, along)
@@ -196,7 +196,7 @@ def joint_margins_jacobian(
         `found[of, by]`, (n, n).
 
     Raises:
-        StateError: wrong names, shapes or numbers.
+        StateError: a name, shape or number is wrong.
     """
     case, found = _joints_case(chain, state, tau)
     return text_jacobian(OF_LIMITS, case, found, of, by)
@@ -223,7 +223,7 @@ def wrist_wrenches_vjp(
         wrist_wrenches: (arms, 6) the cotangent.
 
     Returns:
-        By argument its gradient, in its shape; `result` holds the wrist wrenches [N m, N].
+        The gradients by argument, in the shape of the argument; `result` holds the wrist wrenches [N m, N].
 
     Raises:
         StateError: wrong names, shapes or numbers; a result of another chain.
@@ -243,7 +243,7 @@ def wrist_wrenches_jvp(
         chain: the chain.
         state: a closed state.
         result: forward dynamics at that state; only its grasp wrenches enter.
-        along: by argument, how fast it changes, of its gradient's shape; or (d, ...) for d directions.
+        along: rates of the arguments by name, in the shapes of their gradients, or (d, ...) for d directions.
 
     Returns:
         `found.wrist_wrenches`, (arms, 6) or (d, arms, 6).
