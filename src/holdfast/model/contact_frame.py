@@ -19,7 +19,7 @@ def contact_frame(point: ArrayLike, into: ArrayLike, x: ArrayLike | None = None)
             looks along `into`, with x to the right and y downwards (the object's -z); if `into` is parallel to the
             object's z axis, x is the object's x axis.
 
-                Raises:
+    Raises:
         ModelError: a direction has zero length, or `x` is parallel to `into`.
     """
     return Pose.looking(point, z=into, x=x)

@@ -86,7 +86,7 @@ def tip_attitude(contact: Array, tip: Array) -> Array:
 
 
 def attitude_about_tip_axis(contact: Array, tip: Array) -> Array | None:
-    """Return the attitude with the tip's x axis that is nearest to the contact frame's; None if x is along the normal."""
+    """Return the attitude with the tip's x axis nearest to the contact frame's; None if x is along its normal."""
     x, normal = tip[:, 0], contact[:, 2]
     across = normal - (normal @ x) * x
     sine = math.sqrt(across @ across)
@@ -227,7 +227,7 @@ class GraspKind(Frozen):
         return self.slides or self.axes is not contact_axes
 
     def row_scales(self, length: float) -> list[float]:
-        """Return the size of a wrench along each row of K that is equivalent to 1 N; moments are divided by `length`."""
+        """Return the size of a wrench along each row of K equivalent to 1 N; moments are divided by `length`."""
         if self.aligned:
             return [length if i < 3 else 1.0 for i in self.transmitted]
         rows = self.directions[list(self.transmitted)] / np.repeat([length, 1.0], 3)
