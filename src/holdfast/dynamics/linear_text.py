@@ -1,7 +1,8 @@
-"""A function that solves nothing, made linear: its text, run on numbers which record their making.
+"""Linearisation of functions that need no linear solve, by running their code on numbers that record operations.
 
-A function's text takes a `VariedCase` and returns arrays. Made linear (`spatial.differentiation`) it gives gradients
-backward and rates forward; what poses turn by and what arguments are called is as in `forward_dynamics_vjp`.
+The code of such a function (its "text") takes a `VariedCase` and returns arrays. Its linearisation
+(`spatial.differentiation`) gives gradients in reverse mode and rates in forward mode. The names of the arguments and
+the derivatives by poses are as in `forward_dynamics_vjp`.
 """
 
 from __future__ import annotations
@@ -26,14 +27,14 @@ POSES = (*OF_BODIES, "floating_pose")
 
 
 class Text(NamedTuple):
-    """A function as it is differentiated.
+    """A function to be differentiated.
 
     Attributes:
-        name: the function's.
-        arguments: what it depends on, of any chain.
-        results: names of what it returns.
-        of: the text.
-        unlimited: whether a result may be infinite, where nothing limits it.
+        name: name of the function.
+        arguments: names of all its arguments, for any chain.
+        results: names of its results.
+        of: the code.
+        unlimited: whether a result may be infinite, as a margin without a limit is.
     """
 
     name: str
@@ -43,19 +44,19 @@ class Text(NamedTuple):
     unlimited: bool = False
 
     def arguments_at(self, case: VariedCase) -> tuple[str, ...]:
-        """Return those of its arguments that a case has."""
+        """Return the names of its arguments that exist in a case."""
         return tuple(name for name in self.arguments if name in (*case.own, *arguments_of(case.chain)))
 
 
 class LinearText(NamedTuple):
-    """A text made linear at a case in some of its arguments.
+    """The linearisation of a function in some of its arguments.
 
     Attributes:
-        text: the text.
-        case: where.
-        names: the arguments.
-        numbers: what these are made of, by name.
-        linear: the text made linear in `numbers`.
+        text: the function.
+        case: the case at which it is linearised.
+        names: names of the arguments.
+        numbers: the numbers that make up these arguments, by name.
+        linear: the linearisation in `numbers`.
     """
 
     text: Text
@@ -66,11 +67,11 @@ class LinearText(NamedTuple):
 
     @property
     def shapes(self) -> dict[str, Shape]:
-        """Of the results, by name."""
+        """Shapes of the results, by name."""
         return {name: of.shape for name, of in zip(self.text.results, self.linear.results, strict=True)}
 
     def gradient(self, cotangents: Mapping[str, Array]) -> dict[str, Array]:
-        """Return the gradients of sum(cotangent . result) by the arguments; of poses by [turn; shift]."""
+        """Return the gradients of sum(cotangent . result) by argument; for poses with respect to [turn; shift]."""
         bars = [cotangents.get(name, np.zeros(shape)) for name, shape in self.shapes.items()]
         found = dict(zip(self.numbers, self.linear.gradient(*bars), strict=True))
         for name in self.names:
@@ -82,7 +83,7 @@ class LinearText(NamedTuple):
         return {name: found[name] for name in self.names}
 
     def rates(self, tangents: Mapping[str, Array]) -> dict[str, Array]:
-        """Return how fast the results change while the arguments do; those that are left out stay."""
+        """Return the rates of the results for given rates of the arguments; missing arguments are constant."""
         given: dict[str, Array] = {name: np.zeros(x.shape) for name, x in self.numbers.items()}
         for name, tangent in tangents.items():
             if name in POSES:
@@ -96,7 +97,7 @@ class LinearText(NamedTuple):
 
 
 def linear_text(text: Text, case: VariedCase, by: Sequence[str]) -> LinearText:
-    """Return a text made linear in some of its arguments."""
+    """Return the linearisation of a function in some of its arguments."""
     names = tuple(dict.fromkeys(by))
     numbers = case.numbers([part for name in names for part in _parts_of(name)])
 
@@ -107,5 +108,5 @@ def linear_text(text: Text, case: VariedCase, by: Sequence[str]) -> LinearText:
 
 
 def _parts_of(name: str) -> tuple[str, ...]:
-    """Return the numbers that an argument is made of."""
+    """Return the names of the numbers that make up an argument."""
     return (f"{name.removesuffix('_pose')}_R", f"{name.removesuffix('_pose')}_p") if name in POSES else (name,)

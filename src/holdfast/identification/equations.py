@@ -37,7 +37,7 @@ from holdfast.state import Inputs, State
 
 
 @dataclass(frozen=True)
-class Asked:
+class Settings:
     """What is to be found besides the payload.
 
     Attributes:
@@ -68,17 +68,17 @@ class Equations:
     left_out: int = 0
 
 
-def equations(chain: ClosedChain, recordings: list[Recording], asked: Asked) -> Equations:
+def equations(chain: ClosedChain, recordings: list[Recording], settings: Settings) -> Equations:
     """Return the rows of complete recordings. O(samples n), from torques O(samples n^3)."""
-    of_sample = wrist_rows if asked.source == "wrist_wrench" else torque_rows
-    found = [of_sample(chain, recording, k, asked) for recording in recordings for k in range(len(recording))]
+    of_sample = wrist_rows if settings.source == "wrist_wrench" else torque_rows
+    found = [of_sample(chain, recording, k, settings) for recording in recordings for k in range(len(recording))]
     usual = Counter(len(rows) for rows, _, _ in found).most_common(1)[0][0]
     kept = [one for one in found if len(one[0]) == usual]
     rows, maps, measured = (np.array(part) for part in zip(*kept, strict=True))
     return Equations(rows, maps, measured, len(found) - len(kept))
 
 
-def wrist_rows(chain: ClosedChain, recording: Recording, k: int, asked: Asked) -> tuple[Array, Array, Array]:
+def wrist_rows(chain: ClosedChain, recording: Recording, k: int, settings: Settings) -> tuple[Array, Array, Array]:
     """Return rows, maps and what was measured of a sample, from wrists."""
     assert recording.wrist_wrench is not None
     state, alpha, inputs = _sample(chain, recording, k)
@@ -92,13 +92,13 @@ def wrist_rows(chain: ClosedChain, recording: Recording, k: int, asked: Asked) -
         for c, arm in zip(motion.contacts, motion.holding, strict=True)
     ])  # fmt: skip
     right = known + X @ measured.ravel()
-    bias = X if asked.sensor_bias else np.zeros((6, 0))
-    columns = _object_columns(chain, state, alpha, asked)
-    last = [-right[:, None]] + ([np.zeros((6, 3))] if asked.gravity else [])
+    bias = X if settings.sensor_bias else np.zeros((6, 0))
+    columns = _object_columns(chain, state, alpha, settings)
+    last = [-right[:, None]] + ([np.zeros((6, 3))] if settings.gravity else [])
     return np.hstack([*columns, bias, *last]), X, measured.ravel()
 
 
-def torque_rows(chain: ClosedChain, recording: Recording, k: int, asked: Asked) -> tuple[Array, Array, Array]:
+def torque_rows(chain: ClosedChain, recording: Recording, k: int, settings: Settings) -> tuple[Array, Array, Array]:
     """Return rows, maps and what was measured of a sample, from joint torques."""
     assert recording.tau is not None and recording.qdd is not None
     state, alpha, inputs = _sample(chain, recording, k)
@@ -117,16 +117,16 @@ def torque_rows(chain: ClosedChain, recording: Recording, k: int, asked: Asked) 
         found = trunk_torques(motion, qdd, none, base)
         return found.tau if base is None else np.concatenate([found.tau, found.base])
 
-    motion = moved(np.zeros(3) if asked.gravity else chain.gravity)
+    motion = moved(np.zeros(3) if settings.gravity else chain.gravity)
     assert motion.object_case is not None
     N = constraint_rows(motion).motions
     joints, free = N[:n].T, N[n : n + 6].T
     moving = np.vstack([N[:n], N[n + 6 :]]).T  # of joints and floating base
     here = needed(motion)
     last = [(moving @ here - joints @ tau - free @ motion.object_case.wrench)[:, None]]
-    if asked.gravity:
+    if settings.gravity:
         last += [np.array([moving @ (needed(moved(axis)) - here) for axis in np.eye(3)]).T]
-    columns = [free @ part for part in _object_columns(chain, state, alpha, asked)]
+    columns = [free @ part for part in _object_columns(chain, state, alpha, settings)]
     return np.hstack([*columns, *last]), joints, tau
 
 
@@ -141,14 +141,14 @@ def about_mass_centre(chain: ClosedChain) -> Array:
     return np.array([body.moved(np.eye(3), chain.held_object.com).parameters for body in UNIT_BODIES]).T
 
 
-def _object_columns(chain: ClosedChain, state: State, alpha: Array, asked: Asked) -> list[Array]:
+def _object_columns(chain: ClosedChain, state: State, alpha: Array, settings: Settings) -> list[Array]:
     """Return the columns that multiply pi, and g_x pi .. g_z pi where gravity is unknown."""
     frame, twist, to_C = state.object_frame, state.object_twist, about_mass_centre(chain)
 
     def columns(gravity: Array) -> Array:
         return object_columns(frame, twist, alpha - np.concatenate([np.zeros(3), gravity])) @ to_C
 
-    if not asked.gravity:
+    if not settings.gravity:
         return [columns(chain.gravity)]
     without = columns(np.zeros(3))
     return [without, *(columns(axis) - without for axis in np.eye(3))]

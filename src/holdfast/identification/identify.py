@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from holdfast.dynamics.consistency import closure
 from holdfast.errors import ModelError, StateError
 from holdfast.identification.completed import completed
-from holdfast.identification.equations import Asked, Equations, equations
+from holdfast.identification.equations import Equations, Settings, equations
 from holdfast.identification.estimate import Estimate, estimate
 from holdfast.identification.grasp_frames import measured_grasps
 from holdfast.identification.identification import Identification
@@ -77,7 +77,7 @@ def identify(
     Reference:
         Atkeson, An and Hollerbach 1986; Rucker and Wensing 2022; `docs/theory/derivatives.md`.
     """
-    asked = _asked(chain, by, {"sensor_bias": sensor_bias, "gravity": gravity, "grasp_frames": grasp_frames})
+    settings = _settings(chain, by, {"sensor_bias": sensor_bias, "gravity": gravity, "grasp_frames": grasp_frames})
     largest = checks.number(largest_deviation, "identify: largest_deviation", above=0.0)
     listed = isinstance(recordings, list | tuple)
     given = [recording_of(one, chain) for one in (recordings if listed else [recordings])]
@@ -89,10 +89,10 @@ def identify(
     if grasp_frames:
         chain, frames = measured_grasps(chain, given)
     whole = [completed(chain, one) for one in given]
-    system = equations(chain, whole, asked)
+    system = equations(chain, whole, settings)
     wrists = np.tile([0, 0, 0, 1, 1, 1], len(chain.grasps))
     kinds = wrists if by == "wrist_wrench" else np.arange(chain.joint_count)
-    look = unknowns(chain, asked, _wrench_sizes(system, by))
+    look = unknowns(chain, settings, _wrench_sizes(system, by))
     rows, p = system.rows[..., 0].size, len(look.names)
     if rows < 2 * p:
         raise StateError(
@@ -100,10 +100,10 @@ def identify(
         )
     found = estimate(system, look, kinds, _given_noise(noise, chain, by), largest)
     notes = [*_notes(found, system, noise is not None), *_notes_on_grasps(chain, whole, frames)]
-    return _identification(chain, look, found, asked, frames, tuple(notes))
+    return _identification(chain, look, found, settings, frames, tuple(notes))
 
 
-def _asked(chain: Any, by: Any, flags: dict[str, Any]) -> Asked:
+def _settings(chain: Any, by: Any, flags: dict[str, Any]) -> Settings:
     """Return what is unknown; refuse chains and options that do not fit."""
     checks.instance(chain, ClosedChain, "identify: chain")
     if by not in SOURCES:
@@ -125,7 +125,7 @@ def _asked(chain: Any, by: Any, flags: dict[str, Any]) -> Asked:
             "identify: object: expected principal moments of which any two sum to more than the third; got a flat or an"
             " impossible body; try HeldObject.box with three edges as a first guess"
         ) from cause
-    return Asked(by, flags["sensor_bias"], flags["gravity"])
+    return Settings(by, flags["sensor_bias"], flags["gravity"])
 
 
 def _moments(body: HeldObject) -> Array:
@@ -172,7 +172,7 @@ def _identification(
     chain: ClosedChain,
     look: Unknowns,
     found: Estimate,
-    asked: Asked,
+    settings: Settings,
     frames: dict[str, Array],
     notes: tuple[str, ...],
 ) -> Identification:
@@ -181,10 +181,10 @@ def _identification(
     values[1:4] += chain.held_object.com
     payload = HeldObject(values[0], of_parameters(values[:10]).I, values[1:4])
     bias = None
-    if asked.sensor_bias:
+    if settings.sensor_bias:
         bias = np.zeros((len(chain.arms), 6))
         bias[[chain.names.index(name) for name in chain.grasps]] = values[10 : 10 + look.biases].reshape(-1, 6)
-    g = look.tilted_gravity(values[-2:])[0] if asked.gravity else chain.gravity
+    g = look.tilted_gravity(values[-2:])[0] if settings.gravity else chain.gravity
     model, partly = parts_kept(found.held)
     sizes = np.where(model | partly, np.inf, np.sqrt(np.maximum(np.diag(found.covariance), 0.0)))
     return Identification(

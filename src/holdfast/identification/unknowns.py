@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.identification.equations import Asked
+from holdfast.identification.equations import Settings
 from holdfast.model.closed_chain import ClosedChain
 from holdfast.spatial.differentiation import linearised
 from holdfast.spatial.inertia import PARAMETERS, RigidInertia, of_parameters
@@ -100,31 +100,31 @@ class Unknowns:
         return values, np.vstack([np.eye(10, p), of_products, of_b, np.zeros((1, p)), of_g])
 
 
-def unknowns(chain: ClosedChain, asked: Asked, wrench_sizes: Array) -> Unknowns:
+def unknowns(chain: ClosedChain, settings: Settings, wrench_sizes: Array) -> Unknowns:
     """Return the unknowns of a chain.
 
     Args:
         chain: with the model's values.
-        asked: what is unknown.
+        settings: what is unknown.
         wrench_sizes: (6,) what counts as one of a sensor's offset [N m, N].
     """
     body, names, units = chain.held_object, list(NAMES), list(UNITS)
     m, radius = body.mass, float(np.sqrt(np.trace(body.inertia) / (2.0 * body.mass)))
     sizes = [m, *[radius] * 3, *[m * radius**2] * 6]
     model = [m, 0.0, 0.0, 0.0, *body.inertia[np.triu_indices(3)]]
-    holding = list(chain.grasps) if asked.sensor_bias else []
+    holding = list(chain.grasps) if settings.sensor_bias else []
     for name in holding:
         names += [f"sensor offset of '{name}', {axis}" for axis in AXES]
         units += ["N m"] * 3 + ["N"] * 3
         sizes += wrench_sizes.tolist()
     across = np.zeros((2, 3))
-    if asked.gravity:
+    if settings.gravity:
         across = np.linalg.svd(chain.gravity[None, :])[2][1:]
         names += ["gravity's tilt, first", "gravity's tilt, second"]
         units, sizes = [*units, "rad", "rad"], [*sizes, 1.0, 1.0]
     model += [0.0] * (len(names) - 10)
     arrays = (np.array(sizes), np.array(model), chain.gravity, across)
-    return Unknowns(tuple(names), tuple(units), *arrays, 6 * len(holding), asked.gravity)
+    return Unknowns(tuple(names), tuple(units), *arrays, 6 * len(holding), settings.gravity)
 
 
 def plain_parameters(numbers: Array) -> Array:

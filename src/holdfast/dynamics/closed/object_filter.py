@@ -1,17 +1,15 @@
-"""The object's filter: every arm measures alpha(G), one after the other, out and back.
+"""The object's filter, in which every arm in turn is a measurement of alpha(G), in a forward and a backward pass.
 
-x is the acceleration of the mass centre G with the arms seen so far, P their mobility there. Arm i
-says K_i (r_i - A_i alpha(G)) = K_i Lambda_i K_i^T lambda_i, r_i = alpha_f,i + g_i - a_i(G), f_i =
-K_i^T lambda_i. With C = K_i A_i, R = K_i Lambda_i K_i^T, S = R + C P C^T:
-
-    out:   x += P C^T S^-1 (K r - C x),   P -= P C^T S^-1 C P        (docs/theory/sequential_filter.md)
-    back:  lambda = S^-1 (K r - C x) - S^-1 C P s,   s += C^T lambda
-
-P is brought down without subtracting: where a rigid grasp measures all of alpha(C) as a parallel
-sum (`rigid_update`), elsewhere in factors (`row_updates`). The order of the arms is free, so parallel
-sums come first: after one of them P is of the arms' size, however light the object. An arm of
-fewer than six joints holds alpha(G) fast in some directions; its rows say so exactly, where the
-rounding of a 6x6 R would let a heavy object move. No Lambda_i and no Omega need be regular.
+Let x be the acceleration of the mass centre G with the arms included so far, and P the mobility there. The equations of
+arm i are K_i (r_i - A_i alpha(G)) = K_i Lambda_i K_i^T lambda_i with r_i = alpha_f,i + g_i - a_i(G) and
+f_i = K_i^T lambda_i. With C = K_i A_i, R = K_i Lambda_i K_i^T, S = R + C P C^T:
+    forward:   x += P C^T S^-1 (K r - C x),   P -= P C^T S^-1 C P        (docs/theory/sequential_filter.md)
+    backward:  lambda = S^-1 (K r - C x) - S^-1 C P s,   s += C^T lambda
+P is updated without subtraction: for a rigid grasp, which measures all of alpha(C), by a parallel sum (`rigid_update`),
+otherwise in factored form (`row_updates`). The order of the arms is arbitrary, so parallel sums come first. After one
+of them P is of the size of the arms' mobility, however light the object is. An arm with fewer than six joints fixes
+some components of alpha(G). Its rows impose this exactly, whereas the rounding of a 6x6 matrix R would let a heavy
+object move. Neither the Lambda_i nor Omega need be regular.
 """
 
 from __future__ import annotations
@@ -41,17 +39,18 @@ from holdfast.spatial.scalar import Array, Scalar, array, each, maximum, minimum
 from holdfast.spatial.spatial_vector import shift_twist, shift_wrench
 from holdfast.spatial.symmetric import symmetric6
 
-LEAST_MOBILE = 1e-16  # of the object's own mobility
+LEAST_MOBILE = 1e-16  # relative to the object's own mobility
 
 
 Again = Callable[[list[Array], Array], tuple[list[Array], Array]]
 
 
 class ObjectSolution(NamedTuple):
-    """Grasp wrenches and object acceleration of one chain.
+    """The grasp wrenches and the object acceleration of one chain.
 
     Attributes:
         wrenches: per grasp, (6,) f about the contact point, world axes.
+<<<<<<< HEAD
         object_acceleration: (6,) alpha(C), less [0; g], world axes.
         mobility: (6, 6) P after the last arm: what a wrench at C moves, world axes.
         rank: rows of the constraint that are independent, contact freedoms included.
@@ -60,6 +59,17 @@ class ObjectSolution(NamedTuple):
         again: per grasp (6,) r about the contact point, and (6,) wrench on the object about C, world axes -> wrenches
             and object acceleration of the chain at rest, by the factors at hand.
         second: the same for the second right-hand side, if there was one.
+=======
+        object_acceleration: (6,) alpha(C) minus [0; g], world axes.
+        mobility: (6, 6) P after the last arm, the mobility of the whole chain at C, world axes.
+        rank: number of independent rows of the constraint, contact freedoms included.
+        weakest_pivot: the smallest pivot of S for an independent row, relative to a typical one.
+        independent: per grasp, (rows,) 1 for the independent rows, if the contacts have masks of rows.
+        again: function of r (6,) about the contact point of each grasp and of the wrench (6,) on the object about C,
+            world axes; it returns the wrenches and the object acceleration of the chain at rest, using the same
+            factors.
+        second: the result of `again` for the argument `second` of the filter.
+>>>>>>> 59d7652f752d736096cbc74474558791fa837268
     """
 
     wrenches: list[Array]
@@ -133,8 +143,9 @@ def object_filter(
     tolerance: float = RANK_TOLERANCE,
     second: tuple[list[Array], Array] | None = None,
 ) -> ObjectSolution:
-    """Return grasp wrenches and object acceleration, O(l).
+    """Return the grasp wrenches and the object acceleration, O(l).
 
+<<<<<<< HEAD
     An external wrench w on the object is kept apart: alpha(G) = x + P w at the end, s = w at the
     start of the way back (a light object's M(G)^-1 w would be huge, and subtracted again later).
 
@@ -144,6 +155,17 @@ def object_filter(
         body: the object.
         tolerance: relative size of a pivot that counts as zero, where the contacts say which rows are held.
         second: a second right-hand side, as `again` takes it, which passes the arms together with the first.
+=======
+    An external wrench w on the object is treated separately: alpha(G) = x + P w at the end, and s = w at the start of
+    the backward pass. (The acceleration M(G)^-1 w of a light object would be huge, and would cancel later.)
+
+    Args:
+        contacts: the grasps, in the order of the arms that have one.
+        tips: the tip responses of these arms.
+        body: the object.
+        tolerance: relative size of a pivot that counts as zero, if the contacts have masks of rows.
+        second: arguments of `again`, if they are known in advance; they are processed in the same two passes.
+>>>>>>> 59d7652f752d736096cbc74474558791fa837268
     """
     about = each(lambda c: c.about(body.centre, body.centripetal), contacts)
     seen = each(measurement, about, tips)
@@ -186,6 +208,7 @@ def object_filter(
     )
 
 
+<<<<<<< HEAD
 def solved_again(factors: Factors, gaps: list[Array], wrench: Array) -> tuple[list[Array], Array]:
     """Return wrenches and object acceleration of the chain at rest under other loads, by the same factors. O(l).
 
@@ -269,35 +292,91 @@ def back_substituted(s: list[Array], ways: list[BackSubstitution]) -> tuple[list
 
 def through(s: Array, back_substitute: BackSubstitution) -> tuple[Array, Array]:
     """Return the wrench at G of an arm and all arms behind it, and the arm's own."""
+=======
+Passed = tuple[Update, BackSubstitution | None]  # an arm's update, and the back-substitution of the second solve
+
+
+def rigid_arm(carry: tuple[Any, ...], m: Measurement, r: Array | None) -> tuple[tuple[Any, ...], Passed]:
+    """Return the filter after an arm included by a parallel sum, and its back-substitutions.
+
+    The argument r belongs to the second solve, or is None.
+    """
+    x, P, size, kept, weakest, x2 = carry
+    x, P, update = rigid_update(x, P, m, size)
+    size = minimum(size, size_at_centre(m.extent))
+    x2, back = passed(update, x2, r)
+    return (x, P, size, kept + update.kept, minimum(weakest, update.weakest), x2), (update, back)
+
+
+def arm_by_rows(
+    carry: tuple[Any, ...], m: Measurement, r: Array | None, size: Array, tolerance: float
+) -> tuple[tuple[Any, ...], Passed]:
+    """Return the filter after an arm included by its rows, and its back-substitutions.
+
+    The argument r belongs to the second solve, or is None.
+    """
+    x, P, kept, weakest, x2 = carry
+    x, P, update = row_updates(x, P, m, size, tolerance)
+    x2, back = passed(update, x2, r)
+    return (x, P, kept + update.kept, minimum(weakest, update.weakest), x2), (update, back)
+
+
+def passed(update: Update, x: Array | None, r: Array | None) -> tuple[Array | None, BackSubstitution | None]:
+    """Return x of the second solve after an arm, and its back-substitution; None without a second solve."""
+    if x is None or r is None or update.again is None:
+        return None, None
+    return update.again(x, r)
+
+
+def back_substituted(
+    s: tuple[Array, Array | None], arm: Passed
+) -> tuple[tuple[Array, Array | None], tuple[Array, Array | None]]:
+    """Return the summed wrenches at G of the later arms and this one, and those of this arm, for both solves."""
+    update, second = arm
+    behind, from_arm = through(s[0], update.back_substitute)
+    if second is None or s[1] is None:
+        return (behind, None), (from_arm, None)
+    behind2, from_arm2 = through(s[1], second)
+    return (behind, behind2), (from_arm, from_arm2)
+
+
+def through(s: Array, back_substitute: BackSubstitution) -> tuple[Array, Array]:
+    """Return the result of `back_substituted` for one of the solves."""
+>>>>>>> 59d7652f752d736096cbc74474558791fa837268
     from_arm = back_substitute(s)
     return s + from_arm, from_arm
 
 
 def wrench_at_contact(about: Contact, from_arm: Array) -> Array:
-    """Return an arm's wrench about its contact point, free moments taken as exactly 0, (6,)."""
+    """Return an arm's wrench about its contact point with its free components set to exactly 0, (6,)."""
     return about.transmissible(shift_wrench(-about.offset, from_arm))
 
 
 def initial_size(body: FreeBody, seen: list[Measurement]) -> Array:
-    """Return (3,) how mobile the object is before the first arm, for judging pivots; see `size_at_centre`.
+    """Return the size of the object's mobility before the first arm, (3,), for judging pivots; see `size_at_centre`.
 
-    What the arms leave of a light object's mobility is of the size of their own, so it counts as no more. Anchors do
-    not yield, and leave nothing or all of it; bushings have no rows.
+    The mobility of a light object is limited to that of the arms, because P is of that size once the arms are included.
+    Anchors, which do not move, and bushings, which have no rows, are left out.
     """
     own, seen = own_size(body), [m for m in seen if m.most and len(m.r)]
     if not seen:
         return own
-    least = LEAST_MOBILE * own  # sliding joints do not turn at all
+    least = LEAST_MOBILE * own  # the angular mobility of sliding joints is zero
     most, _ = scan(lambda size, m: (maximum(size, size_at_centre(m.extent)), None), least, seen)
     return minimum(own, most)
 
 
 def own_size(body: FreeBody) -> Array:
-    """Return (3,) how mobile the object is by itself."""
+    """Return the size of the object's own mobility, (3,)."""
     turning, moving = block_sizes(body.mobility)
     return array([turning, moving, moving])
 
 
+<<<<<<< HEAD
 def sizes_of_rows(size: Array) -> Array:
     """Return (6,) the sizes of the rows of P."""
+=======
+def by_rows(size: Array) -> Array:
+    """Return the sizes of the rows of P, (6,)."""
+>>>>>>> 59d7652f752d736096cbc74474558791fa837268
     return np.repeat(size[:2], 3)

@@ -1,13 +1,13 @@
-"""The object's filter carried through a trunk: inward body by body, then the arms in the world, and back.
+"""The object's filter extended through a trunk: inward body by body, then the arms without a trunk, and back.
 
-The belief about the object is alpha(G) = x + X beta, mobility P, beta the accelerations of the trunk's columns. At a
-body every arm that holds there is one more measurement, whose answer has a column for each component of beta
-(`measurement`); what the grasps learn of beta is an inertia N and a load n on the columns. Then the body's joint is
-crossed (`crossing`). Behind the last grasp nobody asks for the object any more: its external wrench w has been put upon
-the columns as a load -X^T w, and the trunk goes on alone.
+The belief about the object is alpha(G) = x + X beta with mobility P, where beta are the accelerations of the trunk's
+columns. On each body, every arm with a grasp is one more measurement, whose tip response has a column for each
+component of beta (`measurement`). The grasps add an inertia N and a load n to the equations of the columns. Then the
+body's joint is crossed (`crossing`). After the last grasp the object is eliminated: its external wrench w has become a
+load -X^T w on the columns, and only the equations of the trunk remain.
 
-It is block elimination of the whole chain's equations in another order, hence exact; nothing is subtracted from N or P
-(docs/theory/trunk.md).
+This is a block elimination of the equations of the whole chain in another order, and therefore exact. Nothing is
+subtracted from N or P (docs/theory/trunk.md).
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ from holdfast.spatial.symmetric import symmetric6
 
 
 class TrunkSolution(NamedTuple):
-    """What the filter finds.
+    """The result of the filter.
 
     Attributes:
         found: grasp wrenches, the object's acceleration and the rank.
-        trunk: how the trunk accelerates.
-        betas: per body, (6,).
-        pivots: (n_t,) inertias about the joints, > 0 for a proper trunk.
+        trunk: acceleration of the trunk.
+        betas: per body, beta (6,).
+        pivots: (n_t,) inertias about the trunk's joints, > 0 if its mass matrix is regular.
     """
 
     found: ObjectSolution
@@ -66,11 +66,11 @@ def trunk_filter(
     """Return grasp wrenches, and the accelerations of object and trunk. O(l) + O(n_t).
 
     Args:
-        trunk: the trunk in motion.
-        grasps: the arms that hold, by name: grasp, and answer at tip and base.
-        lone: the answers of the arms on the trunk that hold nothing.
+        trunk: the trunk's motion.
+        grasps: contact and tip response of the arms with a grasp, by name.
+        lone: tip responses of the arms on the trunk without a grasp.
         body: the object.
-        tolerance: relative size of a pivot that counts as zero, where the contacts say which rows are held.
+        tolerance: relative size of a pivot that counts as zero, if the contacts have masks of rows.
     """
     contacts, tips = [c for c, _ in grasps.values()], {name: tip for name, (_, tip) in grasps.items()}
     about = each(lambda c: c.about(body.centre, body.centripetal), contacts)
@@ -144,7 +144,11 @@ def inward(
     felt, updates, crossings = nothing_felt(trunk.column_count), {}, {}
     for k in [*reversed(stops(trunk)), -1]:
         if k < 0:
+<<<<<<< HEAD
             belief = belief._replace(x=belief.x[:, 0])  # the acceleration of what carries the trunk is prescribed
+=======
+            belief = belief._replace(x=belief.x[:, 0])  # the base of the trunk has no additional acceleration
+>>>>>>> 59d7652f752d736096cbc74474558791fa837268
         for name, base in bases.items():
             if on(trunk, name) == k:
                 felt = felt.plus(base.wrench, base.Y)
@@ -158,6 +162,7 @@ def inward(
             belief, felt = crossings[k].belief, crossings[k].felt
     return InwardSweep(belief, order, last, updates, crossings)
 
+<<<<<<< HEAD
 
 def outward(trunk: TrunkMotion, sweep: InwardSweep, w: Array) -> tuple[dict[str, Array], Array, list[Array]]:
     """Return by arm its wrench at G, alpha(G), and the accelerations joint by joint, from the world outward.
@@ -172,6 +177,12 @@ def outward(trunk: TrunkMotion, sweep: InwardSweep, w: Array) -> tuple[dict[str,
     s, beta, wrenches, accelerations = np.zeros(6) if alone else w, None, {}, []
     alpha = belief.x + belief.factors().apply(w) if last is None else None
     for k in [-1, *stops(trunk)]:
+=======
+    alone = last is not None and on(trunk, last) >= 0  # only the trunk remains after the last grasp
+    s, beta, found, accelerations = np.zeros(6) if alone else body.wrench, None, {}, []
+    alpha = None if everyone else belief.x + belief.factors().apply(body.wrench)
+    for k in [-1, *stops]:
+>>>>>>> 59d7652f752d736096cbc74474558791fa837268
         if k >= 0:
             a, beta = sweep.crossings[k].accelerated(np.zeros(6) if beta is None else beta, s)
             accelerations.append(a)
@@ -192,18 +203,18 @@ def stops(trunk: TrunkMotion) -> list[int]:
 
 
 def on(trunk: TrunkMotion, name: str) -> int:
-    """Return the place of the body that an arm stands on; -1 for the world."""
+    """Return the index of the body on which an arm is mounted; -1 for the world."""
     mount = trunk.mounts.get(name)
     return -1 if mount is None else mount.body
 
 
 def in_order(rows: Mapping[str, Measurement], names: list[str]) -> list[str]:
-    """Return the arms of one body, those first that add in parallel."""
+    """Return the arms of one body; those included by a parallel sum come first."""
     return [*(n for n in names if rows[n].parallel), *(n for n in names if not rows[n].parallel)]
 
 
 def with_locked_arms(trunk: TrunkMotion, bases: Mapping[str, BaseResponse]) -> list[Welded]:
-    """Return every body of the trunk with its arms, their joints locked."""
+    """Return every body of the trunk together with its arms, whose joints are locked."""
     arms = each(
         lambda inertia, wrench, offset: Welded(inertia, wrench).moved(offset),
         [base.locked for base in bases.values()],
@@ -217,7 +228,7 @@ def with_locked_arms(trunk: TrunkMotion, bases: Mapping[str, BaseResponse]) -> l
 
 
 def crossed(trunk: TrunkMotion, k: int, welded: list[Welded], belief: Belief, felt: Felt) -> Crossing:
-    """Return the joint of body k crossed, or all that the columns stand for."""
+    """Return the result of crossing the joint of body k, or all joints if the columns are their accelerations."""
     if trunk.by_joints:
         return joints_crossed(trunk.bodies, welded, belief, felt)
     if trunk.bodies[k].joint is None:
