@@ -80,26 +80,15 @@ class Update(NamedTuple):
     """The result of including one arm in the filter, for the back-substitution.
 
     Attributes:
-    <<<<<<< HEAD
-        back_substitute: s (6,), the wrench at G of everything behind, and beta (c,) of the trunk's columns, or None ->
-            the arm's own, C^T lambda.
-        again: other x and r -> x after the arm, and the way back, by the factors at hand.
-        kept: how many of its rows are independent of those before.
-        weakest: the smallest pivot kept, relative to a typical one.
-        independent: (rows,) 1 for the rows that are kept, where the contact says which are held.
-        on_trunk: (c, 1 + c) [load | inertia] that the grasp adds to what the trunk's columns feel: E^T S^-1 (r - C x),
-            of a mounted arm.
-    =======
         back_substitute: function of s (6,), the wrench at G of all arms after this one, and of beta (c,) for the
             trunk's columns, or None; it returns this arm's wrench, C^T lambda.
+        again: function of another x and r that returns x after the arm and its back-substitution, using the same
+            factors.
         kept: number of its rows that are independent of the rows before.
         weakest: the smallest pivot of these rows, relative to a typical one.
         independent: (rows,) 1 for the independent rows, if the contact has a mask of rows.
         on_trunk: (c, 1 + c) [load | inertia] that the grasp of a mounted arm adds to the equations of the trunk's
             columns, E^T S^-1 (r - C x).
-        again: function of another x and r that returns x after the arm and its back-substitution, using the same
-            factors.
-    >>>>>>> 59d7652f752d736096cbc74474558791fa837268
     """
 
     back_substitute: BackSubstitution

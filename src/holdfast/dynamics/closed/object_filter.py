@@ -50,16 +50,6 @@ class ObjectSolution(NamedTuple):
 
     Attributes:
         wrenches: per grasp, (6,) f about the contact point, world axes.
-<<<<<<< HEAD
-        object_acceleration: (6,) alpha(C), less [0; g], world axes.
-        mobility: (6, 6) P after the last arm: what a wrench at C moves, world axes.
-        rank: rows of the constraint that are independent, contact freedoms included.
-        weakest_pivot: the smallest pivot of S kept, relative to a typical one.
-        independent: per grasp, (rows,) 1 for the rows that are kept, if the contacts say which are held.
-        again: per grasp (6,) r about the contact point, and (6,) wrench on the object about C, world axes -> wrenches
-            and object acceleration of the chain at rest, by the factors at hand.
-        second: the same for the second right-hand side, if there was one.
-=======
         object_acceleration: (6,) alpha(C) minus [0; g], world axes.
         mobility: (6, 6) P after the last arm, the mobility of the whole chain at C, world axes.
         rank: number of independent rows of the constraint, contact freedoms included.
@@ -69,7 +59,6 @@ class ObjectSolution(NamedTuple):
             world axes; it returns the wrenches and the object acceleration of the chain at rest, using the same
             factors.
         second: the result of `again` for the argument `second` of the filter.
->>>>>>> 59d7652f752d736096cbc74474558791fa837268
     """
 
     wrenches: list[Array]
@@ -83,12 +72,12 @@ class ObjectSolution(NamedTuple):
 
 
 class Order(NamedTuple):
-    """The order in which the filter passes the arms, as numbers of their grasps.
+    """The order in which the arms are included, by the index of their grasp.
 
     Attributes:
-        parallel: arms that are passed as parallel sums, first.
-        terminal: the last of them, taken apart from the others if no arm is passed by its rows; else empty.
-        by_rows: all other arms.
+        parallel: the arms included by a parallel sum, which come first.
+        terminal: the last of them, which needs fewer operations if no arm follows it; otherwise empty.
+        by_rows: the arms included by their rows.
     """
 
     parallel: list[int]
@@ -97,13 +86,13 @@ class Order(NamedTuple):
 
 
 class Filter(NamedTuple):
-    """The object and the arms that have been passed.
+    """The filter after some of the arms.
 
     Attributes:
-        x: per right-hand side, (6,) the acceleration of G.
-        P: the mobility there, (6, 6), or in factors where arms are passed by their rows.
-        rank: rows that are independent so far.
-        weakest: the smallest pivot kept, relative to a typical one.
+        x: acceleration of G, (6,) for every right-hand side.
+        P: mobility there, (6, 6), or in factored form if arms are included by their rows.
+        rank: number of independent rows so far.
+        weakest: the smallest pivot for an independent row, relative to a typical one.
     """
 
     x: list[Array]
@@ -113,17 +102,17 @@ class Filter(NamedTuple):
 
 
 class Factors(NamedTuple):
-    """What the filter keeps for further right-hand sides.
+    """The factors of the filter, for further right-hand sides.
 
     Attributes:
         centre: (3,) p, from C to G [m].
-        about: the grasps, seen from G.
+        about: the contacts about G.
         seen: the arms' measurements.
         order: the order of the arms.
-        sums: the updates by the arms of `order.parallel`.
-        end: the update by that of `order.terminal`.
-        rows: the updates by those of `order.by_rows`.
-        P: the mobility after the last arm, in the form that it has there.
+        sums: updates by the arms of `order.parallel`.
+        end: update by the arm of `order.terminal`.
+        rows: updates by the arms of `order.by_rows`.
+        P: mobility after the last arm, (6, 6) or in factored form.
     """
 
     centre: Array
@@ -145,17 +134,6 @@ def object_filter(
 ) -> ObjectSolution:
     """Return the grasp wrenches and the object acceleration, O(l).
 
-<<<<<<< HEAD
-    An external wrench w on the object is kept apart: alpha(G) = x + P w at the end, s = w at the
-    start of the way back (a light object's M(G)^-1 w would be huge, and subtracted again later).
-
-    Args:
-        contacts: the grasps, in the order of the arms that have one.
-        tips: those arms' responses at their tips.
-        body: the object.
-        tolerance: relative size of a pivot that counts as zero, where the contacts say which rows are held.
-        second: a second right-hand side, as `again` takes it, which passes the arms together with the first.
-=======
     An external wrench w on the object is treated separately: alpha(G) = x + P w at the end, and s = w at the start of
     the backward pass. (The acceleration M(G)^-1 w of a light object would be huge, and would cancel later.)
 
@@ -165,7 +143,6 @@ def object_filter(
         body: the object.
         tolerance: relative size of a pivot that counts as zero, if the contacts have masks of rows.
         second: arguments of `again`, if they are known in advance; they are processed in the same two passes.
->>>>>>> 59d7652f752d736096cbc74474558791fa837268
     """
     about = each(lambda c: c.about(body.centre, body.centripetal), contacts)
     seen = each(measurement, about, tips)
@@ -208,14 +185,13 @@ def object_filter(
     )
 
 
-<<<<<<< HEAD
 def solved_again(factors: Factors, gaps: list[Array], wrench: Array) -> tuple[list[Array], Array]:
-    """Return wrenches and object acceleration of the chain at rest under other loads, by the same factors. O(l).
+    """Return the wrenches and the object acceleration of the chain at rest for another right-hand side, O(l).
 
     Args:
-        factors: what the filter kept.
+        factors: the filter's factors.
         gaps: per grasp, (6,) r about the contact point, world axes.
-        wrench: (6,) on the object about C, world axes.
+        wrench: (6,) wrench on the object about C, world axes.
     """
     order, end = factors.order, factors.end
     r = each(seen_along, factors.about, factors.seen, gaps)
@@ -233,23 +209,23 @@ def solved_again(factors: Factors, gaps: list[Array], wrench: Array) -> tuple[li
 
 
 def order_of(seen: list[Measurement]) -> Order:
-    """Return the order in which the filter passes the arms: parallel sums first."""
+    """Return the order in which the arms are included: parallel sums first."""
     parallel = [i for i, m in enumerate(seen) if m.parallel]
     by_rows = [i for i, m in enumerate(seen) if not m.parallel]
     return Order(parallel, [], by_rows) if by_rows else Order(parallel[:-1], parallel[-1:], [])
 
 
 def by_grasp(order: Order, first: list[Any], last: list[Any]) -> list[Any]:
-    """Return what the way back found, arm by arm from the last, in the order of the grasps."""
+    """Return the results of the backward pass in the order of the grasps; in each list the last arm comes first."""
     found = dict(zip([*order.parallel, *order.terminal, *order.by_rows], [*first[::-1], *last[::-1]], strict=True))
     return [found[i] for i in range(len(found))]
 
 
-Passed = tuple[Update, list[BackSubstitution]]  # an arm's update, and its way back for every right-hand side
+Passed = tuple[Update, list[BackSubstitution]]  # an arm's update, and its back-substitution for every right-hand side
 
 
 def rigid_arm(carry: tuple[Filter, Array], m: Measurement, r: list[Array]) -> tuple[tuple[Filter, Array], Passed]:
-    """Return the filter after an arm passed as a parallel sum, how mobile the object then is, and the ways back."""
+    """Return the filter and the size of P after an arm included by a parallel sum, and its back-substitutions."""
     now, size = carry
     x, P, update = rigid_update(now.x[0], now.P, m, size)
     now, passed = after(now, x, P, update, r)
@@ -257,13 +233,13 @@ def rigid_arm(carry: tuple[Filter, Array], m: Measurement, r: list[Array]) -> tu
 
 
 def arm_by_rows(now: Filter, m: Measurement, r: list[Array], size: Array, tolerance: float) -> tuple[Filter, Passed]:
-    """Return the filter after an arm passed by its rows, and the ways back."""
+    """Return the filter after an arm included by its rows, and the arm's back-substitutions."""
     x, P, update = row_updates(now.x[0], now.P, m, size, tolerance)
     return after(now, x, P, update, r)
 
 
 def after(now: Filter, x: Array, P: Any, update: Update, r: list[Array]) -> tuple[Filter, Passed]:
-    """Return the filter after an arm, and the ways back; r (rows,) of every right-hand side but the first."""
+    """Return the filter after an arm, and its back-substitutions; r (rows,) of the right-hand sides after the first."""
     others = [update.again(x, one) for x, one in zip(now.x[1:], r, strict=True)]
     passed = Filter([x, *(x for x, _ in others)], P, now.rank + update.kept, minimum(now.weakest, update.weakest))
     return passed, (update, [update.back_substitute, *(back for _, back in others)])
@@ -273,7 +249,7 @@ Terminal = tuple[Filter, list[TerminalUpdate], list[Array], list[list[Array]]]
 
 
 def terminal_arm(now: Filter, m: Measurement, r: list[Array], size: Array, w: list[Array]) -> Terminal:
-    """Return the filter after the terminal arm, its update, and per right-hand side alpha(G) and the arm's wrench."""
+    """Return the filter after the terminal arm, its update, and for every right-hand side alpha(G) and its wrench."""
     end = each(lambda m: terminal_update(now.x[0], now.P, m, size, w[0]), [m])
     (answers,) = each(
         lambda end, r: [end.answer(), *(end.again(*of_side) for of_side in zip(now.x[1:], r, w[1:], strict=True))],
@@ -285,64 +261,13 @@ def terminal_arm(now: Filter, m: Measurement, r: list[Array], size: Array, w: li
 
 
 def back_substituted(s: list[Array], ways: list[BackSubstitution]) -> tuple[list[Array], list[Array]]:
-    """Return, per right-hand side, the wrench at G of an arm and all arms behind it, and the arm's own."""
+    """Return for every right-hand side the summed wrenches at G of the later arms and this one, and its own."""
     both = [through(one, way) for one, way in zip(s, ways, strict=True)]
     return [behind for behind, _ in both], [own for _, own in both]
 
 
 def through(s: Array, back_substitute: BackSubstitution) -> tuple[Array, Array]:
-    """Return the wrench at G of an arm and all arms behind it, and the arm's own."""
-=======
-Passed = tuple[Update, BackSubstitution | None]  # an arm's update, and the back-substitution of the second solve
-
-
-def rigid_arm(carry: tuple[Any, ...], m: Measurement, r: Array | None) -> tuple[tuple[Any, ...], Passed]:
-    """Return the filter after an arm included by a parallel sum, and its back-substitutions.
-
-    The argument r belongs to the second solve, or is None.
-    """
-    x, P, size, kept, weakest, x2 = carry
-    x, P, update = rigid_update(x, P, m, size)
-    size = minimum(size, size_at_centre(m.extent))
-    x2, back = passed(update, x2, r)
-    return (x, P, size, kept + update.kept, minimum(weakest, update.weakest), x2), (update, back)
-
-
-def arm_by_rows(
-    carry: tuple[Any, ...], m: Measurement, r: Array | None, size: Array, tolerance: float
-) -> tuple[tuple[Any, ...], Passed]:
-    """Return the filter after an arm included by its rows, and its back-substitutions.
-
-    The argument r belongs to the second solve, or is None.
-    """
-    x, P, kept, weakest, x2 = carry
-    x, P, update = row_updates(x, P, m, size, tolerance)
-    x2, back = passed(update, x2, r)
-    return (x, P, kept + update.kept, minimum(weakest, update.weakest), x2), (update, back)
-
-
-def passed(update: Update, x: Array | None, r: Array | None) -> tuple[Array | None, BackSubstitution | None]:
-    """Return x of the second solve after an arm, and its back-substitution; None without a second solve."""
-    if x is None or r is None or update.again is None:
-        return None, None
-    return update.again(x, r)
-
-
-def back_substituted(
-    s: tuple[Array, Array | None], arm: Passed
-) -> tuple[tuple[Array, Array | None], tuple[Array, Array | None]]:
-    """Return the summed wrenches at G of the later arms and this one, and those of this arm, for both solves."""
-    update, second = arm
-    behind, from_arm = through(s[0], update.back_substitute)
-    if second is None or s[1] is None:
-        return (behind, None), (from_arm, None)
-    behind2, from_arm2 = through(s[1], second)
-    return (behind, behind2), (from_arm, from_arm2)
-
-
-def through(s: Array, back_substitute: BackSubstitution) -> tuple[Array, Array]:
-    """Return the result of `back_substituted` for one of the solves."""
->>>>>>> 59d7652f752d736096cbc74474558791fa837268
+    """Return the summed wrench at G of the later arms and this one, and its own."""
     from_arm = back_substitute(s)
     return s + from_arm, from_arm
 
@@ -372,11 +297,6 @@ def own_size(body: FreeBody) -> Array:
     return array([turning, moving, moving])
 
 
-<<<<<<< HEAD
 def sizes_of_rows(size: Array) -> Array:
-    """Return (6,) the sizes of the rows of P."""
-=======
-def by_rows(size: Array) -> Array:
     """Return the sizes of the rows of P, (6,)."""
->>>>>>> 59d7652f752d736096cbc74474558791fa837268
     return np.repeat(size[:2], 3)

@@ -76,8 +76,8 @@ def trunk_filter(
     about = each(lambda c: c.about(body.centre, body.centripetal), contacts)
     rows = dict(zip(grasps, each(measurement, about, tips.values()), strict=True))
     bases = {name: tip.base for name, tip in {**tips, **lone}.items() if tip.base is not None}
-    free_moments = sum(len(c.grasp.free) for c in contacts)
-    sweep = inward(trunk, rows, bases, body, free_moments, tolerance)
+    contact_freedoms = sum(len(c.grasp.free) for c in contacts)
+    sweep = inward(trunk, rows, bases, body, contact_freedoms, tolerance)
     wrenches, alpha, accelerations = outward(trunk, sweep, body.wrench)
 
     belief = sweep.belief
@@ -96,12 +96,12 @@ def trunk_filter(
 
 
 class InwardSweep(NamedTuple):
-    """What the inward sweep leaves for the way back.
+    """The result of the inward sweep, for the outward one.
 
     Attributes:
-        belief: about the object, when all arms have been seen.
-        order: the arms that hold, by the body that they stand on, -1 for the world.
-        last: the arm that was seen last; None if none holds.
+        belief: the filter after all arms.
+        order: the arms with a grasp, by the index of the body on which they are mounted, -1 for the world.
+        last: the arm included last; None if no arm has a grasp.
         updates: by arm.
         crossings: by body.
     """
@@ -118,18 +118,18 @@ def inward(
     rows: Mapping[str, Measurement],
     bases: Mapping[str, BaseResponse],
     body: FreeBody,
-    free_moments: int,
+    contact_freedoms: int,
     tolerance: float,
 ) -> InwardSweep:
-    """Return the filter after all arms and joints of the trunk, from the outermost body to the world.
+    """Return the filter after all arms and all joints of the trunk, from the outermost body to the world.
 
     Args:
-        trunk: the trunk in motion.
-        rows: by arm that holds, what it measures.
-        bases: by arm on the trunk, its response at its base.
+        trunk: the trunk's motion.
+        rows: measurements of the arms with a grasp, by name.
+        bases: base responses of the arms on the trunk, by name.
         body: the object.
-        free_moments: how many components of the grasps are free; they count as independent rows.
-        tolerance: relative size of a pivot that counts as zero, where the contacts say which rows are held.
+        contact_freedoms: number of free components of all grasps, which count as independent rows.
+        tolerance: relative size of a pivot that counts as zero, if the contacts have masks of rows.
     """
     welded = with_locked_arms(trunk, bases)
     order = {k: in_order(rows, [name for name in rows if on(trunk, name) == k]) for k in range(-1, len(trunk.bodies))}
@@ -140,15 +140,11 @@ def inward(
     dense = bool(everyone) and rows[everyone[0]].parallel
     P = body.mobility.dense() if dense else FactoredMobility(body.D, body.w)
     x = np.column_stack([body.acceleration, np.zeros((6, trunk.column_count))])
-    belief = Belief(x, P, size, free_moments, 1.0)
+    belief = Belief(x, P, size, contact_freedoms, 1.0)
     felt, updates, crossings = nothing_felt(trunk.column_count), {}, {}
     for k in [*reversed(stops(trunk)), -1]:
         if k < 0:
-<<<<<<< HEAD
-            belief = belief._replace(x=belief.x[:, 0])  # the acceleration of what carries the trunk is prescribed
-=======
             belief = belief._replace(x=belief.x[:, 0])  # the base of the trunk has no additional acceleration
->>>>>>> 59d7652f752d736096cbc74474558791fa837268
         for name, base in bases.items():
             if on(trunk, name) == k:
                 felt = felt.plus(base.wrench, base.Y)
@@ -162,27 +158,20 @@ def inward(
             belief, felt = crossings[k].belief, crossings[k].felt
     return InwardSweep(belief, order, last, updates, crossings)
 
-<<<<<<< HEAD
 
 def outward(trunk: TrunkMotion, sweep: InwardSweep, w: Array) -> tuple[dict[str, Array], Array, list[Array]]:
-    """Return by arm its wrench at G, alpha(G), and the accelerations joint by joint, from the world outward.
+    """Return the arms' wrenches at G, alpha(G), and the accelerations of the joints from the world outward.
 
     Args:
-        trunk: the trunk in motion.
-        sweep: the inward sweep.
-        w: (6,) external wrench on the object about G. Behind the last grasp it is on the trunk's columns already.
+        trunk: the trunk's motion.
+        sweep: the result of the inward sweep.
+        w: (6,) external wrench on the object about G.
     """
     last, belief = sweep.last, sweep.belief
-    alone = last is not None and on(trunk, last) >= 0  # the trunk, behind the last grasp
+    alone = last is not None and on(trunk, last) >= 0  # only the trunk remains after the last grasp
     s, beta, wrenches, accelerations = np.zeros(6) if alone else w, None, {}, []
     alpha = belief.x + belief.factors().apply(w) if last is None else None
     for k in [-1, *stops(trunk)]:
-=======
-    alone = last is not None and on(trunk, last) >= 0  # only the trunk remains after the last grasp
-    s, beta, found, accelerations = np.zeros(6) if alone else body.wrench, None, {}, []
-    alpha = None if everyone else belief.x + belief.factors().apply(body.wrench)
-    for k in [-1, *stops]:
->>>>>>> 59d7652f752d736096cbc74474558791fa837268
         if k >= 0:
             a, beta = sweep.crossings[k].accelerated(np.zeros(6) if beta is None else beta, s)
             accelerations.append(a)
@@ -198,7 +187,7 @@ def outward(trunk: TrunkMotion, sweep: InwardSweep, w: Array) -> tuple[dict[str,
 
 
 def stops(trunk: TrunkMotion) -> list[int]:
-    """Return the bodies at which joints are crossed: all, or the outermost one for all joints at once."""
+    """Return the indices of the bodies whose joints are crossed: all, or the outermost one for all joints at once."""
     return [len(trunk.bodies) - 1] if trunk.by_joints else list(range(len(trunk.bodies)))
 
 
