@@ -10,7 +10,7 @@ from scipy.stats import binom, chi2
 
 import holdfast as hf
 from holdfast.identification import Recording
-from holdfast.identification.equations import Asked, equations
+from holdfast.identification.equations import Settings, equations
 from holdfast.identification.estimate import estimate
 from holdfast.identification.unknowns import unknowns
 from tests.identification.recorded import BOX, noisy, recorded, two_pandas
@@ -66,7 +66,7 @@ def test_exact(model, short, by):
 @pytest.mark.parametrize("seeds", [25, pytest.param(400, marks=pytest.mark.long)])
 def test_noisy_recordings(model, swung, by, seeds):
     """Five per cent of noise: mass to half a per cent, mass centre to 2 mm; nine of ten errors are in their region."""
-    asked = Asked(by, False, False)
+    asked = Settings(by, False, False)
     system = equations(model, [swung], asked)
     look, kinds = unknowns(model, asked, np.ones(6)), np.tile([0] * 3 + [1] * 3, 2) if by == BY[0] else np.arange(14)
     errors, distances = [], []
