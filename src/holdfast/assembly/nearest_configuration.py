@@ -153,7 +153,7 @@ def _shortened(
 ) -> State | None:
     """Return the closed state after the longest part of the step that reduces the distance, or None.
 
-    Far from the minimum the distance must fall; near it, where its digits end, the slope.
+    Far from the minimum, the distance must decrease. Near it, where rounding hides this decrease, the slope must.
     """
     n, step = chain.joint_count, newton.step
     apart = (state.q - preferred) / sizes[:n]

@@ -31,7 +31,7 @@ ROOMS = (
     "simulation",
     "control",
     "scenario",
-)  # whose functions laws are made of, besides those of forward dynamics
+)  # modules with functions that laws use, in addition to forward dynamics
 LARGEST = 1e5  # rad: largest positions that machine code accepts
 
 

@@ -5,7 +5,7 @@ c + a.f >= |B f|, in newtons:
 
     ball, hinge    mu f_n >= |f_t|                        no sliding
     softfinger     mu f_n >= sqrt(|f_t|^2 + (m_n/e)^2)    no sliding, no spinning
-    hinge          f_n >= |m_y| / L                       the edge lies on over its length
+    hinge          f_n >= |m_y| / L                       the edge touches over its whole length
     one-sided      f_n >= 0                               it presses
     limits         F >= |f|,  M/l >= |m|/l                it is strong enough; l: `WrenchLimits.lever`
 

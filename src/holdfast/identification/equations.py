@@ -1,19 +1,21 @@
-"""The equations that identification solves: rows that are linear in products of what is unknown.
+"""The equations of the identification, which are linear in features: the unknowns and some of their products.
 
-With gravity known, features are [pi; b; 1], else [pi; g_x pi; g_y pi; g_z pi; b; 1; g]:
+With known gravity the features are [pi; b; 1], otherwise [pi; g_x pi; g_y pi; g_z pi; b; 1; g]:
 
     rows @ features(x) = -maps @ noise,    x = [pi; b; tilt]
 
-pi are the object's ten parameters about the mass centre that the model has, object axes, so that rows are well
-conditioned; b offsets of the wrist sensors; tilt turns gravity. From wrists six rows a sample, about C,
+Here pi are the object's ten inertial parameters about the model's mass centre, object axes, so that the rows are well
+conditioned; b are the offsets of the wrist sensors; tilt rotates gravity. Wrist wrenches give six rows per sample,
+about C,
 
     Y_C pi + sum X_i b_i - (sum X_i m_i + w) = -sum X_i noise_i,     X_i from the tip of arm i to C
 
-and from torques as many as the chain has freedoms: N spans its motions, and no grasp force does work along them,
+and torques give as many rows as the chain has degrees of freedom. With N, a basis of the chain's motions, along which
+grasp forces do no work, these are
 
     N_C^T (Y_C pi - w) + N_q^T (M qdd + C + damping qd + ... - tau) = -N_q^T noise
 
-and with a floating base also N_b^T times the wrench that its motion would need of a drive.
+With a floating base, N_b^T times the wrench that would be needed to drive the base is added on the left.
 """
 
 from __future__ import annotations
@@ -56,10 +58,11 @@ class Equations:
     """The rows of all samples.
 
     Attributes:
-        rows: (samples, r, features).
-        maps: (samples, r, channels) of the channels' noise to the rows.
-        measured: (samples, channels) [N m, N].
-        left_out: samples at singular configurations, which have other freedoms.
+        rows: (samples, r, features) coefficients of the features.
+        maps: (samples, r, channels) from the noise of the channels to the rows.
+        measured: (samples, channels) measurements [N m, N].
+        left_out: number of samples that are left out because their configuration is singular, so that the number of
+            degrees of freedom differs.
     """
 
     rows: Array
@@ -69,7 +72,7 @@ class Equations:
 
 
 def equations(chain: ClosedChain, recordings: list[Recording], settings: Settings) -> Equations:
-    """Return the rows of complete recordings. O(samples n), from torques O(samples n^3)."""
+    """Return the equations of completed recordings. O(samples n), with torques O(samples n^3)."""
     of_sample = wrist_rows if settings.source == "wrist_wrench" else torque_rows
     found = [of_sample(chain, recording, k, settings) for recording in recordings for k in range(len(recording))]
     usual = Counter(len(rows) for rows, _, _ in found).most_common(1)[0][0]
@@ -79,7 +82,7 @@ def equations(chain: ClosedChain, recordings: list[Recording], settings: Setting
 
 
 def wrist_rows(chain: ClosedChain, recording: Recording, k: int, settings: Settings) -> tuple[Array, Array, Array]:
-    """Return rows, maps and what was measured of a sample, from wrists."""
+    """Return rows, maps and measurements of a sample, from wrist wrenches."""
     assert recording.wrist_wrench is not None
     state, alpha, inputs = _sample(chain, recording, k)
     motion = chain_motion(chain, state, np.zeros(chain.joint_count), inputs)
@@ -99,7 +102,7 @@ def wrist_rows(chain: ClosedChain, recording: Recording, k: int, settings: Setti
 
 
 def torque_rows(chain: ClosedChain, recording: Recording, k: int, settings: Settings) -> tuple[Array, Array, Array]:
-    """Return rows, maps and what was measured of a sample, from joint torques."""
+    """Return rows, maps and measurements of a sample, from joint torques."""
     assert recording.tau is not None and recording.qdd is not None
     state, alpha, inputs = _sample(chain, recording, k)
     qdd, tau, n = recording.qdd[k], recording.tau[k], chain.joint_count
@@ -110,7 +113,7 @@ def torque_rows(chain: ClosedChain, recording: Recording, k: int, settings: Sett
     base = None if recording.base_acceleration is None else recording.base_acceleration[k]
 
     def needed(motion: ChainMotion) -> Array:
-        """Return what trunk and arms alone ask for: torques, and with a floating base its wrench."""
+        """Return the torques, and with a floating base the wrench, that trunk and arms need without the object."""
         none = np.zeros((len(chain.arms), 6))
         if motion.trunk is None:
             return torques(motion, qdd, none)
@@ -131,18 +134,18 @@ def torque_rows(chain: ClosedChain, recording: Recording, k: int, settings: Sett
 
 
 def _sample(chain: ClosedChain, recording: Recording, k: int) -> tuple[State, Array, Inputs]:
-    """Return the state, the object's acceleration and shaped inputs of a sample."""
+    """Return the state, the object's acceleration, and the inputs of a sample."""
     assert recording.object_acceleration is not None
     return recording.state(k), recording.object_acceleration[k], (recording.inputs or Inputs()).shaped(chain)
 
 
 def about_mass_centre(chain: ClosedChain) -> Array:
-    """Return (10, 10): parameters about C of those about the mass centre that the model has."""
+    """Return (10, 10), which maps parameters about the model's mass centre to parameters about C."""
     return np.array([body.moved(np.eye(3), chain.held_object.com).parameters for body in UNIT_BODIES]).T
 
 
 def _object_columns(chain: ClosedChain, state: State, alpha: Array, settings: Settings) -> list[Array]:
-    """Return the columns that multiply pi, and g_x pi .. g_z pi where gravity is unknown."""
+    """Return the columns that multiply pi and, if gravity is unknown, g_x pi .. g_z pi."""
     frame, twist, to_C = state.object_frame, state.object_twist, about_mass_centre(chain)
 
     def columns(gravity: Array) -> Array:

@@ -1,4 +1,4 @@
-"""To and from other libraries: MuJoCo's MJCF, Pinocchio's orders, functions of JAX."""
+"""Interfaces to other libraries: MJCF files of MuJoCo, the conventions of Pinocchio, functions of JAX, MCAP files."""
 
 import lazy_loader
 

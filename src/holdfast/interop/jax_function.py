@@ -1,4 +1,4 @@
-"""Forward dynamics as a function of JAX, with gradients."""
+"""Forward dynamics as a JAX function with gradients."""
 
 from __future__ import annotations
 
@@ -31,31 +31,32 @@ def to_jax(
     parameters: Sequence[str] = (),
     forward_mode: bool = False,
 ) -> JaxFunction:
-    """Return forward dynamics as a function of JAX: under jit, grad, vmap and scan, on the processor.
+    """Return forward dynamics as a JAX function for jit, grad, vmap and scan, which is computed on the CPU.
 
-    f(q, qd, tau, object_pose, object_twist, **parameters) is a dictionary of the results. A gradient is one call of
-    the machine code of `forward_dynamics_vjp`, a vmap one call of a batch. The gradient by a pose is by its seven
-    numbers, 2 (0, turn_bar) q, with no part along the quaternion, whose length must stay 1. Where
-    there is no answer, and in states that a single call refuses, results and gradients are not-a-number. First
-    derivatives only.
+    f(q, qd, tau, object_pose, object_twist, **parameters) returns a dictionary of results. A gradient takes one call of
+    the machine code of `forward_dynamics_vjp`, and a vmap one call for the batch. The gradient by a pose is that by its
+    seven numbers, 2 (0, turn_bar) q for the quaternion; it has no component along the quaternion, whose length must
+    stay 1. Results and gradients are NaN where there is no solution, and in states for which a single call raises an
+    error. Only first derivatives are available.
 
     Args:
-        compiled: what `holdfast.compile` returned. A chain of constantly low rank needs its `generic_rank`, given
-            there or found by an earlier call; without it all of its results are not-a-number.
+        compiled: chain returned by `holdfast.compile`. If its constraint is rank-deficient in every configuration, its
+            `generic_rank` is needed, either given to `compile` or found by an earlier call; without it all results
+            are NaN.
         of: the results, some of qdd (n,), grasp_wrench (arms, 6), object_acceleration (6,), contact_acceleration
             (n_g,), base_wrench (arms, 6).
-        parameters: which will be given by name at each call, the others being the chain's own: object_wrench,
-            gravity, object_mass, object_com, object_inertia, grasp_pose, base_pose, base_twist, base_acceleration,
-            and those asked for in `compile`; with an object_mass goes an object_inertia.
-        forward_mode: True for jvp and jacfwd, which JAX cannot offer beside grad and jacrev for one function.
+        parameters: names of the parameters that are given at each call; the others are taken from the chain. They are
+            object_wrench, gravity, object_mass, object_com, object_inertia, grasp_pose, base_pose, base_twist,
+            base_acceleration, and those requested in `compile`; object_mass requires object_inertia.
+        forward_mode: True for jvp and jacfwd, which JAX cannot provide together with grad and jacrev.
 
     Returns:
         The function.
 
     Raises:
         MissingExtra: jax is not installed.
-        StateError: JAX's 64-bit numbers are off; names that are not there.
-        MethodNotApplicable: the chain's base floats, or derivatives are not there yet for it.
+        StateError: 64-bit numbers are disabled in JAX, or a name is unknown.
+        MethodNotApplicable: the chain's base floats, or derivatives are not implemented for the chain.
     """
     require_jax()
     checks.instance(compiled, CompiledChain, "to_jax: compiled", StateError)
@@ -77,13 +78,13 @@ def to_jax(
 
 
 class JaxFunction:
-    """Forward dynamics as a function of JAX; made by `to_jax`.
+    """Forward dynamics as a JAX function; made by `to_jax`.
 
     Attributes:
-        of: the results.
-        parameters: what is given by name at each call.
-        route: how the machine code is reached: "ffi", by its address, or "callback", through Python, where JAX has no
-            FFI for it or computes elsewhere than on the processor: the same numbers, some 0.2 ms later.
+        of: names of the results.
+        parameters: names of the parameters that are given at each call.
+        route: how the machine code is called: "ffi", by its address; or "callback", through Python, if JAX has no
+            suitable FFI or does not compute on the CPU. The results are the same, about 0.2 ms later.
     """
 
     def __init__(
@@ -114,7 +115,7 @@ class JaxFunction:
             **parameters: those named in `to_jax`.
 
         Raises:
-            StateError: a name that is missing or not there, a wrong shape, numbers that are not real.
+            StateError: a parameter is missing or unknown, a shape is wrong, or numbers are not real.
         """
         require_jax()
         if parameters.keys() != {*self.parameters}:
@@ -124,7 +125,7 @@ class JaxFunction:
         return self._function(*(self._numbers(name, values[name]) for name in self._names))
 
     def _numbers(self, name: str, value: Any) -> Any:
-        """Return an argument as an array of 64-bit numbers, its shape checked."""
+        """Return an argument as an array of 64-bit numbers, after checking its shape."""
         jnp = jax_numpy()
         try:
             x = jnp.asarray(value)
@@ -171,14 +172,14 @@ class JaxFunction:
 
     @cached_property
     def _vjp(self) -> Any:
-        """Machine code of the gradient, made when JAX first takes one."""
+        """Machine code of the gradient, compiled when JAX first takes one."""
         self._require_unique_forces()
         code = derivative_code(self._compiled, "vjp", self.of, self._names)
         return self._operation_of(code, self.of)
 
     @cached_property
     def _jvp(self) -> Any:
-        """Machine code of the directional derivative, made when JAX first takes one."""
+        """Machine code of the directional derivative, compiled when JAX first takes one."""
         self._require_unique_forces()
         code = derivative_code(self._compiled, "jvp", self.of, self._names)
         return self._operation_of(code, self._names)
@@ -188,7 +189,7 @@ class JaxFunction:
         return operation(self._compiled, code, [name for name in arrays if name in code.externals], self.route)
 
     def _require_unique_forces(self) -> None:
-        """Refuse derivatives of forces that are one choice among many, which mean nothing."""
+        """Refuse derivatives of forces that are not unique, because they are meaningless."""
         rank, forces = self._compiled.generic_rank, [name for name in self.of if name in _FORCES]
         if forces and rank is not None and rank < self._compiled.chain.constraint_row_count:
             others = ", ".join(name for name in RESULTS if name not in _FORCES)
@@ -201,11 +202,11 @@ class JaxFunction:
         return zip(self._names, values, strict=True)
 
     def _arrays_of(self, names: Sequence[str]) -> list[str]:
-        """Return the machine code's names of arguments."""
+        """Return the names of arguments in the machine code."""
         return [own for name in names for own in _POSES.get(name, (name,))]
 
     def _arrays(self, values: Sequence[Any]) -> dict[str, Any]:
-        """Return arguments by the machine code's names."""
+        """Return arguments with the names of the machine code."""
         found: dict[str, Any] = {}
         for name, x in self._named(values):
             if name in _POSES:
@@ -216,7 +217,7 @@ class JaxFunction:
 
 
 def _has(compiled: CompiledChain, option: str) -> bool:
-    """Return whether `compile` was asked for an optional parameter."""
+    """Return whether an optional parameter was requested in `compile`."""
     options = compiled.options
     return options.link_inertia if option == "link_inertia" else options.link_wrenches
 
@@ -226,5 +227,5 @@ def _is_pose(name: str) -> bool:
 
 
 def _varied(name: str, rate: Any) -> Any:
-    """Return how an argument changes; inertias stay symmetric."""
+    """Return the rate of an argument; that of an inertia is made symmetric."""
     return (rate + rate.swapaxes(-1, -2)) / 2.0 if name.endswith("inertia") else rate

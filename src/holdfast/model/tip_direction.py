@@ -11,7 +11,7 @@ from holdfast.model.arm import Arm
 from holdfast.model.grasp import Grasp
 from holdfast.spatial.scalar import Array
 
-SHORT = 1e-3  # a tip that is nearer to the last joint than this part of the arm's length lies on it
+SHORT = 1e-3  # tips nearer to the last joint than this fraction of the arm's length count as on it
 LIKE = 0.7  # least cosine between the tip's z axis and the last joint's axis for which z counts as along it
 ALONG = 0.1  # least cosine with the last joint's axis for which a direction determines its outward sense
 

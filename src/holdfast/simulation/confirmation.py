@@ -1,7 +1,7 @@
 """Confirmation of violations: one is reported only if shorter steps show it, too.
 
 With a fixed step that is too long for the chain, velocities grow from step to step. Before anything overflows, the
-forces of this numerical growth pass a limit, and a grasp seems to slip. Before a slip, a violated limit or a singular
+forces of this numerical growth exceed a limit, and a grasp seems to slip. Before a slip, a violated limit or a singular
 configuration is reported, the step that shows it is therefore repeated in halves and in quarters, together with the
 step before it, in which the growth may have begun. A mode that grows by a factor of 1.001 per step decays to about a
 tenth when the step is halved. Quarters are needed because two steps that are both too long can agree by chance. A true
@@ -35,8 +35,8 @@ from holdfast.simulation.verification import StepMargins
 PARTS = (2, 4)
 SHARE = 0.05  # steps are too long if their results differ by more than this part of the change of margin or velocities
 ROUNDING = 1e-6  # smaller differences (relative, or absolute below 1) are ignored
-MOST_PARTS = 16  # a step that fails is repeated in at most so many parts
-MOST_TRIED = 200  # a suggested length is tried for at most so many steps
+MOST_PARTS = 16  # largest number of parts in which a failed step is repeated
+MOST_TRIED = 200  # largest number of steps for which a suggested length is tried
 HALVINGS = 8
 
 

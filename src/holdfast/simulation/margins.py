@@ -136,8 +136,8 @@ class Policy:
     Attributes:
         on_slip: what to do when a grasp cannot hold: "stop" ends the run there; "record" logs it and continues as if
             the grasp held; "release" opens the grasp, and the arm continues without it.
-        on_limit: what to do when a joint passes a limit: "record" logs it; "stop" ends the run; "clip" clips torques to
-            the effort limits (the margin is then 0) and records the other limits.
+        on_limit: what to do when a joint exceeds a limit: "record" logs it; "stop" ends the run; "clip" clips torques
+            to the effort limits (the margin is then 0) and records the other limits.
         on_singular: what to do at a configuration where the constraint loses rank: "stop" ends the run before it;
             "continue" passes through it if exactly one motion with continuous velocities leads through.
     """

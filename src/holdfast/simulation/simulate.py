@@ -97,7 +97,7 @@ def simulate(
             those of the first sample.
         on_slip: what to do when a grasp cannot hold: "stop"; "record" and continue as if the grasp held; or
             "release", which opens the grasp and keeps the velocities.
-        on_limit: what to do when a joint passes a limit: "record"; "stop"; or "clip", which clips torques to the
+        on_limit: what to do when a joint exceeds a limit: "record"; "stop"; or "clip", which clips torques to the
             effort limits (the margin is then 0) and records the other limits.
         on_singular: what to do at a singular configuration: "stop" before it, or "continue" through it if exactly one
             motion with continuous velocities leads through. Steps then end near it.

@@ -54,7 +54,7 @@ def fastest_decay(chain: ClosedChain, state: State, resistance: Array) -> Decay:
 
     Args:
         chain: the chain.
-        state: its configuration; velocities do not enter.
+        state: its configuration; velocities are ignored.
         resistance: (n, n + 6) resisting joint torques per unit of (qd, V(C)); a floating base adds six columns.
     """
     return _fastest(chain, state, resistance)
@@ -65,7 +65,7 @@ def fastest_swing(chain: ClosedChain, state: State, stiffness: Array) -> Decay:
 
     Args:
         chain: the chain.
-        state: its configuration; velocities do not enter.
+        state: its configuration; velocities are ignored.
         stiffness: (n,) stiffness of the joints' springs [N m/rad or N/m].
     """
     if not stiffness.any():
@@ -134,7 +134,7 @@ def feedback_resistance(controller: Controller, now: Instant) -> Array:
 
 
 def followed(decay: Decay, step: float, scheme: Tableau) -> bool:
-    """Return whether a step is short enough for a decay."""
+    """Return whether a step is short enough for the scheme to follow a decay."""
     return step * decay.rate <= USED * scheme.stability_interval
 
 

@@ -36,7 +36,7 @@ from holdfast.spatial.spatial_vector import (
 )
 from holdfast.state import Inputs, State
 
-FEWER_THAN_SIX = 5  # so many joints have fewer accelerations than a body has components
+FEWER_THAN_SIX = 5  # up to this number, joints have fewer accelerations than a body
 
 
 class TrunkBody(NamedTuple):

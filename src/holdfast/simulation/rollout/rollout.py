@@ -200,9 +200,9 @@ class Rollout:
         """Advance systems in place by a number of steps, and return them.
 
         A system stops, and keeps its last good state, if the constraint becomes singular, a margin would fall below
-        `least_margin`, a joint would pass a limit, or the step is too long; its `status` gives the reason. When a step
-        shows a slip, a limit or a singularity, it is repeated in halves and quarters, which costs a few steps. If these
-        do not confirm it, the step is reported as too long.
+        `least_margin`, a joint would exceed a limit, or the step is too long; its `status` gives the reason. When a
+        step shows a slip, a limit or a singularity, it is repeated in halves and quarters, which costs a few steps. If
+        these do not confirm it, the step is reported as too long.
 
         Args:
             systems: systems from `start`.
@@ -356,7 +356,7 @@ class Rollout:
         return Tape(self, systems, step, steps, every, record, schedule or {}, options, given)
 
     def _refined(self, at: RolloutSystems, rows: Array, step: float, least: StopMargins) -> Array:
-        """Return the times at which systems slip or pass a limit, found by bisection of the step.
+        """Return the times at which systems slip or exceed a limit, found by bisection of the step.
 
         If a system does both, the one that happens first becomes its status.
         """
